@@ -1,0 +1,1 @@
+"""Actions: control programs, one tick in, one velocity command out."""

@@ -1,0 +1,99 @@
+"""What an action is: a control program that turns the estimated state into velocity commands (paper, section 2.1)."""
+
+from __future__ import annotations
+
+import enum
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ator_ros.geometry import Pose
+from ator_ros.robot import Robot
+from ator_ros.world import STOP, Command, World
+
+
+class Status(enum.Enum):
+    """Where an action stands after a tick."""
+
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+
+
+class Point(enum.Enum):
+    """The point of the robot that shall come to the goal's position."""
+
+    AXLE = "axle"
+    HOLD = "hold"
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """The destination of an action.
+
+    Attributes
+    ----------
+    pose : Pose
+        Where `point` shall come to, and the robot's heading there (m, rad, world frame).
+    speed : float
+        Translational velocity at arrival in m/s, not negative.
+    point : Point
+        AXLE for plain navigation; HOLD where the position is that of the ball in the robot's front.
+    """
+
+    pose: Pose
+    speed: float = 0.0
+    point: Point = Point.AXLE
+
+    def robot_pose(self, robot: Robot) -> Pose:
+        """Give the pose of the axle at this destination."""
+        return robot.pose_holding(self.pose) if self.point is Point.HOLD else self.pose
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One tick of an action: the command, the status, and a sentence that says why."""
+
+    command: Command
+    status: Status
+    message: str
+
+
+class ActionError(ValueError):
+    """An action that cannot start; the message says what was expected and what came."""
+
+
+class Action(ABC):
+    """A control program: configured once, started with a goal, stepped once per control tick.
+
+    A black box to everything else: performance is learned only by observing it.
+
+    Parameters
+    ----------
+    robot : Robot
+        Shape and limits of the robot that executes the action.
+    """
+
+    name: ClassVar[str]
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+
+    @abstractmethod
+    def start(self, world: World, goal: Goal) -> None:
+        """Commit to `goal` from the state `world`.
+
+        Raises
+        ------
+        ActionError
+            The action cannot be executed from here, or the goal is not one of this action's.
+        """
+
+    @abstractmethod
+    def step(self, world: World) -> Step:
+        """Give the command for the next tick; `Step.status` says whether the action has ended."""
+
+
+def finished(status: Status, message: str, command: Command = STOP) -> Step:
+    """Give the last step of an action."""
+    return Step(command, status, message)

@@ -1,0 +1,78 @@
+"""Angles, poses and frames in the plane (SI units, radians, x forward, y left, REP-103)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Pose(NamedTuple):
+    """A pose in the plane.
+
+    Attributes
+    ----------
+    x, y : float
+        Position in m.
+    yaw : float
+        Heading in rad, counter-clockwise from the x axis.
+    """
+
+    x: float
+    y: float
+    yaw: float
+
+    def compose(self, local: Pose) -> Pose:
+        """Give the pose `local`, seen from this pose, in the frame of this pose."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose(
+            self.x + c * local.x - s * local.y,
+            self.y + s * local.x + c * local.y,
+            wrap_angle(self.yaw + local.yaw),
+        )
+
+    def relative(self, other: Pose) -> Pose:
+        """Give the pose `other`, of the same frame as this one, as seen from this pose."""
+        dx, dy = other.x - self.x, other.y - self.y
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose(c * dx + s * dy, -s * dx + c * dy, wrap_angle(other.yaw - self.yaw))
+
+    def ahead(self, distance: float) -> Pose:
+        """Give this pose moved `distance` m along its own heading (negative: backward)."""
+        return Pose(
+            self.x + distance * math.cos(self.yaw), self.y + distance * math.sin(self.yaw), self.yaw
+        )
+
+    def distance(self, other: Pose) -> float:
+        """Give the distance in m between the two positions."""
+        return math.hypot(other.x - self.x, other.y - self.y)
+
+
+def wrap_angle(angle: float) -> float:
+    """Give the same angle in [-pi, pi)."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def wrap_angles(angles: Any) -> FloatArray:
+    """Give the same angles in [-pi, pi), element by element.
+
+    Parameters
+    ----------
+    angles : array_like, any shape
+        Angles in rad.
+    """
+    return np.asarray((np.asarray(angles, dtype=float) + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
+    """Give the heading in rad of a unit quaternion."""
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def quaternion_from_yaw(yaw: float) -> tuple[float, float, float, float]:
+    """Give the unit quaternion (x, y, z, w) of a heading in rad."""
+    return 0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)

@@ -1,0 +1,1 @@
+"""Subgoal refinement: free variables, search, gate."""

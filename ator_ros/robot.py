@@ -1,0 +1,154 @@
+"""The robot's shape and limits, the ball and the field, read from `config/pioneer.yaml`."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from ator_ros.geometry import Pose
+from ator_ros.resources import resource_path
+from ator_ros.world import Field
+
+T = TypeVar("T")
+
+
+class ConfigError(ValueError):
+    """A configuration file that cannot be used; the message names file, field and expectation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Greatest speeds (m/s, rad/s) and accelerations (m/s^2, rad/s^2), the same in both directions."""
+
+    v: float
+    w: float
+    a: float
+    aw: float
+
+    def scaled(self, factor: float) -> Limits:
+        """Give these limits times `factor`."""
+        return Limits(self.v * factor, self.w * factor, self.a * factor, self.aw * factor)
+
+
+@dataclass(frozen=True, slots=True)
+class Ball:
+    """The ball: radius in m, mass in kg, deceleration when it rolls freely in m/s^2."""
+
+    radius: float
+    mass: float
+    rolling_deceleration: float
+    restitution: float
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """A differential-drive robot whose front holds a ball between two fins.
+
+    Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `limits` holds
+    for the base, `dribble_limits` for what a control program may ask with the ball in front.
+    """
+
+    name: str
+    wheel_radius: float
+    track: float
+    mass: float
+    front: float
+    rear: float
+    half_width: float
+    fin_length: float
+    fin_gap: float
+    fin_thickness: float
+    wheel_torque: float
+    motor_time_constant: float
+    limits: Limits
+    dribble_limits: Limits
+    ball: Ball
+    field: Field
+
+    @property
+    def hold(self) -> float:
+        """Distance in m from the axle to the centre of a ball that lies against the front."""
+        return self.front + self.ball.radius
+
+    @property
+    def reach(self) -> float:
+        """Distance in m from the axle to the farthest point of the robot, the tip of a fin."""
+        return math.hypot(self.front + self.fin_length, self.fin_gap / 2 + self.fin_thickness)
+
+    def hold_point(self, pose: Pose) -> Pose:
+        """Give the pose of the hold (where a held ball's centre lies) of a robot at `pose`."""
+        return pose.ahead(self.hold)
+
+    def pose_holding(self, ball: Pose) -> Pose:
+        """Give the robot's pose that holds a ball at (ball.x, ball.y) with heading ball.yaw."""
+        return ball.ahead(-self.hold)
+
+    def digest(self) -> str:
+        """Give a short digest of everything in this description, to be kept with what was learned."""
+        text = json.dumps(dataclasses.asdict(self), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def load_robot(path: Path | str | None = None) -> Robot:
+    """Read the robot's description.
+
+    Parameters
+    ----------
+    path : Path or str, optional
+        A YAML file; by default the shipped `config/pioneer.yaml`.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, or a field is missing, unknown, or not a positive number.
+    """
+    file = Path(path) if path is not None else resource_path("config", "pioneer.yaml")
+    try:
+        data = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"{file}: expected a readable YAML file: {error}") from error
+    root = _section(data, "", file, {"robot", "ball", "field"})
+    robot = dict(_section(root["robot"], "robot", file, None))
+    for name in ("limits", "dribble_limits"):
+        robot[name] = _build(Limits, robot.get(name), f"robot.{name}", file)
+    robot["ball"] = _build(Ball, root["ball"], "ball", file)
+    robot["field"] = _build(Field, root["field"], "field", file)
+    return _build(Robot, robot, "robot", file)
+
+
+def _section(data: Any, where: str, file: Path, keys: set[str] | None) -> Mapping[str, Any]:
+    if not isinstance(data, Mapping):
+        raise ConfigError(f"{file}: {where or 'top level'}: expected a mapping, got {type(data).__name__}")
+    if keys is not None and set(data) != keys:
+        wrong = sorted(str(key) for key in set(data) ^ keys)
+        raise ConfigError(
+            f"{file}: {where or 'top level'}: expected the fields {sorted(keys)}; missing or unknown: {wrong}"
+        )
+    return data
+
+
+def _build(kind: type[T], data: Any, where: str, file: Path) -> T:
+    fields = dataclasses.fields(kind)  # type: ignore[arg-type]
+    section = _section(data, where, file, {field.name for field in fields})
+    return kind(**{field.name: _value(field, section[field.name], where, file) for field in fields})
+
+
+def _value(field: dataclasses.Field[Any], value: Any, where: str, file: Path) -> Any:
+    if field.type == "str":
+        if not isinstance(value, str):
+            raise ConfigError(f"{file}: {where}.{field.name}: expected a text, got {value!r}")
+        return value
+    if field.type != "float":
+        return value
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not math.isfinite(value) or value <= 0.0:
+        raise ConfigError(f"{file}: {where}.{field.name}: expected a positive number, got {value!r}")
+    return float(value)

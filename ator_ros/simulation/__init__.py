@@ -1,0 +1,1 @@
+"""The simulated Pioneer, the ball and the field."""

@@ -1,0 +1,1 @@
+"""Command lines: collect, train, evaluate, demo, bench."""

@@ -1,0 +1,1 @@
+"""Teleo-operators, their conditions, chains and the chain executor."""

@@ -1,0 +1,85 @@
+"""What the robot knows of the world at one moment."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ator_ros.geometry import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A velocity command, the output of every action.
+
+    Attributes
+    ----------
+    v : float
+        Translational velocity in m/s, positive forward.
+    w : float
+        Rotational velocity in rad/s, positive counter-clockwise.
+    """
+
+    v: float = 0.0
+    w: float = 0.0
+
+
+STOP = Command()
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """Pose of the middle of the axle in the world frame, with its velocities (m/s, rad/s)."""
+
+    pose: Pose
+    v: float = 0.0
+    w: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class BallState:
+    """Position (m) and velocity (m/s) of the ball's centre in the world frame."""
+
+    x: float
+    y: float
+    vx: float = 0.0
+    vy: float = 0.0
+
+    @property
+    def speed(self) -> float:
+        """Speed in m/s."""
+        return math.hypot(self.vx, self.vy)
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """The estimated state: time in s, robot, and the ball where one is known."""
+
+    time: float
+    robot: RobotState
+    ball: BallState | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """The soccer field, centred on the origin, its goals on the lines x = -length/2 and x = length/2.
+
+    Attributes
+    ----------
+    length, width : float
+        Between the lines, in m.
+    goal_width, goal_depth : float
+        Inner sizes of both goals in m.
+    margin : float
+        Free floor beyond the lines in m.
+    """
+
+    length: float = 8.0
+    width: float = 5.0
+    goal_width: float = 2.0
+    goal_depth: float = 0.6
+    margin: float = 1.0
+
+    def goal_centre(self, side: int = 1) -> tuple[float, float]:
+        """Give the middle of the goal line of the goal at x > 0 (side 1) or x < 0 (side -1), in m."""
+        return side * self.length / 2.0, 0.0
