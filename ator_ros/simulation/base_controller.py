@@ -1,0 +1,59 @@
+"""The base's firmware: clips commands, ramps them, and stops when they cease."""
+
+from __future__ import annotations
+
+import math
+
+from ator_ros.robot import Robot
+from ator_ros.world import STOP, Command
+
+COMMAND_TIMEOUT = 0.5
+
+
+def clip(value: float, bound: float) -> float:
+    """Give `value`, brought into [-bound, bound]."""
+    return max(-bound, min(bound, value))
+
+
+class BaseController:
+    """Turns velocity commands into wheel speeds as the firmware of a real base does.
+
+    Parameters
+    ----------
+    robot : Robot
+        Limits, wheel radius and track.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._command = STOP
+        self._expires = -math.inf
+        self.setpoint = STOP
+
+    def reset(self, setpoint: Command = STOP) -> None:
+        """Forget the command; the base now moves at `setpoint` and slows down unless commanded."""
+        self._command, self._expires, self.setpoint = STOP, -math.inf, setpoint
+
+    def command(self, command: Command, time: float) -> None:
+        """Accept a command at `time` (s); it holds for 0.5 s.
+
+        Raises
+        ------
+        ValueError
+            The command is not finite.
+        """
+        if not (math.isfinite(command.v) and math.isfinite(command.w)):
+            raise ValueError(f"command: expected finite velocities, got v={command.v} m/s, w={command.w} rad/s")
+        limits = self._robot.limits
+        self._command = Command(clip(command.v, limits.v), clip(command.w, limits.w))
+        self._expires = time + COMMAND_TIMEOUT
+
+    def ramp(self, time: float, dt: float) -> tuple[float, float]:
+        """Move the setpoint toward the command for `dt` s; give the left and right wheel speed in rad/s."""
+        target = self._command if time < self._expires else STOP
+        limits = self._robot.limits
+        v = self.setpoint.v + clip(target.v - self.setpoint.v, limits.a * dt)
+        w = self.setpoint.w + clip(target.w - self.setpoint.w, limits.aw * dt)
+        self.setpoint = Command(v, w)
+        turn = w * self._robot.track / 2.0
+        return (v - turn) / self._robot.wheel_radius, (v + turn) / self._robot.wheel_radius
