@@ -1,0 +1,88 @@
+"""Work spread over processes or a cluster by joblib, its results in the order of its tasks."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
+
+import joblib
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+BACKENDS = ("loky", "dask")
+
+
+class BackendError(RuntimeError):
+    """A parallel backend that cannot be used; the message says what to install or to start."""
+
+
+def run_tasks(
+    function: Callable[[Task], Result], tasks: Sequence[Task], *, jobs: int = 1, backend: str = "loky"
+) -> Iterator[Result]:
+    """Yield ``function(task)`` for every task, in the order of the tasks.
+
+    The results are those of a plain loop whatever the number of workers, as long as `function` depends on
+    its task alone: give every task a seed of its own.
+
+    Parameters
+    ----------
+    function : callable
+        A function at the top level of a module.
+    tasks : sequence
+        Its arguments.
+    jobs : int
+        Number of worker processes; 1 runs in this process, -1 takes every core. With `dask` the cluster
+        decides and this only says how many tasks are under way at once (-1: as many as it has threads).
+    backend : {"loky", "dask"}
+        Local processes, or the cluster of the `distributed.Client` that is open.
+
+    Raises
+    ------
+    BackendError
+        The backend is unknown, not installed, or has no cluster to work on.
+    """
+    if backend not in BACKENDS:
+        raise BackendError(f"backend: expected one of {', '.join(BACKENDS)}, got {backend!r}")
+    if backend == "loky" and jobs == 1:
+        yield from map(function, tasks)
+        return
+    try:
+        with joblib.parallel_config(backend=backend, n_jobs=jobs):
+            results = joblib.Parallel(return_as="generator", batch_size=1)(
+                joblib.delayed(_in_worker)(function, task) for task in tasks
+            )
+    except (ImportError, ValueError) as error:
+        raise BackendError(f"backend {backend!r} cannot be used: {error}") from error
+    with contextlib.closing(results):
+        yield from results
+
+
+def _in_worker(function: Callable[[Task], Result], task: Task) -> Result:
+    # Ctrl-C in a terminal reaches the workers too; only the parent may act on it.
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return function(task)
+
+
+@contextlib.contextmanager
+def cluster(address: str | None) -> Iterator[None]:
+    """Connect to the dask scheduler at `address`, as in ``tcp://host:8786``; None connects to nothing.
+
+    Raises
+    ------
+    BackendError
+        `distributed` is not installed.
+    """
+    if address is None:
+        yield
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise BackendError("a dask cluster needs the package distributed: pip install distributed") from error
+    with Client(address):
+        yield

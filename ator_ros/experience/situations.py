@@ -1,0 +1,144 @@
+"""Random situations from which actions are executed and observed (paper, section 3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.geometry import Pose
+from ator_ros.robot import Robot
+from ator_ros.world import BallState, RobotState
+
+MARGIN = 0.4  # m that starts and goals keep from the lines
+CLEARANCE = 0.5  # m between the axle at the start and the ball, so that the two don't touch
+SHORTEST = 0.5  # m between start and goal
+SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line when a shot starts
+ARRIVAL_SPEED = 0.8  # m/s, the greatest speed at which an episode arrives at its goal
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """The state in which an action starts, and its goal.
+
+    Attributes
+    ----------
+    action : str
+        Name of the action.
+    robot : RobotState
+        Pose and velocities at the start.
+    ball : BallState or None
+        The ball at the start, None where none is on the field.
+    goal : Goal
+        The action's goal.
+    """
+
+    action: str
+    robot: RobotState
+    ball: BallState | None
+    goal: Goal
+
+
+class UnknownActionError(ValueError):
+    """An action for which there are no situations; the message lists those there are."""
+
+
+def random_situation(action: str, robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a start and a goal for `action`.
+
+    goToPose: three quarters approach a ball, half of these with an arrival speed; one quarter drives to a
+    plain pose. One start in seven is in motion. dribbleBall and shoot: the ball is held, and every second
+    start is in motion, as after an arrival at speed; shoot starts up to 2.5 m from the goal.
+
+    Parameters
+    ----------
+    action : str
+        Name of the action.
+    robot : Robot
+        Shape, limits and field.
+    rng : numpy.random.Generator
+        The only source of chance.
+
+    Raises
+    ------
+    UnknownActionError
+        There are no situations for `action`.
+    """
+    if action not in SITUATIONS:
+        raise UnknownActionError(f"action: expected one of {', '.join(SITUATIONS)}, got {action!r}")
+    return SITUATIONS[action](robot, rng)
+
+
+def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
+    """Draw a pose that lies at least 0.4 m within the lines."""
+    half_length, half_width = robot.field.length / 2 - MARGIN, robot.field.width / 2 - MARGIN
+    x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
+    return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+
+
+def _share(rng: np.random.Generator, share: float) -> bool:
+    return bool(rng.random() < share)
+
+
+def _speed(rng: np.random.Generator, share: float) -> float:
+    """Draw a speed in m/s that is not zero in `share` of the cases."""
+    speed = float(rng.uniform(0.0, ARRIVAL_SPEED))
+    return speed if _share(rng, share) else 0.0
+
+
+def _go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
+    with_ball = _share(rng, 0.75)
+    goal = random_pose(robot, rng)
+    start = random_pose(robot, rng)
+    while start.distance(goal) < (CLEARANCE if with_ball else SHORTEST):
+        start = random_pose(robot, rng)
+    state = RobotState(start)
+    if _share(rng, 1.0 / 7.0):
+        state = RobotState(
+            start,
+            float(rng.uniform(-0.3, 0.8) * robot.limits.v),
+            float(rng.uniform(-0.5, 0.5) * robot.limits.w),
+        )
+    if not with_ball:
+        return Situation("goToPose", state, None, Goal(goal, 0.0, Point.AXLE))
+    return Situation("goToPose", state, BallState(goal.x, goal.y), Goal(goal, _speed(rng, 0.5), Point.HOLD))
+
+
+def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, BallState]:
+    """Give robot and ball when the robot at `pose` holds the ball and drives at `speed` (m/s)."""
+    ball = robot.hold_point(pose)
+    vx, vy = speed * math.cos(pose.yaw), speed * math.sin(pose.yaw)
+    return RobotState(pose, speed), BallState(ball.x, ball.y, vx, vy)
+
+
+def _dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
+    goal = random_pose(robot, rng)
+    ball = random_pose(robot, rng)
+    while ball.distance(goal) < SHORTEST:
+        ball = random_pose(robot, rng)
+    state, rolling = _holding(robot, robot.pose_holding(ball), _speed(rng, 0.5))
+    return Situation("dribbleBall", state, rolling, Goal(goal, _speed(rng, 0.3), Point.HOLD))
+
+
+def _shoot(robot: Robot, rng: np.random.Generator) -> Situation:
+    x, y = robot.field.goal_centre()
+    bearing = rng.uniform(-0.45, 0.45) * math.pi  # seen from the goal, the lines beside it excluded
+    distance = rng.uniform(*SHOT_RANGE)
+    ball = Pose(
+        x - float(distance * math.cos(bearing)),
+        y + float(distance * math.sin(bearing)),
+        float(rng.uniform(-math.pi, math.pi)),
+    )
+    state, rolling = _holding(robot, robot.pose_holding(ball), _speed(rng, 0.5))
+    return Situation("shoot", state, rolling, Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
+
+
+SITUATIONS: dict[str, Callable[[Robot, np.random.Generator], Situation]] = {
+    "goToPose": _go_to_pose,
+    "dribbleBall": _dribble_ball,
+    "shoot": _shoot,
+}
+"""The situations of each action by its name; a new action is a new entry."""

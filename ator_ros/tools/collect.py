@@ -1,0 +1,107 @@
+"""Collect experience: execute each action from random situations in the simulator (paper, section 3)."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+from tqdm import tqdm
+
+from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.experience.collect import collect
+from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
+from ator_ros.experience.situations import SITUATIONS
+from ator_ros.experience.table import (
+    Experience,
+    ExperienceError,
+    join,
+    library_versions,
+    require_pyarrow,
+    write_experience,
+)
+from ator_ros.robot import ConfigError, load_robot
+
+INTERRUPTED = 130
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Give the command line of `collect`."""
+    parser = argparse.ArgumentParser(prog="collect", description=__doc__)
+    parser.add_argument("--actions", nargs="+", choices=list(SITUATIONS), default=list(SITUATIONS))
+    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument("--episodes", type=int, default=1000, help="per action (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=101, help="the same seed gives the same table")
+    parser.add_argument("--jobs", type=int, default=-1, help="worker processes (default: one per core)")
+    parser.add_argument("--backend", choices=BACKENDS, default="loky")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
+    parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
+    parser.add_argument("--out", type=Path, default=Path("experience.parquet"))
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; give the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    options = arguments().parse_args(words)
+    try:
+        return _collect(options, shlex.join(["collect", *words]))
+    except (BackendError, ConfigError, ExperienceError) as error:
+        print(f"collect: {error}", file=sys.stderr)
+        return 1
+
+
+def _collect(options: argparse.Namespace, command: str) -> int:
+    require_pyarrow()
+    robot = load_robot(options.robot)
+    actions = ACTION_SETS[options.action_set]
+    factories = {name: actions[name] for name in options.actions}
+    frames: list[pd.DataFrame] = []
+    interrupted = False
+    with cluster(options.cluster):
+        episodes = collect(
+            factories,
+            robot,
+            episodes=options.episodes,
+            seed=options.seed,
+            jobs=options.jobs,
+            backend=options.backend,
+        )
+        bar = tqdm(episodes, total=options.episodes * len(factories), unit="episode", disable=None)
+        try:
+            frames.extend(bar)
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            bar.close()
+    metadata = {
+        "seed": options.seed,
+        "robot_digest": robot.digest(),
+        "action_set": options.action_set,
+        "complete": not interrupted,
+        "command": command,
+        "versions": library_versions(),
+    }
+    frame = join(frames)
+    write_experience(options.out, Experience(frame, metadata))
+    _report(frame, options.out, interrupted)
+    return INTERRUPTED if interrupted else 0
+
+
+def _report(frame: pd.DataFrame, file: Path, interrupted: bool) -> None:
+    for action, rows in frame.groupby("action", sort=False):
+        ends = rows.drop_duplicates("episode", keep="last")
+        print(
+            f"{action}: {len(ends)} episodes, {len(rows)} examples, {100 * ends['success'].mean():.2f} % "
+            f"succeeded, mean duration {ends['duration'].mean():.2f} s"
+        )
+        for reason, count in ends.loc[~ends["success"], "reason"].value_counts().head(5).items():
+            print(f"  failed {count} times: {reason}")
+    print(f"{'interrupted: kept the finished episodes in' if interrupted else 'wrote'} {file}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,219 @@
+"""Situations, episodes, parallel collection and the table."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from turning_action import TurnDriveTurn
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.experience.collect import EpisodeTask, collect, run_task
+from ator_ros.experience.episode import run_episode
+from ator_ros.experience.parallel import BackendError, run_tasks
+from ator_ros.experience.situations import (
+    CLEARANCE,
+    SHOT_RANGE,
+    SITUATIONS,
+    Situation,
+    UnknownActionError,
+    random_situation,
+)
+from ator_ros.experience.table import (
+    COLUMNS,
+    Experience,
+    ExperienceError,
+    join,
+    read_experience,
+    write_experience,
+)
+from ator_ros.geometry import Pose
+from ator_ros.robot import Robot, load_robot
+from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.world import BallState, RobotState
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot()
+
+
+@pytest.fixture(scope="module")
+def frame(robot: Robot) -> pd.DataFrame:
+    return join(collect({"goToPose": TurnDriveTurn}, robot, episodes=6, seed=5))
+
+
+def draw(action: str, robot: Robot, count: int = 300) -> list[Situation]:
+    rng = np.random.default_rng(1)
+    return [random_situation(action, robot, rng) for _ in range(count)]
+
+
+@pytest.mark.parametrize("action", list(SITUATIONS))
+def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: Robot) -> None:
+    for situation in draw(action, robot):
+        for x, y in [situation.goal.pose[:2]] + [(b.x, b.y) for b in [situation.ball] if b]:
+            assert abs(x) <= robot.field.length / 2
+            assert abs(y) <= robot.field.width / 2
+        assert abs(situation.robot.v) <= robot.limits.v
+        assert abs(situation.robot.w) <= robot.limits.w
+        assert 0.0 <= situation.goal.speed <= robot.dribble_limits.v
+
+
+def test_approaches_start_clear_of_a_ball_that_lies_at_the_goal(robot: Robot) -> None:
+    situations = draw("goToPose", robot)
+    with_ball = [s for s in situations if s.ball is not None]
+    assert 0.65 < len(with_ball) / len(situations) < 0.85
+    for s in with_ball:
+        assert s.goal.point is Point.HOLD
+        assert (s.ball.x, s.ball.y) == s.goal.pose[:2]
+        assert s.robot.pose.distance(s.goal.pose) >= CLEARANCE
+    assert all(s.goal.point is Point.AXLE for s in situations if s.ball is None)
+
+
+@pytest.mark.parametrize("action", ["dribbleBall", "shoot"])
+def test_the_ball_is_held_and_moves_with_the_robot_at_the_start(action: str, robot: Robot) -> None:
+    situations = draw(action, robot)
+    for s in situations:
+        hold = robot.hold_point(s.robot.pose)
+        assert s.ball is not None
+        assert math.hypot(s.ball.x - hold.x, s.ball.y - hold.y) < 1e-12
+        assert s.ball.speed == pytest.approx(abs(s.robot.v))
+    assert 0.35 < np.mean([s.robot.v == 0.0 for s in situations]) < 0.65
+
+
+def test_shots_start_within_range_of_the_goal(robot: Robot) -> None:
+    x, y = robot.field.goal_centre()
+    distances = [math.hypot(s.ball.x - x, s.ball.y - y) for s in draw("shoot", robot) if s.ball]
+    assert min(distances) >= SHOT_RANGE[0]
+    assert max(distances) <= SHOT_RANGE[1]
+
+
+def test_unknown_action_is_refused_with_those_known(robot: Robot) -> None:
+    with pytest.raises(UnknownActionError, match=r"expected one of goToPose.*got 'fly'"):
+        random_situation("fly", robot, np.random.default_rng(0))
+
+
+def plain(robot: Robot, goal: Pose) -> Situation:
+    return Situation("goToPose", RobotState(Pose(0.0, 0.0, 0.0)), None, Goal(goal))
+
+
+def test_episode_logs_at_10_hz_until_the_action_has_ended(robot: Robot) -> None:
+    with PioneerSimulation(robot) as simulation:
+        episode = run_episode(simulation, TurnDriveTurn(robot), plain(robot, Pose(1.0, 0.5, 1.0)))
+    assert episode.success
+    assert episode.position_error < 0.06
+    assert episode.heading_error < 0.06
+    assert np.diff(episode.samples[:, 0]) == pytest.approx(0.1)
+    assert episode.duration - 0.1 <= episode.samples[-1, 0] < episode.duration
+
+
+def test_episode_ends_at_the_time_limit_as_a_failure(robot: Robot) -> None:
+    with PioneerSimulation(robot) as simulation:
+        episode = run_episode(
+            simulation, TurnDriveTurn(robot), plain(robot, Pose(3.0, 0.0, 0.0)), time_limit=1.0
+        )
+    assert not episode.success
+    assert episode.reason == "time limit of 1 s reached"
+    assert episode.duration == pytest.approx(1.0)
+
+
+def test_an_action_that_cannot_start_is_a_failure_with_its_reason(robot: Robot) -> None:
+    with PioneerSimulation(robot) as simulation:
+        episode = run_episode(simulation, TurnDriveTurn(robot), plain(robot, Pose(math.nan, 0.0, 0.0)))
+    assert not episode.success
+    assert episode.reason.startswith("not started: expected a finite goal")
+
+
+def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None:
+    goal = Goal(Pose(1.0, 0.0, math.pi), 0.0, Point.HOLD)  # straight through the ball
+    situation = Situation("goToPose", RobotState(Pose(-0.5, 0.0, 0.0)), BallState(0.9, 0.0), goal)
+    with PioneerSimulation(robot) as simulation:
+        episode = run_episode(simulation, TurnDriveTurn(robot), situation)
+    assert not episode.success
+    assert "but the ball is not held" in episode.reason
+
+
+def test_table_holds_the_documented_columns_and_counts_down(frame: pd.DataFrame) -> None:
+    assert list(frame.columns) == list(COLUMNS)
+    for _, rows in frame.groupby("episode"):
+        assert rows["t"].iloc[0] == 0.0
+        np.testing.assert_allclose(rows["t"] + rows["time_to_go"], rows["duration"])
+
+
+def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame: pd.DataFrame) -> None:
+    parallel = join(collect({"goToPose": TurnDriveTurn}, robot, episodes=6, seed=5, jobs=2))
+    pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
+    other = join(collect({"goToPose": TurnDriveTurn}, robot, episodes=1, seed=6))
+    assert other["x"].iloc[0] != frame["x"].iloc[0]
+
+
+def test_dask_cluster_gives_the_same_table(robot: Robot, frame: pd.DataFrame) -> None:
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as local,
+        distributed.Client(local),
+    ):
+        table = join(collect({"goToPose": TurnDriveTurn}, robot, episodes=6, seed=5, jobs=-1, backend="dask"))
+    pd.testing.assert_frame_equal(table, frame, check_exact=True)
+
+
+def test_an_episode_does_not_depend_on_how_many_there_are(robot: Robot, frame: pd.DataFrame) -> None:
+    alone = run_task(EpisodeTask("goToPose", TurnDriveTurn, robot, 5, 4))
+    rows = frame[frame["episode"] == 4].reset_index(drop=True)
+    pd.testing.assert_frame_equal(alone.astype(rows.dtypes), rows, check_exact=True)
+
+
+def test_unknown_backend_is_refused() -> None:
+    with pytest.raises(BackendError, match="expected one of loky, dask, got 'threads'"):
+        list(run_tasks(abs, [1], backend="threads"))
+
+
+def test_tasks_keep_their_order() -> None:
+    assert list(run_tasks(abs, range(-20, 0), jobs=2)) == list(range(20, 0, -1))
+
+
+def test_table_survives_the_file(frame: pd.DataFrame, tmp_path: Path) -> None:
+    file = tmp_path / "new" / "experience.parquet"
+    write_experience(file, Experience(frame, {"seed": 5}))
+    experience = read_experience(file)
+    pd.testing.assert_frame_equal(
+        experience.of("goToPose"), frame, check_exact=True, check_dtype=False, check_column_type=False
+    )
+    assert experience.metadata["seed"] == 5
+    assert [path.name for path in file.parent.iterdir()] == ["experience.parquet"]
+    assert len(pd.read_parquet(file)) == len(frame)
+
+
+def test_rows_of_an_action_that_is_not_there_are_refused(frame: pd.DataFrame) -> None:
+    with pytest.raises(ExperienceError, match=r"'shoot', the table holds goToPose"):
+        Experience(frame, {}).of("shoot")
+
+
+def test_damaged_foreign_and_newer_files_are_refused(frame: pd.DataFrame, tmp_path: Path) -> None:
+    file = tmp_path / "experience.parquet"
+    with pytest.raises(ExperienceError, match=r"experience\.parquet: expected a Parquet file"):
+        read_experience(file)
+    file.write_bytes(b"no table")
+    with pytest.raises(ExperienceError, match=r"experience\.parquet: expected a Parquet file"):
+        read_experience(file)
+    frame.to_parquet(file)
+    with pytest.raises(ExperienceError, match=r"metadata\.format: expected 'ator_ros experience'"):
+        read_experience(file)
+    write_experience(file, Experience(frame, {"schema_version": 99}))
+    with pytest.raises(ExperienceError, match=r"metadata\.schema_version: expected 1 to 1, got 99"):
+        read_experience(file)
+    write_experience(file, Experience(frame.drop(columns="time_to_go"), {}))
+    with pytest.raises(ExperienceError, match="missing: time_to_go"):
+        read_experience(file)
+
+
+def test_missing_pyarrow_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ExperienceError, match="pip install pyarrow"):
+        read_experience(tmp_path / "experience.parquet")
