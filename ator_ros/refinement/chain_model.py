@@ -1,0 +1,129 @@
+"""The predicted performance of a whole chain as a function of its free variables (paper, section 4.3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.free_variables import FreeVariable, PerformanceModel
+from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.projection import columns_after, direct_columns, goal_columns, start_columns
+from ator_ros.robot import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.world import World
+
+#: What is reported of every action, whatever the objective needs.
+REPORTED = ("duration", "spread", "success", "accuracy")
+
+
+@dataclass(frozen=True, slots=True)
+class ChainPrediction:
+    """Predicted performance of one chain.
+
+    Attributes
+    ----------
+    actions : tuple of mapping
+        For each action the predicted fields: duration (s), spread (s), success (probability), accuracy (m),
+        and what else the objective needs; a field that the model does not predict is left out.
+    cost : float
+        The objective summed over the actions.
+    """
+
+    actions: tuple[Mapping[str, float], ...]
+    cost: float
+
+    @property
+    def duration(self) -> float:
+        """Sum of the durations in s."""
+        return math.fsum(action.get("duration", math.nan) for action in self.actions)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation in s of the summed duration, the actions' errors taken as independent."""
+        return math.sqrt(math.fsum(action.get("spread", 0.0) ** 2 for action in self.actions))
+
+
+class ChainModel:
+    """The cost of the steps of one chain, from one state of the world, for candidates of its free variables.
+
+    Parameters
+    ----------
+    world, chain, robot
+        The request.
+    models : mapping
+        Action name to performance model.
+    free : sequence of FreeVariable
+        The variables that candidates give, in the order of each subgoal.
+    objective : Objective
+        What a step costs.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        chain: TopChain,
+        robot: Robot,
+        *,
+        models: Mapping[str, PerformanceModel],
+        free: Sequence[FreeVariable],
+        objective: Objective,
+    ) -> None:
+        self.names: list[tuple[str, ...]] = [
+            tuple(variable.name for variable in free if variable.subgoal == index)
+            for index in range(len(chain.calls))
+        ]
+        self._start = start_columns(world)
+        self._calls = chain.calls
+        self._models = [models[call.top.action] for call in chain.calls]
+        self._robot = robot
+        self._objective = objective
+        self._needs = objective.needs()
+
+    def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Give the cost of one action, shape (n,), as `ator_ros.refinement.search.StepCost` says."""
+        prediction = self._predict(index, before, after, self._needs)
+        cost = np.asarray(self._objective.cost(prediction), dtype=float)
+        return np.where(np.isnan(cost), np.inf, cost)
+
+    def predict(self, chains: Sequence[Sequence[FloatArray]]) -> list[ChainPrediction]:
+        """Give the predictions of some chains, each by the free values, shape (k,), of all its subgoals."""
+        fields = tuple(dict.fromkeys(REPORTED + self._needs))
+        columns = [np.vstack(values) for values in zip(*chains, strict=True)]
+        previous = np.zeros((1, 0))
+        actions: list[list[dict[str, float]]] = [[] for _ in chains]
+        costs = np.zeros(len(chains))
+        for index, after in enumerate(columns):
+            prediction = self._predict(index, previous, after, fields)
+            costs = costs + self._objective.cost(prediction)
+            values = {name: getattr(prediction, name, None) for name in fields}
+            for row, action in enumerate(actions):
+                action.append({name: _row(value, row) for name, value in values.items() if value is not None})
+            previous = after
+        return [ChainPrediction(tuple(a), float(cost)) for a, cost in zip(actions, costs, strict=True)]
+
+    def _predict(self, index: int, before: FloatArray, after: FloatArray, fields: tuple[str, ...]) -> Any:
+        start = self._start
+        if index:
+            previous = self._calls[index - 1].goal
+            reached = goal_columns(previous, self.names[index - 1], before)
+            start = columns_after(reached, previous.point, self._robot)
+        goal = self._calls[index].goal
+        direct = direct_columns(start, goal_columns(goal, self.names[index], after), goal.point)
+        prediction = self._models[index].predict(direct, fields)
+        if prediction.duration is not None and np.ndim(prediction.duration) != 1:
+            raise RefinementError(
+                f"model of {self._calls[index].top.action}: expected predictions of shape (n,), "
+                f"got {np.shape(prediction.duration)}"
+            )
+        return prediction
+
+
+def _row(value: Any, row: int) -> float:
+    """Give one row of a prediction that is the same for all chains when it has but one."""
+    return float(value[row if len(value) > 1 else 0])

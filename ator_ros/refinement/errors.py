@@ -1,0 +1,5 @@
+"""The error of this room."""
+
+
+class RefinementError(ValueError):
+    """A request that cannot be refined; the message says what was expected and what came."""

@@ -1,0 +1,141 @@
+"""The gate: refine only where it is expected to pay (paper, section 5, "after filtering")."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+from ator_ros.geometry import wrap_angle
+from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.tops.chain import TopChain
+from ator_ros.world import World
+
+#: What a gate decides from, with units.
+FEATURES: Mapping[str, str] = {
+    "gain": "s, predicted",
+    "relative_gain": "predicted gain over predicted cost before",
+    "spread": "s, of the difference between the two predictions",
+    "before": "s, predicted cost",
+    "turned": "rad, greatest change of a subgoal's heading",
+    "distance": "m, from the robot to the first subgoal",
+    "next_distance": "m, from the first subgoal to the next goal",
+    "bend": "rad, 0 where robot, first subgoal and next goal lie on a line in this order",
+}
+
+
+def gate_features(
+    world: World, chain: TopChain, best: TopChain, before: ChainPrediction, after: ChainPrediction
+) -> dict[str, float]:
+    """Give the values of `FEATURES` for a chain and the best one found."""
+    robot, first = world.robot.pose, chain.calls[0].goal.pose
+    following = chain.calls[min(1, len(chain.calls) - 1)].goal.pose
+    leg = math.atan2(first.y - robot.y, first.x - robot.x)
+    next_leg = math.atan2(following.y - first.y, following.x - first.x)
+    gain = before.cost - after.cost
+    turns = [
+        abs(wrap_angle(new.goal.pose.yaw - old.goal.pose.yaw))
+        for old, new in zip(chain.calls, best.calls, strict=True)
+    ]
+    return {
+        "gain": gain,
+        "relative_gain": gain / before.cost if before.cost > 0.0 else 0.0,
+        "spread": math.hypot(before.spread, after.spread),
+        "before": before.cost,
+        "turned": max(turns),
+        "distance": robot.distance(first),
+        "next_distance": first.distance(following),
+        "bend": abs(wrap_angle(next_leg - leg)),
+    }
+
+
+class Gate(Protocol):
+    """Decides from the values of `FEATURES`; the sentence says why."""
+
+    kind: ClassVar[str]
+
+    def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
+        """Give whether to refine, and the reason in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenGate:
+    """Refines whenever any gain is predicted."""
+
+    kind: ClassVar[str] = "open"
+
+    def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
+        """Give whether the predicted gain is above 0."""
+        gain = features["gain"]
+        return gain > 0.0, f"predicted gain {gain:.2f} s"
+
+
+@dataclass(frozen=True, slots=True)
+class ThresholdGate:
+    """Refines where the predicted gain exceeds a threshold that grows with the models' spread.
+
+    Attributes
+    ----------
+    gain : float
+        Least predicted gain in s.
+    spread_factor : float
+        Added to it per second of spread.
+    """
+
+    gain: float
+    spread_factor: float = 0.0
+    kind: ClassVar[str] = "threshold"
+
+    def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
+        """Give whether the predicted gain exceeds the threshold."""
+        needed = self.gain + self.spread_factor * features["spread"]
+        gain = features["gain"]
+        relation = "is above" if gain > needed else "is not above"
+        return gain > needed, f"predicted gain {gain:.2f} s {relation} the gate's {needed:.2f} s"
+
+
+@dataclass(frozen=True, slots=True)
+class TreeGate:
+    """A decision tree that predicts Higher, Equal or Lower from `FEATURES` (paper): Higher is refined.
+
+    Attributes
+    ----------
+    feature, threshold, left, right : sequences, one item per node
+        At node i the branch is left[i] where the value of feature[i] is at most threshold[i], right[i]
+        otherwise; a leaf has an empty feature.
+    label : sequence of str
+        The label of each node.
+    """
+
+    feature: Sequence[str]
+    threshold: Sequence[float]
+    left: Sequence[int]
+    right: Sequence[int]
+    label: Sequence[str]
+    kind: ClassVar[str] = "tree"
+
+    def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
+        """Give whether the tree says Higher; the reason is the rule that applies."""
+        node, conditions = 0, []
+        while self.feature[node]:
+            name, bound = self.feature[node], self.threshold[node]
+            below = features[name] <= bound
+            conditions.append(f"{name} {'<=' if below else '>'} {bound:.2f}")
+            node = self.left[node] if below else self.right[node]
+        rule = " and ".join(conditions) or "always"
+        return self.label[node] == "Higher", f"{self.label[node]} performance predicted: {rule}"
+
+    def rules(self) -> list[str]:
+        """Give one sentence per leaf, in the order of the leaves."""
+        rules: list[str] = []
+        stack: list[tuple[int, tuple[str, ...]]] = [(0, ())]
+        while stack:
+            node, path = stack.pop()
+            name, bound = self.feature[node], self.threshold[node]
+            if not name:
+                rules.append(f"if {' and '.join(path) or 'anything'} then {self.label[node]}")
+                continue
+            stack.append((self.right[node], (*path, f"{name} > {bound:.3g}")))
+            stack.append((self.left[node], (*path, f"{name} <= {bound:.3g}")))
+        return rules

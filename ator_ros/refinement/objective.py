@@ -1,0 +1,93 @@
+"""What shall be least: weighted measures of performance, combined at request time (paper, section 6)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.refinement.errors import RefinementError
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """One measure of performance as a cost: which fields of a prediction it needs, and the cost they make.
+
+    Attributes
+    ----------
+    needs : tuple of str
+        Names of the prediction's fields, asked of ``PerformanceModel.predict``.
+    cost : callable
+        Gives the cost, shape (n,), of a prediction; costs of the actions of a chain add up.
+    unit : str
+        Unit of the cost before weighting.
+    """
+
+    needs: tuple[str, ...]
+    cost: Callable[[Any], FloatArray]
+    unit: str
+
+
+#: A new measure is a new row, here or in the `measures` given to an objective.
+MEASURES: Mapping[str, Measure] = MappingProxyType(
+    {
+        "duration": Measure(("duration",), lambda prediction: prediction.duration, "s"),
+        "success": Measure(
+            ("success",), lambda prediction: 1.0 - prediction.success, "probability of failure"
+        ),
+        "accuracy": Measure(("accuracy",), lambda prediction: prediction.accuracy, "m"),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Weights of the measures; the cost of a chain is the weighted sum over its actions.
+
+    Parameters
+    ----------
+    weights : mapping
+        Name of a measure to its weight: "duration" without unit (seconds count as they are), "success" in s
+        per failure, "accuracy" in s per m. Measures that are not named have weight 0. By default only
+        duration counts.
+    measures : mapping, optional
+        The measures that can be named; by default `MEASURES`.
+
+    Raises
+    ------
+    RefinementError
+        An unknown measure, a weight that is negative or not finite, or no weight above 0.
+    """
+
+    weights: Mapping[str, float] = field(default_factory=lambda: {"duration": 1.0})
+    measures: Mapping[str, Measure] = field(default_factory=lambda: MEASURES)
+
+    def __post_init__(self) -> None:
+        for name, weight in self.weights.items():
+            if name not in self.measures:
+                raise RefinementError(
+                    f"objective: expected measures of {sorted(self.measures)}, got {name!r}"
+                )
+            if not (math.isfinite(weight) and weight >= 0.0):
+                raise RefinementError(
+                    f"objective: expected a weight of {name} that is not negative, got {weight}"
+                )
+        if not any(self.weights.values()):
+            raise RefinementError("objective: expected at least one weight above 0, got none")
+
+    def needs(self) -> tuple[str, ...]:
+        """Give the names of the prediction's fields that the cost needs."""
+        fields = [
+            need for name, weight in self.weights.items() if weight for need in self.measures[name].needs
+        ]
+        return tuple(dict.fromkeys(fields))
+
+    def cost(self, prediction: Any) -> FloatArray:
+        """Give the weighted cost, shape (n,), of a prediction for n candidates."""
+        terms = [w * self.measures[name].cost(prediction) for name, w in self.weights.items() if w]
+        return np.asarray(sum(terms[1:], start=terms[0]), dtype=float)

@@ -1,0 +1,62 @@
+"""The situations that the actions of a chain meet when the subgoals are reached (paper, section 4.1).
+
+Everything is in columns: a name to a float, or to an array of shape (n,) where candidates differ. The names
+are those of the experience table's direct variables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.geometry import FloatArray
+from ator_ros.refinement.free_variables import goal_values, goal_variable
+from ator_ros.robot import Robot
+from ator_ros.world import World
+
+Columns = dict[str, float | FloatArray]
+
+
+def start_columns(world: World) -> Columns:
+    """Give the start variables x, y, yaw (m, rad), v, w (m/s, rad/s) of the state `world`."""
+    robot = world.robot
+    return {
+        "x": robot.pose.x, "y": robot.pose.y, "yaw": robot.pose.yaw, "v": robot.v, "w": robot.w
+    }  # fmt: skip
+
+
+def goal_columns(goal: Goal, names: Sequence[str], values: FloatArray) -> Columns:
+    """Give the goal variables of `goal`, those in `names` replaced by candidates.
+
+    Parameters
+    ----------
+    goal : Goal
+        The subgoal.
+    names : sequence of str, length k
+        Its free variables.
+    values : ndarray, shape (n, k)
+        Candidates. A single one stays a float.
+    """
+    columns: Columns = dict(goal_values(goal))
+    for column, name in enumerate(names):
+        columns[name] = values[:, column] if len(values) > 1 else float(values[0, column])
+    return columns
+
+
+def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> Columns:
+    """Give the start variables of the action that follows a subgoal reached exactly, not turning."""
+    x, y, yaw = goal["x"], goal["y"], goal["yaw"]
+    if point is Point.HOLD:
+        x, y = x - robot.hold * np.cos(yaw), y - robot.hold * np.sin(yaw)
+    return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0}
+
+
+def direct_columns(start: Mapping[str, Any], goal: Mapping[str, Any], point: Point) -> Columns:
+    """Give the direct variables of one action from its start and goal variables."""
+    columns: Columns = dict(start)
+    columns.update((goal_variable(name), value) for name, value in goal.items())
+    columns["hold"] = 1.0 if point is Point.HOLD else 0.0
+    return columns

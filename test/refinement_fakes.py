@@ -1,0 +1,88 @@
+"""Small analytic performance models and chains for the tests of refinement and of the experiments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.robot import load_robot
+from ator_ros.world import BallState, RobotState, World
+
+ROBOT = load_robot()
+LIBRARY = TopLibrary(ROBOT)
+ALL = frozenset({"x", "y", "yaw", "speed"})
+ANGLE_OPEN = ALL - {"yaw"}
+BOTH_OPEN = ALL - {"yaw", "speed"}
+
+
+class FakeModel:
+    """Predicts what `duration` says of the direct variables; success falls with the arrival speed."""
+
+    def __init__(
+        self, duration: Callable[[Mapping[str, Any]], Any], used: frozenset[str], spread: float = 0.1
+    ) -> None:
+        self._duration = duration
+        self.used_variables = used
+        self._spread = spread
+
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
+        duration = np.atleast_1d(np.asarray(self._duration(direct), dtype=float))
+        failure = np.atleast_1d(np.asarray(direct.get("speedg", 0.0), dtype=float))
+        return SimpleNamespace(
+            duration=duration,
+            spread=np.full(len(duration), self._spread),
+            success=np.broadcast_to(1.0 - 0.5 * failure, duration.shape),
+            accuracy=np.zeros(len(duration)),
+        )
+
+
+def turning_time(direct: Mapping[str, Any]) -> Any:
+    """Turn, drive, turn, with speeds that want to be matched: all the shape a search needs."""
+    dx, dy = direct["xg"] - direct["x"], direct["yg"] - direct["y"]
+    bearing = np.arctan2(dy, dx)
+    turns = 1.3 * np.abs(wrap_angles(bearing - direct["yaw"])) + np.abs(wrap_angles(direct["yawg"] - bearing))
+    return np.hypot(dx, dy) + turns + (direct["v"] - 0.4) ** 2 + (direct["speedg"] - 0.5) ** 2
+
+
+USED = frozenset({"x", "y", "yaw", "v", "xg", "yg", "yawg", "speedg", "hold"})
+SHOOT_USED = USED - {"xg", "yg", "yawg", "speedg"}
+
+
+def models(used: frozenset[str] = USED) -> dict[str, FakeModel]:
+    """Give a fake model for each action."""
+    fake = {name: FakeModel(turning_time, used) for name in ("goToPose", "dribbleBall")}
+    return fake | {"shoot": FakeModel(turning_time, used & SHOOT_USED)}
+
+
+def world(x: float = -1.0, y: float = 0.0, yaw: float = 0.0, ball: tuple[float, float] = (0.0, 0.0)) -> World:
+    return World(0.0, RobotState(Pose(x, y, yaw)), BallState(*ball))
+
+
+def call(
+    top: str, x: float, y: float, yaw: float, bound: frozenset[str] = ALL, speed: float = 0.0
+) -> TopCall:
+    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), speed, Point.HOLD), bound)
+
+
+def two_steps(bound: frozenset[str] = ANGLE_OPEN, yaw: float = 0.0) -> TopChain:
+    """Go to the ball at the origin, dribble it to (-2, 1)."""
+    return TopChain((call("goToBall", 0.0, 0.0, yaw, bound), call("dribbleBall", -2.0, 1.0, math.pi)))
+
+
+def three_steps(bound: frozenset[str] = ANGLE_OPEN) -> TopChain:
+    """Go to the ball, dribble it to a shooting position with an open heading, shoot."""
+    return TopChain(
+        (
+            call("goToBall", 0.0, 0.0, 0.0, bound),
+            call("dribbleBall", 1.0, 1.5, 0.0, bound),
+            call("shoot", 4.0, 0.0, 0.0),
+        )
+    )

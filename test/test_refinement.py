@@ -1,0 +1,230 @@
+"""Free variables, objective, refiner: what is free is computed, and the rewritten chain is the best."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from ator_ros.tops.chain import TopChain
+from refinement_fakes import (
+    ALL,
+    ANGLE_OPEN,
+    BOTH_OPEN,
+    ROBOT,
+    SHOOT_USED,
+    USED,
+    FakeModel,
+    call,
+    models,
+    three_steps,
+    turning_time,
+    two_steps,
+    world,
+)
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.free_variables import DOMAINS, Domain, analyse
+from ator_ros.refinement.gate import ThresholdGate
+from ator_ros.refinement.objective import MEASURES, Measure, Objective
+from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
+from ator_ros.world import RobotState, World
+
+
+def free_names(chain: TopChain, used: frozenset[str] = USED) -> list[tuple[int, str]]:
+    return [(v.subgoal, v.name) for v in analyse(chain, models(used), ROBOT).free]
+
+
+def test_only_the_angle_is_free_in_the_papers_chain() -> None:
+    assert free_names(two_steps()) == [(0, "yaw")]
+
+
+def test_arrival_speed_is_free_where_the_plan_leaves_it_open() -> None:
+    assert free_names(two_steps(BOTH_OPEN)) == [(0, "yaw"), (0, "speed")]
+
+
+def test_variables_that_no_model_uses_are_not_free() -> None:
+    assert free_names(two_steps(BOTH_OPEN), USED - {"v", "speedg"}) == [(0, "yaw")]
+
+
+def test_a_heading_that_only_moves_the_held_ball_counts() -> None:
+    # The model uses no heading, but with another heading a robot that holds a ball stands elsewhere.
+    assert free_names(two_steps(), frozenset({"x", "y", "xg", "yg"})) == [(0, "yaw")]
+
+
+def test_free_variables_of_every_subgoal_of_a_longer_chain() -> None:
+    assert free_names(three_steps()) == [(0, "yaw"), (1, "yaw")]
+
+
+def test_last_subgoal_is_refined_where_the_plan_leaves_it_open() -> None:
+    chain = TopChain((call("goToBall", 0.0, 0.0, 0.5, ANGLE_OPEN),))
+    result = Refiner(ROBOT, models()).refine(world(), chain)
+    assert result.refined
+    assert result.chain.calls[0].goal.pose.yaw == pytest.approx(0.0, abs=math.radians(2))
+
+
+def test_nothing_free_leaves_the_chain_and_says_why() -> None:
+    chain = two_steps(ALL)
+    result = Refiner(ROBOT, models()).refine(world(), chain)
+    assert result.chain is chain
+    assert not result.refined
+    assert "nothing is free" in result.reason
+    assert "yaw of subgoal 1 (goToBall) is bound by the plan" in result.reason
+
+
+@pytest.mark.parametrize("chain", [two_steps(), two_steps(BOTH_OPEN), three_steps(), three_steps(BOTH_OPEN)])
+def test_refined_chain_costs_what_was_predicted_and_less(chain: TopChain) -> None:
+    refiner = Refiner(ROBOT, models())
+    result = refiner.refine(world(), chain)
+    assert result.refined
+    assert result.before is not None
+    assert result.after is not None
+    assert result.after.cost < result.before.cost
+    again = refiner.refine(world(), result.chain)
+    assert again.before is not None
+    assert again.before.cost == pytest.approx(result.after.cost, abs=1e-9)
+
+
+def test_committed_variables_stay_as_they_are() -> None:
+    chain = three_steps()
+    refined = Refiner(ROBOT, models()).refine(world(), chain).chain
+    for old, new in zip(chain.calls, refined.calls, strict=True):
+        assert new == dataclasses.replace(old, goal=new.goal)
+        assert new.goal.pose[:2] == old.goal.pose[:2]
+        assert new.goal.speed == old.goal.speed
+    assert refined.calls[-1] == chain.calls[-1]
+
+
+def test_naive_is_fastest_for_the_first_action_alone() -> None:
+    chain = Refiner(ROBOT, models()).naive(world(), two_steps(BOTH_OPEN))
+    assert wrap_angle(chain.calls[0].goal.pose.yaw) == pytest.approx(0.0, abs=math.radians(2))
+    assert chain.calls[0].goal.speed == 0.0
+
+
+def test_open_variables_are_compared_with_the_naive_chain() -> None:
+    refiner = Refiner(ROBOT, models())
+    chain = two_steps()
+    opened = chain.with_goal(0, Goal(Pose(0.0, 0.0, math.nan), 0.0, Point.HOLD))
+    result = refiner.refine(world(), opened)
+    expected = refiner.refine(world(), refiner.naive(world(), chain))
+    assert (result.chain, result.before, result.reason) == (expected.chain, expected.before, expected.reason)
+
+
+def test_same_request_gives_the_same_bits() -> None:
+    refiner = Refiner(ROBOT, models())
+    assert refiner.refine(world(), three_steps()).chain == refiner.refine(world(), three_steps()).chain
+
+
+def test_gate_leaves_the_chain_alone_and_says_why() -> None:
+    chain = two_steps()
+    result = Refiner(ROBOT, models(), ThresholdGate(100.0)).refine(world(), chain)
+    assert result.chain is chain
+    assert not result.refined
+    assert "is not above the gate's 100.00 s" in result.reason
+    assert result.after is not None
+
+
+def test_weight_on_success_lowers_the_arrival_speed() -> None:
+    refiner = Refiner(ROBOT, models())
+    fast = refiner.refine(world(), two_steps(BOTH_OPEN), Objective({"duration": 1.0}))
+    safe = refiner.refine(world(), two_steps(BOTH_OPEN), Objective({"duration": 1.0, "success": 20.0}))
+    assert fast.chain.calls[0].goal.speed > 0.3
+    assert safe.chain.calls[0].goal.speed == 0.0
+
+
+@pytest.mark.parametrize(
+    "weights",
+    [{"speed": 1.0}, {"duration": -1.0}, {"duration": math.nan}, {"duration": 0.0}, {"success": math.inf}],
+)
+def test_bad_weights_are_refused(weights: dict[str, float]) -> None:
+    with pytest.raises(RefinementError, match="objective: expected"):
+        Objective(weights)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_not_finite_are_refused(value: float) -> None:
+    refiner = Refiner(ROBOT, models())
+    with pytest.raises(RefinementError, match="x of subgoal 2"):
+        refiner.refine(world(), two_steps().with_goal(1, Goal(Pose(value, 0.0, 0.0), 0.0, Point.HOLD)))
+    with pytest.raises(RefinementError, match="robot: expected a finite state"):
+        refiner.refine(World(0.0, RobotState(Pose(0.0, value, 0.0))), two_steps())
+
+
+def test_unknown_actions_and_absurd_lengths_are_refused() -> None:
+    with pytest.raises(RefinementError, match="performance model"):
+        Refiner(ROBOT, {}).refine(world(), two_steps())
+    with pytest.raises(
+        RefinementError, match=f"expected 1 to {LONGEST_CHAIN} actions, got {LONGEST_CHAIN + 2}"
+    ):
+        Refiner(ROBOT, models()).refine(world(), TopChain(two_steps().calls * (LONGEST_CHAIN // 2 + 1)))
+
+
+def test_predictions_that_are_not_numbers_are_refused() -> None:
+    broken = {"goToPose": FakeModel(lambda direct: math.nan * direct["yawg"], USED)}
+    with pytest.raises(RefinementError, match="finite prediction"):
+        Refiner(ROBOT, models() | broken).refine(world(), two_steps())
+
+
+class TestFromOutside:
+    """What the design promises: a new action, measure or variable needs no edit in refinement."""
+
+    def test_new_action(self) -> None:
+        top = dataclasses.replace(call("dribbleBall", 0.0, 0.0, 0.0).top, name="pushBall", action="push")
+        pushing = models() | {"push": FakeModel(lambda d: turning_time(d) * 2.0, USED)}
+        first, last = two_steps().calls
+        chain = TopChain((first, dataclasses.replace(last, top=top)))
+        assert Refiner(ROBOT, pushing).refine(world(), chain).refined
+
+    def test_new_measure(self) -> None:
+        measures = {**MEASURES, "risk": Measure(("spread",), lambda prediction: prediction.spread**2, "s^2")}
+        model = models() | {"goToPose": FakeModel(turning_time, USED, spread=2.0)}
+        plain = Refiner(ROBOT, model).refine(world(), two_steps())
+        wary = Refiner(ROBOT, model).refine(
+            world(), two_steps(), Objective({"duration": 1.0, "risk": 1.0}, measures)
+        )
+        assert plain.after is not None
+        assert wary.after is not None
+        assert wary.after.cost == pytest.approx(plain.after.cost + 4.0 + 0.01)
+
+    def test_new_free_variable(self) -> None:
+        @dataclass(frozen=True, slots=True)
+        class SpinGoal(Goal):
+            spin: float = 0.0
+
+        def spinning(direct: dict[str, float]) -> object:
+            return turning_time(direct) + (direct["sping"] - 0.3) ** 2
+
+        domains = {**DOMAINS, "spin": lambda *_: Domain(-1.0, 1.0, 9)}
+        learned = models() | {"goToPose": FakeModel(spinning, USED | {"sping"})}  # type: ignore[arg-type]
+        chain = two_steps(ANGLE_OPEN).with_goal(0, SpinGoal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD))
+        result = Refiner(ROBOT, learned, domains=domains).refine(world(), chain)
+        assert [variable.name for variable in result.free] == ["yaw", "spin"]
+        goal = result.chain.calls[0].goal
+        assert isinstance(goal, SpinGoal)
+        assert goal.spin == pytest.approx(0.3, abs=0.05)
+
+
+def test_shooting_heading_is_bound_by_nothing_and_used_by_the_shot() -> None:
+    only_shot = {
+        "goToPose": FakeModel(turning_time, frozenset()),
+        "dribbleBall": FakeModel(turning_time, frozenset()),
+    }
+    shot = {"shoot": FakeModel(turning_time, SHOOT_USED)}
+    free = analyse(three_steps(), only_shot | shot, ROBOT).free
+    assert [(variable.subgoal, variable.name) for variable in free] == [(1, "yaw")]
+
+
+def test_wide_candidates_do_not_mix_up_rows() -> None:
+    # The curve of the refiner must be the sum of single predictions.
+    refiner = Refiner(ROBOT, models())
+    result = refiner.refine(world(), two_steps())
+    (curve,) = result.curves
+    for yaw, total in zip(curve.values[::30, 0], curve.totals[::30], strict=True):
+        goal = dataclasses.replace(two_steps().calls[0].goal, pose=Pose(0.0, 0.0, float(yaw)))
+        before = refiner.refine(world(), two_steps().with_goal(0, goal)).before
+        assert before is not None
+        assert np.isclose(total, before.cost, atol=1e-9)

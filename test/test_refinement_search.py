@@ -1,0 +1,101 @@
+"""The joint search against brute force."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.refinement.free_variables import Domain
+from ator_ros.refinement.search import StepCost, search
+
+CIRCLE = Domain(-math.pi, math.pi, 36, periodic=True)
+SPEED = Domain(0.0, 1.0, 6)
+
+
+def smooth_cost(seed: int, sizes: list[int]) -> StepCost:
+    """Give a cost with several valleys whose terms couple neighbouring subgoals."""
+    rng = np.random.default_rng(seed)
+    before = [0, *sizes[:-1]]
+    own = [rng.uniform(-math.pi, math.pi, size=k) for k in sizes]
+    link = [rng.uniform(-1.0, 1.0, size=(j, k)) for j, k in zip(before, sizes, strict=True)]
+
+    def cost(index: int, previous: FloatArray, values: FloatArray) -> FloatArray:
+        total = 1.0 - np.cos(values - own[index]).sum(axis=1) + 0.4 * np.cos(2.0 * values + 1.0).sum(axis=1)
+        for (j, k), weight in np.ndenumerate(link[index]):
+            total = total + weight * np.sin(previous[:, j] - values[:, k])
+        return np.asarray(total)
+
+    return cost
+
+
+def brute_force(cost: StepCost, axes: list[list[Domain]], count: int) -> float:
+    lines = [np.linspace(d.low, d.high, count) for domains in axes for d in domains]
+    grid = np.array(list(itertools.product(*lines)))
+    total, column, previous = np.zeros(len(grid)), 0, np.zeros((1, 0))
+    for index, domains in enumerate(axes):
+        values = grid[:, column : column + len(domains)]
+        total = total + cost(index, previous, values if domains else np.zeros((1, 0)))
+        column, previous = column + len(domains), values
+    return float(total.min())
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    ("axes", "count"),
+    [
+        ([[CIRCLE], []], 3601),
+        ([[CIRCLE, SPEED], []], 401),
+        ([[CIRCLE], [CIRCLE], []], 401),
+        ([[CIRCLE], [CIRCLE], [CIRCLE]], 61),
+        ([[CIRCLE, SPEED], [CIRCLE], []], 61),
+    ],
+)
+def test_joint_search_is_as_good_as_brute_force(axes: list[list[Domain]], count: int, seed: int) -> None:
+    cost = smooth_cost(seed, [len(domains) for domains in axes])
+    optimum = search(cost, axes)
+    assert optimum.cost <= brute_force(cost, axes, count) + 0.01
+
+
+@pytest.mark.parametrize("axes", [[[CIRCLE], []], [[CIRCLE], [SPEED], [CIRCLE, SPEED]]])
+def test_reported_cost_is_the_cost_of_the_values(axes: list[list[Domain]]) -> None:
+    cost = smooth_cost(3, [len(domains) for domains in axes])
+    optimum = search(cost, axes)
+    total, previous = 0.0, np.zeros((1, 0))
+    for index, values in enumerate(optimum.values):
+        total += float(cost(index, previous, values[None, :])[0])
+        previous = values[None, :]
+    assert optimum.cost == pytest.approx(total, abs=1e-12)
+
+
+def test_curve_holds_the_least_cost_through_each_candidate() -> None:
+    axes = [[CIRCLE], [CIRCLE], []]
+    cost = smooth_cost(1, [1, 1, 0])
+    first = search(cost, axes).curves[0]
+    others = np.linspace(-math.pi, math.pi, 36, endpoint=False)[:, None]
+    for value, total in zip(first.values, first.totals, strict=True):
+        one = value[None, :]
+        rest = cost(1, np.repeat(one, 36, axis=0), others) + cost(2, others, np.zeros((1, 0)))
+        assert total == pytest.approx(float(cost(0, np.zeros((1, 0)), one)[0] + rest.min()), abs=1e-12)
+
+
+def test_given_values_are_never_made_worse() -> None:
+    def needle(index: int, previous: FloatArray, values: FloatArray) -> FloatArray:
+        return np.where(np.abs(wrap_angles(values[:, 0] - 0.123)) < 1e-9, 0.0, 1.0)
+
+    assert search(needle, [[CIRCLE]], [np.array([0.123])]).cost == 0.0
+
+
+def test_angles_may_lie_on_either_side_of_the_cut() -> None:
+    def cost(index: int, previous: FloatArray, values: FloatArray) -> FloatArray:
+        speed = values[:, 1] if values.shape[1] else 0.0
+        heading = values[:, 0] if values.shape[1] else 0.0
+        return np.atleast_1d(1.0 - np.cos(heading - 3.13) + (speed - 0.77) ** 2)
+
+    optimum = search(cost, [[CIRCLE, SPEED]])
+    assert abs(float(wrap_angles(optimum.values[0][0] - 3.13))) < 0.05
+    assert optimum.values[0][1] == pytest.approx(0.77, abs=0.05)
+    assert -math.pi <= optimum.values[0][0] <= math.pi
