@@ -26,16 +26,20 @@ class ConfigError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Greatest speeds (m/s, rad/s) and accelerations (m/s^2, rad/s^2), the same in both directions."""
+    """Greatest speeds (m/s, rad/s) and accelerations (m/s^2, rad/s^2), the same forward and backward.
+
+    `a` holds for gaining speed, `brake` for losing it.
+    """
 
     v: float
     w: float
     a: float
+    brake: float
     aw: float
 
     def scaled(self, factor: float) -> Limits:
         """Give these limits times `factor`."""
-        return Limits(self.v * factor, self.w * factor, self.a * factor, self.aw * factor)
+        return Limits(*(factor * getattr(self, field.name) for field in dataclasses.fields(self)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,1 @@
+"""The default action set: plan a near time-optimal manoeuvre once, commit to it, track it."""

@@ -1,0 +1,98 @@
+"""Keeps planned manoeuvres clear of the ball and of the goals' walls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ator_ros.actions.planned.manoeuvre import Manoeuvre
+from ator_ros.actions.planned.trajectory import Trajectory
+from ator_ros.geometry import FloatArray
+from ator_ros.robot import Robot
+from ator_ros.world import BallState, Field
+
+_STRIDE = 5  # every 50 ms of a trajectory: 6 cm at full speed
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacles:
+    """What a motion must not touch.
+
+    Attributes
+    ----------
+    ball : BallState or None
+        The ball, taken as standing still.
+    ball_margin : float
+        Free distance to keep from the ball in m.
+    run : float
+        Straight stretch at the end in m in which the ball may be touched, since it is what is approached.
+    """
+
+    ball: BallState | None = None
+    ball_margin: float = 0.04
+    run: float = 0.0
+
+
+def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
+    """Say whether the robot touches no obstacle on the way."""
+    poses = Trajectory(manoeuvre).poses()
+    if touches_goals(poses[::_STRIDE], robot):
+        return False
+    ball = obstacles.ball
+    if ball is None:
+        return True
+    if obstacles.run > 0.0:
+        # In the run the ball lies straight ahead; a little more than that decides nothing.
+        far = np.hypot(poses[:, 0] - manoeuvre.goal.x, poses[:, 1] - manoeuvre.goal.y) > obstacles.run
+        last = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
+        poses = poses[:last]
+    return not bool(np.any(ball_distances(poses[::_STRIDE], ball, robot) < obstacles.ball_margin))
+
+
+def ball_distances(poses: FloatArray, ball: BallState, robot: Robot) -> FloatArray:
+    """Give the free distance between the robot at each pose and the ball.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (n, 3)
+        x, y in m, yaw in rad.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Distance in m from the ball's surface to the robot's outline; negative where they overlap.
+    """
+    dx, dy = ball.x - poses[:, 0], ball.y - poses[:, 1]
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    ahead, left = c * dx + s * dy, np.abs(c * dy - s * dx)
+    fins = robot.fin_gap / 2 + robot.fin_thickness
+    body = _box_distance(ahead, left, -robot.rear, robot.front, robot.half_width)
+    front = _box_distance(ahead, left, robot.front, robot.front + robot.fin_length, fins)
+    return np.asarray(np.minimum(body, front) - robot.ball.radius)
+
+
+def _box_distance(x: FloatArray, y: FloatArray, low: float, high: float, half: float) -> FloatArray:
+    return np.hypot(np.maximum(np.maximum(low - x, x - high), 0.0), np.maximum(y - half, 0.0))
+
+
+def touches_goals(poses: FloatArray, robot: Robot) -> bool:
+    """Say whether any pose comes nearer to a goal's walls than the robot's reach."""
+    near = np.abs(poses[:, 0]) > robot.field.length / 2 - robot.reach
+    return bool(near.any()) and any(_touches_wall(poses[near], wall, robot) for wall in _walls(robot.field))
+
+
+def _walls(field: Field) -> Sequence[tuple[float, float, float, float]]:
+    """Give the boxes (x low, x high, |y| low, |y| high) of a goal, mirrored to x > 0 and y > 0."""
+    line, half, depth = field.length / 2, field.goal_width / 2, field.goal_depth
+    return ((line, line + depth, half, half + 0.05), (line + depth, line + depth + 0.05, 0.0, half))
+
+
+def _touches_wall(poses: FloatArray, wall: tuple[float, float, float, float], robot: Robot) -> bool:
+    x, y = np.abs(poses[:, 0]), np.abs(poses[:, 1])
+    dx = np.maximum(np.maximum(wall[0] - x, x - wall[1]), 0.0)
+    dy = np.maximum(np.maximum(wall[2] - y, y - wall[3]), 0.0)
+    touching: NDArray[np.bool_] = np.hypot(dx, dy) < robot.reach
+    return bool(touching.any())

@@ -1,0 +1,72 @@
+"""Moving with a ball that is only pushed: what keeps it in the robot's front, and how turns are driven with it."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+from ator_ros.actions.planned.manoeuvre import Side
+from ator_ros.actions.planned.turns import Driving
+from ator_ros.geometry import Pose
+from ator_ros.robot import Limits, Robot
+from ator_ros.world import World
+
+MARGIN = 0.1  # m/s^2 of push that is always left
+LOST = 0.15  # m off its place at which the ball counts as lost
+_RATES = (1.0, 0.83, 0.67, 0.5, 0.33)
+_ENTRY_SPEEDS = (0.0, 0.2, 0.5, 0.9)
+_ENTRY_CHANGES = (0.0, 0.25, 0.5, 0.8)
+_EXIT_SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
+_EXIT_CHANGES = (0.0, 0.25, 0.45)
+
+
+def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
+    """Give how hard the front presses against the held ball, as an acceleration in m/s^2.
+
+    The ball, ahead of the axle by `hold`, is on a circle: it needs a centripetal acceleration toward the axle, that
+    only its own rolling resistance and the robot's acceleration (m/s^2) can make up for. Negative: it leaves.
+    """
+    swing = robot.hold * w
+    speed = math.hypot(v, swing)
+    resistance = robot.ball.rolling_deceleration * (v / speed if speed > 0.0 else 0.0)
+    return acceleration - robot.hold * w * w + resistance
+
+
+@lru_cache(maxsize=256)
+def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
+    """Give the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn and gain more."""
+    sides = []
+    for rate in _RATES[::2]:
+        for v in {*_ENTRY_SPEEDS, speed}:
+            lead = _straight(limits, speed, v)
+            for change in _ENTRY_CHANGES:
+                turn = Driving(v, change, rate * limits.w)
+                if push(robot, v, turn.turn_rate, change) >= MARGIN:
+                    sides.append(Side(lead, speed, turn))
+    return tuple(sides)
+
+
+@lru_cache(maxsize=256)
+def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
+    """Give the ways to end at `speed` (m/s) with the ball: turn, perhaps losing speed, then brake straight."""
+    sides = []
+    for rate in _RATES:
+        for v in {*_EXIT_SPEEDS, speed} - {0.0}:
+            run = _straight(limits, v, speed)
+            for change in _EXIT_CHANGES:
+                turn = Driving(v, change, rate * limits.w)
+                if push(robot, v, turn.turn_rate, -change) >= MARGIN:
+                    sides.append(Side(run, speed, turn))
+    return tuple(sides)
+
+
+def _straight(limits: Limits, v1: float, v2: float) -> float:
+    """Give the shortest distance in m in which the speed goes from v1 to v2 (m/s)."""
+    return abs(v2 * v2 - v1 * v1) / (2.0 * (limits.a if v2 > v1 else limits.brake))
+
+
+def ball_offset(robot: Robot, world: World) -> float:
+    """Give the distance in m between the ball and the place where the robot holds one (infinite: no ball)."""
+    if world.ball is None:
+        return math.inf
+    return robot.hold_point(world.robot.pose).distance(Pose(world.ball.x, world.ball.y, 0.0))

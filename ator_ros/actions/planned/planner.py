@@ -1,0 +1,83 @@
+"""Plans the fastest manoeuvre to a goal: which ways to drive its ends are tried, and which results are allowed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from ator_ros.actions.base import ActionError
+from ator_ros.actions.planned.clearance import Obstacles, is_clear
+from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side, closed
+from ator_ros.actions.planned.search import find_candidates
+from ator_ros.actions.planned.turns import Driving
+from ator_ros.geometry import Pose
+from ator_ros.robot import Limits, Robot
+
+_SHARES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
+_RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
+_TRIES = 3000
+# Where the robot must not come back on its way: room for what closing a candidate changes, in m.
+_SLACK = 0.01
+
+
+@lru_cache(maxsize=256)
+def free_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
+    """Give the ways to begin or end without a ball: turn at once, at any change of speed (`length` is 0)."""
+    return tuple(Side(length, speed, Driving(speed, share * limits.a, limits.w)) for share in _SHARES)
+
+
+@lru_cache(maxsize=256)
+def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
+    """Give the ways to end with a straight run of `length` m behind the ball, arriving at `speed`."""
+    fastest_, slowest = (
+        math.sqrt(max(0.0, speed * speed + sign * 2.0 * limits.a * length)) for sign in (1.0, -1.0)
+    )
+    speeds = {slowest + share * (min(limits.v, fastest_) - slowest) for share in _RUN_SHARES}
+    return tuple(
+        Side(length, speed, Driving(at, share * limits.a, limits.w)) for at in speeds for share in _SHARES
+    )
+
+
+def fastest(
+    robot: Robot,
+    start: Pose,
+    goal: Pose,
+    entries: Sequence[Side],
+    exits: Sequence[Side],
+    limits: Limits,
+    obstacles: Obstacles,
+    *,
+    forward_only: bool = False,
+) -> Manoeuvre:
+    """Give the fastest allowed manoeuvre.
+
+    Raises
+    ------
+    ActionError
+        No manoeuvre between the poses is clear of the obstacles.
+    """
+    for manoeuvre in _in_order(start, goal, entries, exits, limits, forward_only):
+        if is_clear(manoeuvre, obstacles, robot):
+            return manoeuvre
+    raise ActionError(
+        f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m to ({goal.x:.2f}, {goal.y:.2f}) m, found none"
+    )
+
+
+def _in_order(
+    start: Pose,
+    goal: Pose,
+    entries: Sequence[Side],
+    exits: Sequence[Side],
+    limits: Limits,
+    forward_only: bool,
+) -> Iterator[Manoeuvre]:
+    candidates = find_candidates(start, goal, entries, exits, limits)
+    allowed = np.flatnonzero(candidates.slack >= _SLACK) if forward_only else range(len(candidates))
+    for index in allowed[:_TRIES]:
+        manoeuvre = closed(candidates[index])
+        if manoeuvre is not None and (not forward_only or manoeuvre.is_forward()):
+            yield manoeuvre

@@ -1,0 +1,114 @@
+"""Time-optimal velocity profiles of one degree of freedom with bounded speed and acceleration."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.robot import Limits
+
+
+class Piece(NamedTuple):
+    """A stretch of time (s) in which a velocity changes linearly from `start` to `end`."""
+
+    duration: float
+    start: float
+    end: float
+
+
+def turn_times(angles: Any, w: Any, aw: float) -> FloatArray:
+    """Give the least times in s to turn by `angles` (rad, any shape) from rest to rest.
+
+    Parameters
+    ----------
+    angles : array_like
+        Signed angles in rad.
+    w : array_like
+        Greatest turn rates in rad/s.
+    aw : float
+        Greatest turn acceleration in rad/s^2.
+    """
+    size = np.abs(angles)
+    return np.where(size <= w * w / aw, 2.0 * np.sqrt(size / aw), size / w + w / aw)
+
+
+def turn_progress(fractions: FloatArray, angles: FloatArray, w: float, aw: float) -> FloatArray:
+    """Give the share of each turn that is done after each fraction of its time.
+
+    Parameters
+    ----------
+    fractions : ndarray, shape (q,)
+        Fractions of the turn's duration in [0, 1].
+    angles : ndarray, shape (n,)
+        Signed angles in rad.
+
+    Returns
+    -------
+    ndarray, shape (n, q)
+        Shares in [0, 1], from rest to rest.
+    """
+    size = np.maximum(np.abs(angles), 1e-12)[:, None]
+    times = turn_times(size, w, aw)
+    peak = np.minimum(w, np.sqrt(size * aw))
+    ramp = peak / aw
+    t = fractions * times
+    rest = times - t
+    done = np.where(
+        t < ramp,
+        0.5 * aw * t * t,
+        np.where(rest < ramp, size - 0.5 * aw * rest * rest, peak * (t - 0.5 * ramp)),
+    )
+    return np.asarray(done / size)
+
+
+def turn_pieces(angle: float, w: float, aw: float) -> list[Piece]:
+    """Give the turn rate over time of the fastest turn by `angle` (rad) from rest to rest."""
+    peak = min(w, float(np.sqrt(abs(angle) * aw)))
+    if peak <= 0.0:
+        return []
+    cruise = max(0.0, abs(angle) / peak - peak / aw)
+    peak, ramp = float(np.copysign(peak, angle)), peak / aw
+    return [Piece(ramp, 0.0, peak), Piece(cruise, peak, peak), Piece(ramp, peak, 0.0)]
+
+
+def speed_change_distances(v1: Any, v2: Any, limits: Limits) -> FloatArray:
+    """Give the signed distances in m covered while the speed goes straight from v1 to v2 (m/s)."""
+    rate = np.where(np.asarray(v2) >= v1, limits.a, limits.brake)
+    return np.asarray((v1 + v2) * np.abs(np.subtract(v2, v1)) / (2.0 * rate))
+
+
+def straight_times(distances: Any, v1: Any, v2: Any, limits: Limits) -> FloatArray:
+    """Give the least times in s to drive signed `distances` (m), from speed v1 to speed v2 (m/s).
+
+    All arguments broadcast. Where the distance is too short for the change of speed, the motion
+    overshoots and comes back, as the time-optimal motion does.
+    """
+    sign, u1, u2, peak, cruise = _straight(distances, v1, v2, limits)
+    return np.asarray((peak - u1) / limits.a + (peak - u2) / limits.brake + cruise)
+
+
+def straight_pieces(distance: float, v1: float, v2: float, limits: Limits) -> list[Piece]:
+    """Give the velocity over time of the fastest drive by `distance`; see `straight_times`."""
+    sign, u1, u2, peak, cruise = (float(value) for value in _straight(distance, v1, v2, limits))
+    top = sign * peak
+    return [
+        Piece((peak - u1) / limits.a, v1, top),
+        Piece(cruise, top, top),
+        Piece((peak - u2) / limits.brake, top, v2),
+    ]
+
+
+def _straight(distances: Any, v1: Any, v2: Any, limits: Limits) -> tuple[Any, Any, Any, Any, Any]:
+    """Give direction, both speeds and the peak in that direction, and the time at the peak."""
+    up, down = limits.a, limits.brake
+    # A stretch made to measure for its change of speed must not count as a hair too short.
+    enough = np.asarray(distances) >= speed_change_distances(v1, v2, limits) - 1e-9
+    sign = np.where(enough, 1.0, -1.0)
+    d, u1, u2 = sign * distances, sign * v1, sign * v2
+    squares = (down * u1 * u1 + up * u2 * u2 + 2.0 * up * down * d) / (up + down)
+    free = np.sqrt(np.maximum(squares, np.maximum(u1, u2) ** 2 * (np.maximum(u1, u2) > 0.0)))
+    peak = np.minimum(free, limits.v)
+    ramps = (peak * peak - u1 * u1) / (2.0 * up) + (peak * peak - u2 * u2) / (2.0 * down)
+    return sign, u1, u2, peak, np.maximum(d - ramps, 0.0) / limits.v

@@ -1,0 +1,155 @@
+"""The search for the fastest manoeuvre between two poses: every combination of two sides, all at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side
+from ator_ros.actions.planned.profiles import speed_change_distances, straight_times, turn_times
+from ator_ros.actions.planned.turns import displacement_table, speeds_after
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.robot import Limits
+
+_STEP = math.radians(5.0)
+_HALF = 54  # turns of up to 270 degrees either way
+_GRID = _STEP * np.arange(-_HALF, _HALF + 1)
+# The turn into the goal is looked up between grid points, so its table is one step wider.
+_WIDE_GRID = _STEP * np.arange(-_HALF - 1, _HALF + 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Manoeuvres found between two poses, fastest first.
+
+    Attributes
+    ----------
+    entries, exits : ndarray of int, shape (n,)
+        Which sides they combine.
+    first, last, distance, times : ndarray, shape (n,)
+        Turns in rad, straight drive in m, durations in s (to the grid's accuracy).
+    slack : ndarray, shape (n,)
+        How much longer the drive is than its change of speed needs, in m; negative: it overshoots and comes back.
+    """
+
+    start: Pose
+    goal: Pose
+    limits: Limits
+    entry_sides: Sequence[Side]
+    exit_sides: Sequence[Side]
+    entries: NDArray[np.intp]
+    exits: NDArray[np.intp]
+    first: FloatArray
+    last: FloatArray
+    distance: FloatArray
+    times: FloatArray
+    slack: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __getitem__(self, index: int) -> Manoeuvre:
+        return Manoeuvre(
+            self.start,
+            self.goal,
+            self.entry_sides[self.entries[index]],
+            self.exit_sides[self.exits[index]],
+            float(self.first[index]),
+            float(self.last[index]),
+            float(self.distance[index]),
+            self.limits,
+        )
+
+
+def find_candidates(
+    start: Pose, goal: Pose, entry_sides: Sequence[Side], exit_sides: Sequence[Side], limits: Limits
+) -> Candidates:
+    """Find all manoeuvres from `start` to `goal` that the sides allow.
+
+    For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the
+    last turn. Its roots are bracketed on a grid of first turns, where the parts of both sides just add.
+    """
+    offset = start.relative(goal)
+    along, across = _entry_parts(entry_sides, limits)
+    lanes = np.stack((offset.x * np.cos(_GRID) + offset.y * np.sin(_GRID),
+                      offset.y * np.cos(_GRID) - offset.x * np.sin(_GRID)))  # fmt: skip
+    found = []
+    for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
+        for window, exit_along, exit_across in _exit_parts(exit_sides, turn, limits):
+            gaps = (lanes[1, window] - across[:, window])[:, None] - exit_across
+            drive = (lanes[0, window] - along[:, window])[:, None] - exit_along
+            found.append(_roots(gaps, drive, _GRID[window], turn))
+    return _ranked(start, goal, entry_sides, exit_sides, limits, [np.concatenate(x) for x in zip(*found, strict=True)])
+
+
+def _entry_parts(sides: Sequence[Side], limits: Limits) -> tuple[FloatArray, FloatArray]:
+    """Give the entry's displacement along and across the straight drive, shapes (sides, grid)."""
+    table = displacement_table(_GRID, tuple(side.turn for side in sides), limits)
+    x = table[:, 0] + np.array([[side.length] for side in sides])
+    y = table[:, 1]
+    c, s = np.cos(_GRID), np.sin(_GRID)
+    return c * x + s * y, c * y - s * x
+
+
+def _exit_parts(
+    sides: Sequence[Side], turn: float, limits: Limits
+) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
+    """Give the exit's displacement along and across the drive for each first turn that leaves a last one in range.
+
+    `turn` is the whole change of heading; the last turn is what the first leaves of it.
+    """
+    # last = turn - first; looked up at -last = first - turn, a constant fraction between grid points.
+    shift = -turn / _STEP
+    base = math.floor(shift)
+    fraction = shift - base
+    low, high = max(-_HALF, -_HALF - 1 - base), min(_HALF, _HALF - base)
+    if low > high:
+        return
+    table = displacement_table(_WIDE_GRID, tuple(side.turn for side in sides), limits)
+    at = slice(low + base + _HALF + 1, high + base + _HALF + 2)
+    after = slice(at.start + 1, at.stop + 1)
+    if after.stop > table.shape[2]:
+        return
+    x, y = np.moveaxis((1.0 - fraction) * table[:, :, at] + fraction * table[:, :, after], 1, 0)
+    x = x + np.array([[side.length] for side in sides])
+    window = slice(low + _HALF, high + _HALF + 1)
+    # The displacement is given in the goal's frame; the drive's heading in it is first - turn.
+    c, s = np.cos(_GRID[window] - turn), np.sin(_GRID[window] - turn)
+    yield window, c * x + s * y, c * y - s * x
+
+
+def _roots(gaps: FloatArray, drive: FloatArray, grid: FloatArray, turn: float) -> tuple[NDArray, ...]:
+    """Bracket the zeros of `gaps` along its last axis and interpolate."""
+    entries, exits, index = np.nonzero((gaps[..., :-1] <= 0.0) != (gaps[..., 1:] <= 0.0))
+    left, right = gaps[entries, exits, index], gaps[entries, exits, index + 1]
+    share = left / (left - right)
+    first = grid[index] + share * _STEP
+    distance = (1.0 - share) * drive[entries, exits, index] + share * drive[entries, exits, index + 1]
+    return entries, exits, first, turn - first, distance
+
+
+def _ranked(
+    start: Pose, goal: Pose, entry_sides: Sequence[Side], exit_sides: Sequence[Side], limits: Limits,
+    found: list[NDArray],
+) -> Candidates:  # fmt: skip
+    entries, exits, first, last, distance = found
+    ends = [np.array([(side.length, side.outer_speed, *side.turn) for side in sides]).T
+            for sides in (entry_sides, exit_sides)]  # fmt: skip
+    speeds, times = [], np.zeros(len(first))
+    for (length, outer, speed, acceleration, rate), picked, angles in zip(
+        ends, (entries, exits), (first, last), strict=True
+    ):
+        turning = turn_times(angles, rate[picked], limits.aw)
+        speeds.append(speeds_after(speed[picked], acceleration[picked], turning, limits.v))
+        times += turning + straight_times(length, outer, speed, limits)[picked]
+    times += straight_times(distance, *speeds, limits)
+    slack = distance - speed_change_distances(*speeds, limits)
+    order = np.argsort(times, kind="stable")
+    return Candidates(
+        start, goal, limits, entry_sides, exit_sides, entries[order], exits[order],
+        first[order], last[order], distance[order], times[order], slack[order],
+    )  # fmt: skip

@@ -1,0 +1,82 @@
+"""Follows a trajectory: its velocities ahead of time, and feedback on the pose (Kanayama et al., ICRA 1990)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ator_ros.actions.planned.trajectory import Trajectory
+from ator_ros.geometry import Pose
+from ator_ros.robot import Robot
+from ator_ros.world import Command, World
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """The planned pose seen from the robot: m ahead, m to the left, rad counter-clockwise."""
+
+    along: float
+    across: float
+    heading: float
+
+    @property
+    def distance(self) -> float:
+        """Distance from the plan in m."""
+        return math.hypot(self.along, self.across)
+
+
+class Tracker:
+    """Steers a robot along a trajectory.
+
+    Parameters
+    ----------
+    robot : Robot
+        Lag of the base, and the bounds of the commands.
+    trajectory : Trajectory
+        What to follow.
+    start_time : float
+        When the trajectory starts, in s of the world's time.
+    period : float
+        Control period in s.
+    """
+
+    GAIN_ALONG = 2.0
+    GAIN_HEADING = 3.0
+    # Turn rate per lateral deviation: falls with speed so that the loop's damping stays above one half,
+    # and fades out where the robot hardly moves and turning corrects nothing.
+    GAIN_ACROSS = 12.0
+    ACROSS_BANDWIDTH = 6.0
+    SLOW = 0.1
+
+    def __init__(
+        self, robot: Robot, trajectory: Trajectory, start_time: float, period: float = 0.05
+    ) -> None:
+        self._limits = robot.limits
+        self.trajectory = trajectory
+        self._start = start_time
+        # A command is reached after a period's ramp, on average half of it late, and the motors lag behind.
+        self._preview = 0.8 * period + robot.motor_time_constant
+
+    def elapsed(self, world: World) -> float:
+        """Give the time in s since the trajectory started."""
+        return world.time - self._start
+
+    def deviation(self, world: World) -> Deviation:
+        """Give the deviation of the robot from the plan at this moment."""
+        planned = self.trajectory.at(self.elapsed(world)).pose
+        seen: Pose = world.robot.pose.relative(planned)
+        return Deviation(seen.x, seen.y, seen.yaw)
+
+    def command(self, world: World) -> Command:
+        """Give the next velocity command."""
+        error = self.deviation(world)
+        ahead = self.trajectory.at(self.elapsed(world) + self._preview)
+        v = ahead.v * math.cos(error.heading) + self.GAIN_ALONG * error.along
+        w = ahead.w + self._across(ahead.v) * error.across + self.GAIN_HEADING * math.sin(error.heading)
+        bound = self._limits
+        return Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
+
+    def _across(self, v: float) -> float:
+        speed = max(abs(v), self.SLOW)
+        gain = min(self.GAIN_ACROSS, self.ACROSS_BANDWIDTH / speed)
+        return math.copysign(gain, v) * min(1.0, abs(v) / self.SLOW)
