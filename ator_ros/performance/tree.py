@@ -1,0 +1,121 @@
+"""A learned model tree: flat arrays that predict with numpy alone (paper, section 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ator_ros.geometry import FloatArray
+
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ModelTree:
+    """A binary tree with a linear model at each leaf.
+
+    Nodes are numbered in preorder: the root is 0 and a node comes before all nodes below it. A leaf is its
+    own child, so that walking down from a leaf stays there.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the features, in the order of the columns of `X`.
+    feature : array of int, shape (n_nodes,)
+        Column that a node compares; 0 at leaves, where it does not matter.
+    threshold : array of float, shape (n_nodes,)
+        A row goes to the first child if its feature is at most this, else to the second; 0 at leaves.
+    children : array of int, shape (n_nodes, 2)
+        Numbers of the two nodes below; a leaf's own number, twice.
+    intercept : array of float, shape (n_nodes,)
+        Constant term of a leaf's linear model, in the target's unit; 0 at inner nodes.
+    coefficients : array of float, shape (n_nodes, n_features)
+        Slopes of a leaf's linear model, in target unit per feature unit; 0 at inner nodes.
+    lower, upper : array of float, shape (n_nodes,)
+        A leaf's predictions are held between these, since a linear model extrapolates without end.
+    spread : array of float, shape (n_nodes,)
+        Standard deviation to expect of actual minus predicted at a leaf, in the target's unit.
+    samples : array of float, shape (n_nodes,)
+        How many independent samples (groups of rows, if there were groups) a node was learned from.
+    """
+
+    names: tuple[str, ...]
+    feature: IntArray
+    threshold: FloatArray
+    children: IntArray
+    intercept: FloatArray
+    coefficients: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    spread: FloatArray
+    samples: FloatArray
+
+    def __post_init__(self) -> None:
+        depth = np.zeros(len(self.feature), dtype=np.intp)
+        for node in np.flatnonzero(~self.is_leaf):
+            depth[self.children[node]] = depth[node] + 1
+        object.__setattr__(self, "_depth", int(depth.max()))
+        object.__setattr__(self, "_next", np.ascontiguousarray(self.children).ravel())
+
+    @property
+    def is_leaf(self) -> BoolArray:
+        """Which nodes are leaves, shape (n_nodes,)."""
+        leaf: BoolArray = self.children[:, 0] == np.arange(len(self.feature))
+        return leaf
+
+    @property
+    def n_leaves(self) -> int:
+        """How many leaves, that is rules, the tree has."""
+        return int(self.is_leaf.sum())
+
+    @property
+    def depth(self) -> int:
+        """How many comparisons the longest path takes; 0 for a single leaf."""
+        return int(self._depth)  # type: ignore[attr-defined]
+
+    def used_features(self) -> tuple[str, ...]:
+        """Give the features that partition the tree or appear in a leaf's model (paper, section 4.2)."""
+        used = (self.coefficients[self.is_leaf] != 0).any(axis=0)
+        used[self.feature[~self.is_leaf]] = True
+        return tuple(name for name, is_used in zip(self.names, used, strict=True) if is_used)
+
+    def apply(self, X: FloatArray) -> IntArray:
+        """Give the leaf that each row falls into.
+
+        Parameters
+        ----------
+        X : array of float, shape (n, n_features)
+            Finite features, columns as in `names`.
+
+        Returns
+        -------
+        array of int, shape (n,)
+            Numbers of nodes.
+        """
+        if X.ndim != 2 or X.shape[1] != len(self.names):
+            names = ", ".join(self.names)
+            raise ValueError(f"expected features of shape (n, {len(self.names)}) ({names}), got {X.shape}")
+        flat = X.ravel()
+        first = np.arange(0, flat.size, X.shape[1])
+        node = np.zeros(len(X), dtype=np.intp)
+        for _ in range(self.depth):
+            goes_right = flat.take(first + self.feature.take(node)) > self.threshold.take(node)
+            node = self._next.take(2 * node + goes_right)  # type: ignore[attr-defined]
+        return node
+
+    def predict(self, X: FloatArray) -> FloatArray:
+        """Predict the target of each row, in its unit; shapes as in `apply`."""
+        return self._evaluate(X, self.apply(X))
+
+    def predict_with_spread(self, X: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Predict the target of each row and the standard deviation to expect of its error, each (n,)."""
+        leaf = self.apply(X)
+        return self._evaluate(X, leaf), self.spread.take(leaf)
+
+    def _evaluate(self, X: FloatArray, leaf: IntArray) -> FloatArray:
+        linear = np.einsum("ij,ij->i", X, self.coefficients.take(leaf, axis=0)) + self.intercept.take(leaf)
+        bounded: FloatArray = np.minimum(np.maximum(linear, self.lower.take(leaf)), self.upper.take(leaf))
+        return bounded
