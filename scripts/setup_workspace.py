@@ -28,6 +28,7 @@ from typing import IO
 ROOT = Path(__file__).resolve().parents[1]
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
+BASE_PYTHON = os.path.realpath(sys.executable)  # as .venv/pyvenv.cfg names it, whatever link was called
 VENV_STAMP = VENV / "stamp.json"
 LOG = VENV / "setup.log"
 WHEELS = "wheels"
@@ -73,7 +74,7 @@ def write_atomically(file: Path, text: str) -> None:
 
 def set_up_environment(prefix: str) -> None:
     """Make or complete .venv."""
-    home = {"root": str(ROOT), "python": f"{sys.executable} {sys.version}", "ros": prefix}
+    home = {"root": str(ROOT), "python": f"{BASE_PYTHON} {sys.version}", "ros": prefix}
     files = [ROOT / "requirements" / f"{name}.txt" for name in (*REQUIREMENTS, "constraints")]
     wanted = home | {"requirements": digest(files)}
     found = json.loads(VENV_STAMP.read_text(encoding="utf-8")) if VENV_STAMP.is_file() else {}
@@ -123,7 +124,7 @@ def make_venv(prefix: str) -> None:
     """Make an empty .venv; with ROS sourced it sees the system's packages."""
     say(f"making {VENV.name} with Python {sys.version.split()[0]}, ROS from {prefix}")
     options = [] if prefix == WHEELS else ["--system-site-packages"]
-    command = [sys.executable, "-m", "venv", *options, str(VENV)]
+    command = [BASE_PYTHON, "-m", "venv", *options, str(VENV)]
     if subprocess.run(command, capture_output=True, text=True, check=False).returncode:
         raise SetupError(f"failed: {' '.join(command)}; run it by hand to see why")
 

@@ -50,14 +50,15 @@ def run_tasks(
     if backend == "loky" and jobs == 1:
         yield from map(function, tasks)
         return
+    streams = backend == "loky"  # joblib 1.3's dask backend gives its results all at once only
     try:
         with joblib.parallel_config(backend=backend, n_jobs=jobs):
-            results = joblib.Parallel(return_as="generator", batch_size=1)(
+            results = joblib.Parallel(return_as="generator" if streams else "list", batch_size=1)(
                 joblib.delayed(_in_worker)(function, task) for task in tasks
             )
     except (ImportError, ValueError) as error:
         raise BackendError(f"backend {backend!r} cannot be used: {error}") from error
-    with contextlib.closing(results):
+    with contextlib.closing(results) if streams else contextlib.nullcontext():
         yield from results
 
 
