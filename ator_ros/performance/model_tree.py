@@ -182,14 +182,14 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         leaf = is_leaf[at]
         return ModelTree(
             names=names,
-            feature=np.where(leaf, 0, [node.feature for node in (nodes[k] for k in at)]),
-            threshold=np.where(leaf, 0.0, [node.threshold for node in (nodes[k] for k in at)]),
+            feature=np.array([node.feature for node in nodes])[at] * ~leaf,
+            threshold=np.where(leaf, 0.0, np.array([node.threshold for node in nodes])[at]),
             children=below,
             intercept=np.where(leaf, intercept[at], 0.0),
             coefficients=np.where(leaf[:, None], slopes[at], 0.0),
-            lower=(ranges[:, 0] - margin)[at],
-            upper=(ranges[:, 1] + margin)[at],
-            spread=spread[at],
+            lower=np.where(leaf, (ranges[:, 0] - margin)[at], 0.0),
+            upper=np.where(leaf, (ranges[:, 1] + margin)[at], 0.0),
+            spread=np.where(leaf, spread[at], 0.0),
             samples=samples[at],
         )
 

@@ -35,9 +35,11 @@ class ModelTree:
     coefficients : array of float, shape (n_nodes, n_features)
         Slopes of a leaf's linear model, in target unit per feature unit; 0 at inner nodes.
     lower, upper : array of float, shape (n_nodes,)
-        A leaf's predictions are held between these, since a linear model extrapolates without end.
+        A leaf's predictions are held between these, since a linear model extrapolates without end; 0 at inner
+        nodes.
     spread : array of float, shape (n_nodes,)
-        Standard deviation to expect of actual minus predicted at a leaf, in the target's unit.
+        Standard deviation to expect of actual minus predicted at a leaf, in the target's unit; 0 at inner
+        nodes.
     samples : array of float, shape (n_nodes,)
         How many independent samples (groups of rows, if there were groups) a node was learned from.
     """
@@ -116,6 +118,8 @@ class ModelTree:
         return self._evaluate(X, leaf), self.spread.take(leaf)
 
     def _evaluate(self, X: FloatArray, leaf: IntArray) -> FloatArray:
+        # In one layout, sums come out the same to the last bit whoever asks.
+        X = np.ascontiguousarray(X, dtype=np.float64)
         linear = np.einsum("ij,ij->i", X, self.coefficients.take(leaf, axis=0)) + self.intercept.take(leaf)
         bounded: FloatArray = np.minimum(np.maximum(linear, self.lower.take(leaf)), self.upper.take(leaf))
         return bounded
