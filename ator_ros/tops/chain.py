@@ -1,0 +1,87 @@
+"""TOP chains: each post-condition satisfies the next pre-condition (paper, section 2.1)."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+from ator_ros.actions.base import Goal
+from ator_ros.robot import Robot
+from ator_ros.tops.state import arrived, goal_variables, state_of
+from ator_ros.tops.top import Top
+from ator_ros.world import BallState, World
+
+
+class InvalidChainError(ValueError):
+    """A chain that is no valid plan from the present situation; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopCall:
+    """One step of a chain.
+
+    Attributes
+    ----------
+    top : Top
+        The teleo-operator.
+    goal : Goal
+        Its goal; values of goal variables that are not bound are preliminary.
+    bound : frozenset of str
+        The goal variables (x, y, yaw, speed) that the plan commits to.
+    """
+
+    top: Top
+    goal: Goal
+    bound: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class TopChain:
+    """A plan: the steps in the order of their execution."""
+
+    calls: tuple[TopCall, ...]
+
+    def __len__(self) -> int:
+        return len(self.calls)
+
+    def with_goal(self, index: int, goal: Goal) -> TopChain:
+        """Give the chain with the goal of step `index` (from 0) replaced."""
+        calls = list(self.calls)
+        calls[index] = dataclasses.replace(calls[index], goal=goal)
+        return TopChain(tuple(calls))
+
+    def violations(self, world: World, robot: Robot) -> list[str]:
+        """Say in words why the chain is no valid plan from `world`; an empty list means that it is."""
+        if not self.calls:
+            return ["expected at least one step, got an empty chain"]
+        found = []
+        for number, call in enumerate(self.calls, start=1):
+            reasons = call.top.pre.violations(state_of(world, robot), goal_variables(call.goal))
+            when = "now" if number == 1 else f"after step {number - 1} ({self.calls[number - 2].top.name})"
+            found += [f"pre-condition of step {number} ({call.top.name}) {when}: {reason}" for reason in reasons]
+            world = projected(world, call, robot)
+        return found
+
+    def check(self, world: World, robot: Robot) -> None:
+        """Make sure that the chain is a valid plan from `world`.
+
+        Raises
+        ------
+        InvalidChainError
+            It is not; the message lists all reasons.
+        """
+        reasons = self.violations(world, robot)
+        if reasons:
+            raise InvalidChainError("; ".join(reasons))
+
+
+def projected(world: World, call: TopCall, robot: Robot) -> World:
+    """Give the world in which the post-condition of `call` has come to hold."""
+    variables = {term.variable for term in call.top.post.terms}
+    goal = goal_variables(call.goal)
+    if variables & {"robot.x", "hold.x"}:
+        world = arrived(world, call.goal, robot)
+    if "ball.x" in variables:
+        state = call.top.post.apply(state_of(world, robot), goal)
+        world = dataclasses.replace(world, ball=BallState(state["ball.x"], state["ball.y"]))
+    return world

@@ -1,0 +1,50 @@
+"""The named state variables that conditions speak of (paper, section 4.1)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+from ator_ros.actions.base import Goal
+from ator_ros.robot import Robot
+from ator_ros.world import RobotState, World
+
+State = Mapping[str, float]
+
+GOAL_VARIABLES = ("x", "y", "yaw", "speed")
+
+
+def state_of(world: World, robot: Robot) -> dict[str, float]:
+    """Give the state variables of a world.
+
+    Returns
+    -------
+    dict
+        robot.x, robot.y (m), robot.yaw (rad), robot.v (m/s), robot.w (rad/s); hold.x, hold.y (m), where
+        the robot would hold a ball; ball.x, ball.y (m), ball.vx, ball.vy (m/s) where a ball is known.
+    """
+    pose = world.robot.pose
+    hold = robot.hold_point(pose)
+    state = {
+        "robot.x": pose.x,
+        "robot.y": pose.y,
+        "robot.yaw": pose.yaw,
+        "robot.v": world.robot.v,
+        "robot.w": world.robot.w,
+        "hold.x": hold.x,
+        "hold.y": hold.y,
+    }
+    if world.ball is not None:
+        ball = world.ball
+        state |= {"ball.x": ball.x, "ball.y": ball.y, "ball.vx": ball.vx, "ball.vy": ball.vy}
+    return state
+
+
+def goal_variables(goal: Goal) -> dict[str, float]:
+    """Give the variables of a goal by name: x, y (m), yaw (rad), speed (m/s)."""
+    return {"x": goal.pose.x, "y": goal.pose.y, "yaw": goal.pose.yaw, "speed": goal.speed}
+
+
+def arrived(world: World, goal: Goal, robot: Robot) -> World:
+    """Give the world when the robot has arrived at `goal` and nothing else has changed."""
+    return dataclasses.replace(world, robot=RobotState(goal.robot_pose(robot), goal.speed, 0.0))

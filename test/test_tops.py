@@ -1,0 +1,124 @@
+"""TOPs, chains and the chain executor."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.geometry import Pose
+from ator_ros.robot import load_robot
+from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.executor import ChainExecutor
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.top import TOPS, Top
+from ator_ros.world import STOP, BallState, RobotState, World
+
+ROBOT = load_robot()
+LIBRARY = TopLibrary(ROBOT)
+START = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
+
+
+def call(top: str, x: float, y: float, yaw: float = 0.0, speed: float = 0.0) -> TopCall:
+    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), speed, LIBRARY[top].point), frozenset({"x", "y"}))
+
+
+PLAN = TopChain((call("goToBall", 0.0, 0.0), call("dribbleBall", 2.0, 0.5, 0.3), call("shoot", 4.0, 0.0)))
+
+
+def execute(chain: TopChain, start: World = START, **options: float) -> tuple[ChainExecutor, list, World]:
+    executor, steps = ChainExecutor(LIBRARY, chain, **options), []
+    with PioneerSimulation(ROBOT) as simulation:
+        simulation.place_robot(start.robot.pose)
+        simulation.place_ball(start.ball.x, start.ball.y)
+        while not steps or steps[-1].status is Status.RUNNING:
+            steps.append(executor.step(simulation.world()))
+            simulation.command(steps[-1].command)
+            simulation.tick()
+        return executor, steps, simulation.world()
+
+
+def test_a_valid_chain_has_no_violations() -> None:
+    assert PLAN.violations(START, ROBOT) == []
+
+
+@pytest.mark.parametrize(
+    ("chain", "told"),
+    [
+        (TopChain(()), "empty chain"),
+        (TopChain((call("dribbleBall", 1.0, 0.0),)), "step 1 (dribbleBall) now"),
+        (TopChain((call("goToBall", 1.0, 1.0),)), "ball.x within 0.1 of goal.x"),
+        (TopChain((call("goToPose", 1.0, 1.0), call("shoot", 4.0, 0.0))), "step 2 (shoot) after step 1 (goToPose)"),
+    ],
+)
+def test_an_invalid_chain_is_refused_in_words(chain: TopChain, told: str) -> None:
+    with pytest.raises(InvalidChainError, match=told.replace("(", r"\(").replace(")", r"\)")):
+        chain.check(START, ROBOT)
+
+
+def test_conditions_know_what_they_bind_and_wrap_angles() -> None:
+    condition = Condition((Term("robot.yaw", "goal.yaw", 0.1), Term("ball.vx", 0.0, 0.2)))
+    assert condition.bound() == {"yaw"}
+    state = {"robot.yaw": math.pi - 0.01, "ball.vx": 0.1}
+    assert condition.violations(state, {"yaw": -math.pi + 0.01}) == []
+    assert len(condition.violations(state, {"yaw": 0.0})) == 1
+    assert len(condition.violations({"ball.vx": 0.0}, {"yaw": 0.0})) == 1
+
+
+def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
+    executor, steps, world = execute(PLAN)
+    assert steps[-1].status is Status.SUCCEEDED
+    assert steps[-1].command == STOP
+    assert [record.top for record in executor.records] == ["goToBall", "dribbleBall", "shoot"]
+    assert sum(record.duration for record in executor.records) == pytest.approx(steps[-1].elapsed)
+    assert world.ball is not None and world.ball.x > 4.0
+
+
+def test_an_arrival_speed_hands_over_without_a_stop() -> None:
+    chain = TopChain((call("goToBall", 0.0, 0.0, 0.0, 0.5), call("dribbleBall", 2.0, 0.0)))
+    executor, steps, _ = execute(chain)
+    assert steps[-1].status is Status.SUCCEEDED
+    assert executor.records[1].start.robot.v > 0.4
+    stopping = sum(r.duration for r in execute(TopChain((call("goToBall", 0.0, 0.0), *chain.calls[1:])))[0].records)
+    assert steps[-1].elapsed < stopping
+
+
+def test_an_action_that_takes_too_long_fails_the_chain() -> None:
+    executor, steps, _ = execute(PLAN, time_limit=0.5)
+    assert steps[-1].status is Status.FAILED
+    assert steps[-1].command == STOP
+    assert "longer than 0.5 s" in executor.records[-1].reason
+
+
+class Wait(Action):
+    """Succeeds on the second tick."""
+
+    name = "wait"
+
+    def start(self, world: World, goal: Goal) -> None:
+        self.until = world.time + 0.05
+
+    def step(self, world: World) -> Step:
+        done = world.time >= self.until - 1e-9
+        return Step(STOP, Status.SUCCEEDED if done else Status.RUNNING, "waiting")
+
+
+def test_a_new_action_joins_from_outside() -> None:
+    top = Top("wait", "wait", Condition(), Condition(), Point.AXLE)
+    library = TopLibrary(ROBOT, tops=(*TOPS, top), actions={"wait": Wait})
+    executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0, 0, 0)), frozenset()),)))
+    assert executor.step(START).status is Status.RUNNING
+    later = World(0.05, START.robot, START.ball)
+    assert executor.step(later).status is Status.SUCCEEDED
+
+
+def test_a_library_without_an_action_is_refused() -> None:
+    with pytest.raises(KeyError, match="expected the actions"):
+        TopLibrary(ROBOT, tops=(Top("fly", "fly", Condition(), Condition()),))
+    with pytest.raises(KeyError, match="expected one of"):
+        TopLibrary(ROBOT, "none")
+    with pytest.raises(KeyError, match="goToBall"):
+        LIBRARY["fly"]
