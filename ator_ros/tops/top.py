@@ -71,6 +71,7 @@ SHOOT = Top(
     "shoot",
     _HELD,
     Condition((Term("ball.x", "goal.x", 0.7), Term("ball.y", "goal.y", 1.0))),
+    Point.HOLD,
 )
 
 TOPS = (GO_TO_POSE, GO_TO_BALL, DRIBBLE_BALL, SHOOT)
