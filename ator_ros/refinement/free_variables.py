@@ -99,7 +99,7 @@ def goal_values(goal: Goal) -> dict[str, float]:
 def with_values(goal: Goal, values: Mapping[str, float]) -> Goal:
     """Give `goal` with the goal variables in `values` replaced."""
     pose = goal.pose._replace(**{name: float(v) for name, v in values.items() if name in goal.pose._fields})
-    others = {name: float(v) for name, v in values.items() if name not in goal.pose._fields}
+    others: dict[str, Any] = {name: float(v) for name, v in values.items() if name not in goal.pose._fields}
     return dataclasses.replace(goal, pose=pose, **others)
 
 

@@ -67,11 +67,11 @@ def _number(path: Path, data: Mapping[str, Any], name: str) -> float:
 
 def _tree(path: Path, data: Mapping[str, Any]) -> TreeGate:
     names = ("feature", "threshold", "left", "right", "label")
-    columns = [data.get(name) for name in names]
+    columns: list[Any] = [data.get(name) for name in names]
     lengths = {len(column) if isinstance(column, list) else -1 for column in columns}
     if len(lengths) != 1 or min(lengths) < 1:
         raise RefinementError(f"{path}: gate: expected lists of one length for {', '.join(names)}")
-    nodes = list(zip(*columns, strict=True))  # type: ignore[arg-type]
+    nodes = list(zip(*columns, strict=True))
     for index, (feature, threshold, left, right, label) in enumerate(nodes):
         inner = isinstance(feature, str) and feature in FEATURES
         inner = inner and isinstance(threshold, int | float) and math.isfinite(threshold)
@@ -81,4 +81,4 @@ def _tree(path: Path, data: Mapping[str, Any]) -> TreeGate:
             raise RefinementError(
                 f"{path}: gate: node {index}: expected a split on {sorted(FEATURES)} or a leaf"
             )
-    return TreeGate(*(tuple(column) for column in columns))  # type: ignore[misc]
+    return TreeGate(*(tuple(column) for column in columns))
