@@ -103,9 +103,10 @@ def check_machine(prefix: str) -> None:
     """Raise with one line when a tool is missing that no wheel can bring."""
     if re.search(r"\s", str(ROOT)):
         raise SetupError(f"needs a path without spaces, as ROS's build tools do; this is {ROOT}")
-    compilers = [os.environ["CXX"].split()[0]] if os.environ.get("CXX") else ["c++", "g++", "clang++"]
-    if not any(shutil.which(name) for name in compilers):
-        raise SetupError("needs a C++ compiler: apt install g++")
+    for variable, compilers in (("CC", "cc gcc clang"), ("CXX", "c++ g++ clang++")):
+        chosen = os.environ.get(variable, "").split()[:1]
+        if not any(shutil.which(name) for name in chosen or compilers.split()):
+            raise SetupError("needs a C and C++ compiler: apt install g++")
     if not shutil.which("make"):
         raise SetupError("needs make: apt install make")
     if prefix != WHEELS and not shutil.which("cmake"):
@@ -255,6 +256,9 @@ def main() -> int:
     except SetupError as error:
         print(f"setup: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        print("\nsetup: interrupted; the next call does this step again", file=sys.stderr)
+        return 130
     finally:
         os.close(lock)
     return 0
