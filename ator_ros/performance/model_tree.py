@@ -39,7 +39,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     Parameters
     ----------
-    min_samples_leaf : float, default=30
+    min_samples_leaf : float, default=15
         Least weight (rows, without weights) at a leaf.
     min_groups_leaf : float, default=8
         Least groups at a leaf, estimated from the mean number of rows per group at the node above.
@@ -49,9 +49,10 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         How far to grow before pruning, best split first.
     candidates : int, default=15
         How many thresholds to try per feature and node, at quantiles.
-    term_cost : float, default=1.0
-        How much each term counts in the corrected error: more than 1 gives smaller trees, 0 leaves the tree
-        as it grew.
+    term_cost : float, default=1.5
+        How much each term of a model counts in v of the corrected error: more gives smaller trees, 0 leaves
+        the tree as it grew. Quinlan's 1 does not count the choice of the split and keeps a fifth more leaves
+        without being more accurate.
     smoothing : float, default=15.0
         How many samples the model of the node above counts for (M5's k); 0 for none.
     extrapolation : float or None, default=1.0
@@ -70,12 +71,12 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def __init__(
         self,
         *,
-        min_samples_leaf: float = 30,
+        min_samples_leaf: float = 15,
         min_groups_leaf: float = 8,
         max_depth: int | None = None,
         max_leaves: int = 500,
         candidates: int = 15,
-        term_cost: float = 1.0,
+        term_cost: float = 1.5,
         smoothing: float = 15.0,
         extrapolation: float | None = 1.0,
     ) -> None:

@@ -1,0 +1,277 @@
+"""The model tree learner: what it finds, what it refuses, and that it is what scikit-learn expects."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from sklearn.base import clone
+from sklearn.model_selection import GroupKFold, cross_val_score
+from sklearn.tree import DecisionTreeRegressor
+from sklearn.utils.estimator_checks import check_estimator
+
+from ator_ros.performance.linear_models import (
+    Standardised,
+    corrected_error,
+    fit_node_models,
+    normal_equations,
+    squared_error,
+)
+from ator_ros.performance.model_tree import ModelTreeRegressor
+from ator_ros.performance.pruning import prune, smooth
+
+Array = NDArray[np.float64]
+
+
+def kinked(n: int, seed: int, *, noise: float = 0.02, n_idle: int = 3) -> tuple[Array, Array]:
+    """Driving time with a trapezoidal profile plus the nearer of two turns, and features that do nothing."""
+    rng = np.random.default_rng(seed)
+    dist, angle = rng.uniform(0.0, 4.0, n), rng.uniform(0.0, np.pi, n)
+    idle = rng.normal(size=(n, n_idle))
+    driving = np.where(dist < 1.25, 2 * np.sqrt(dist / 0.8), dist + 1.25)
+    turning = np.minimum(angle / 2.6, (np.pi - angle) / 2.6 + 0.3)
+    return np.column_stack([dist, angle, idle]), driving + turning + rng.normal(0.0, noise, n)
+
+
+def episodes(n_episodes: int, seed: int, *, rows: int = 40) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Rows along motions: an episode keeps two idle features, which could be memorised, and its error."""
+    rng = np.random.default_rng(seed)
+    groups = np.repeat(np.arange(n_episodes), rows)
+    start, idle, error = (
+        rng.uniform(1, 4, n_episodes),
+        rng.normal(size=(n_episodes, 2)),
+        rng.normal(size=n_episodes),
+    )
+    dist = start[groups] * np.tile(np.linspace(1.0, 0.02, rows), n_episodes)
+    y = np.where(dist < 1.25, 2 * np.sqrt(dist / 0.8), dist + 1.25) + 0.2 * error[groups]
+    return np.column_stack([dist, idle[groups]]), y, groups
+
+
+def rmse(actual: Array, predicted: Array) -> float:
+    return float(np.sqrt(np.mean((actual - predicted) ** 2)))
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
+@pytest.mark.parametrize("least", [15, 3])
+def test_is_a_scikit_learn_estimator(least):
+    check_estimator(ModelTreeRegressor(min_samples_leaf=least, min_groups_leaf=min(least, 8)))
+
+
+def test_clone_and_cross_validation_with_groups():
+    X, y, groups = episodes(60, 1)
+    estimator = clone(ModelTreeRegressor(smoothing=5.0))
+    scores = cross_val_score(estimator, X, y, cv=GroupKFold(4), groups=groups)
+    assert estimator.smoothing == 5.0
+    assert scores.min() > 0.7
+
+
+def test_finds_the_kinks_better_than_a_tree_of_constants():
+    X, y = kinked(4000, 2)
+    fresh_X, fresh_y = kinked(2000, 3)
+    tree = ModelTreeRegressor().fit(X, y)
+    constants = DecisionTreeRegressor(min_samples_leaf=30, random_state=0).fit(X, y)
+    assert rmse(fresh_y, tree.predict(fresh_X)) < 0.03
+    assert rmse(fresh_y, tree.predict(fresh_X)) < 0.5 * rmse(fresh_y, constants.predict(fresh_X))
+    assert tree.tree_.n_leaves < constants.get_n_leaves() / 2
+
+
+def test_a_linear_target_is_one_leaf_with_its_terms():
+    rng = np.random.default_rng(4)
+    X = rng.normal(size=(500, 4))
+    tree = ModelTreeRegressor().fit(X, 3.0 * X[:, 0] - 2.0 * X[:, 2] + 5.0 + rng.normal(0, 1e-3, 500)).tree_
+    assert tree.n_leaves == 1
+    np.testing.assert_allclose(tree.coefficients[0], [3.0, 0.0, -2.0, 0.0], atol=1e-3)
+    assert tree.intercept[0] == pytest.approx(5.0, abs=1e-3)
+    assert tree.spread[0] == pytest.approx(1e-3, rel=0.1)
+
+
+def test_noise_is_pruned_away():
+    rng = np.random.default_rng(5)
+    X, y = rng.normal(size=(2000, 3)), rng.normal(size=2000)
+    tree = ModelTreeRegressor().fit(X, y).tree_
+    assert tree.n_leaves <= 3
+    assert rmse(tree.predict(X), np.full(2000, y.mean())) < 0.1
+
+
+def test_constant_and_collinear_features_do_no_harm():
+    X, y = kinked(2000, 6)
+    awkward = np.column_stack([X, X[:, 0], 2 * X[:, 0] - X[:, 1], np.full(len(X), 1e9), X[:, 1] * 1e9])
+    fresh_X, fresh_y = kinked(1000, 7)
+    fresh = np.column_stack([fresh_X, fresh_X[:, 0], 2 * fresh_X[:, 0] - fresh_X[:, 1]])
+    fresh = np.column_stack([fresh, np.full(len(fresh), 1e9), fresh_X[:, 1] * 1e9])
+    assert rmse(fresh_y, ModelTreeRegressor().fit(awkward, y).predict(fresh)) < 0.04
+
+
+def test_few_distinct_values_are_split_between_them():
+    rng = np.random.default_rng(8)
+    X = rng.integers(0, 3, size=(900, 1)).astype(float)
+    y = np.where(X[:, 0] == 1, 5.0, 0.0)
+    tree = ModelTreeRegressor().fit(X, y).tree_
+    assert set(tree.threshold[~tree.is_leaf]) <= {0.5, 1.5}
+    np.testing.assert_allclose(tree.predict(X), y, atol=0.3)
+
+
+def test_the_same_rows_give_the_same_tree():
+    X, y = kinked(3000, 9)
+    first, second = (ModelTreeRegressor().fit(X.copy(), y.copy()).tree_ for _ in range(2))
+    for name in ("feature", "threshold", "children", "intercept", "coefficients", "lower", "upper", "spread"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def test_a_row_of_weight_two_counts_as_two_rows_and_of_weight_zero_as_none():
+    X, y = kinked(1500, 10)
+    weight = np.random.default_rng(11).integers(0, 3, len(X))
+    weighted = ModelTreeRegressor().fit(X, y, sample_weight=weight)
+    repeated = ModelTreeRegressor().fit(X.repeat(weight, axis=0), y.repeat(weight))
+    np.testing.assert_allclose(weighted.predict(X), repeated.predict(X), atol=1e-6)
+
+
+def test_groups_keep_the_tree_from_memorising_episodes():
+    X, y, groups = episodes(150, 12)
+    fresh_X, fresh_y, _ = episodes(150, 13)
+    aware, unaware = ModelTreeRegressor().fit(X, y, groups=groups), ModelTreeRegressor().fit(X, y)
+    assert rmse(fresh_y, aware.predict(fresh_X)) < 0.8 * rmse(fresh_y, unaware.predict(fresh_X))
+    assert aware.tree_.n_leaves < unaware.tree_.n_leaves
+    assert aware.tree_.samples[0] == 150
+
+
+def test_the_spread_is_that_of_fresh_errors():
+    X, y = kinked(4000, 14, noise=0.1)
+    fresh_X, fresh_y = kinked(4000, 15, noise=0.1)
+    predicted, spread = ModelTreeRegressor().fit(X, y).predict_with_spread(fresh_X)
+    assert np.sqrt(np.mean(((fresh_y - predicted) / spread) ** 2)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_spread_is_larger_where_the_noise_is():
+    rng = np.random.default_rng(16)
+    X = rng.uniform(-1, 1, size=(3000, 1))
+    y = np.abs(X[:, 0]) + rng.normal(size=3000) * np.where(X[:, 0] > 0, 0.2, 0.02)
+    _, spread = ModelTreeRegressor().fit(X, y).predict_with_spread(np.array([[-0.5], [0.5]]))
+    assert spread[0] == pytest.approx(0.02, rel=0.3)
+    assert spread[1] == pytest.approx(0.2, rel=0.3)
+
+
+def test_extrapolation_is_held_near_what_was_seen():
+    X, y = kinked(1000, 17)
+    far = np.array([[1e6, 1.0, 0.0, 0.0, 0.0]])
+    span = np.ptp(y)
+    assert ModelTreeRegressor(extrapolation=0.0).fit(X, y).predict(far)[0] <= y.max()
+    assert ModelTreeRegressor().fit(X, y).predict(far)[0] <= y.max() + span
+    assert ModelTreeRegressor(extrapolation=None).fit(X, y).predict(far)[0] > y.max() + 100 * span
+
+
+def test_limits_of_growth_hold():
+    X, y = kinked(2000, 18)
+    assert ModelTreeRegressor(max_depth=0).fit(X, y).tree_.n_leaves == 1
+    assert 1 < ModelTreeRegressor(max_depth=2).fit(X, y).tree_.n_leaves <= 4
+    assert 1 < ModelTreeRegressor(max_leaves=5).fit(X, y).tree_.n_leaves <= 5
+    leaf = ModelTreeRegressor(min_samples_leaf=200).fit(X, y).apply(X)
+    assert np.unique(leaf, return_counts=True)[1].min() >= 200
+
+
+def test_rows_are_predicted_alike_alone_and_together():
+    X, y = kinked(2000, 19)
+    tree = ModelTreeRegressor().fit(X, y).tree_
+    alone = np.concatenate([tree.predict(row[None, :]) for row in X[:200]])
+    np.testing.assert_array_equal(alone, tree.predict(X[:200]))
+    np.testing.assert_array_equal(alone, tree.predict(np.asfortranarray(X[:200])))
+
+
+def test_names_come_from_the_columns_and_only_used_ones_are_told():
+    X, y = kinked(4000, 20, n_idle=1)
+    frame = pd.DataFrame(X, columns=["dist", "angle_to_dest", "idle"])
+    tree = ModelTreeRegressor(term_cost=3.0, max_leaves=8).fit(frame, y).tree_
+    assert tree.names == ("dist", "angle_to_dest", "idle")
+    assert {"dist", "angle_to_dest"} <= set(tree.used_features()) <= set(tree.names)
+    with pytest.raises(
+        ValueError, match=r"expected features of shape \(n, 3\) \(dist, angle_to_dest, idle\)"
+    ):
+        tree.predict(X[:, :2])
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("min_samples_leaf", 0),
+        ("max_depth", 1.5),
+        ("max_leaves", None),
+        ("smoothing", -1),
+        ("term_cost", np.nan),
+    ],
+)
+def test_wrong_parameters_are_named(name, value):
+    X, y = kinked(100, 21)
+    with pytest.raises(ValueError, match=f"expected {name} to be .* of at least"):
+        ModelTreeRegressor(**{name: value}).fit(X, y)
+
+
+def test_wrong_weights_and_groups_are_refused():
+    X, y = kinked(100, 22)
+    with pytest.raises(ValueError, match="not negative"):
+        ModelTreeRegressor().fit(X, y, sample_weight=-np.ones(100))
+    with pytest.raises(ValueError, match="inconsistent numbers of samples"):
+        ModelTreeRegressor().fit(X, y, groups=np.arange(99))
+
+
+def test_term_removal_agrees_with_fitting_every_subset_of_terms_anew():
+    rng = np.random.default_rng(23)
+    X = rng.normal(size=(40, 4))
+    y = X[:, 0] + 0.3 * X[:, 1] + rng.normal(0, 0.5, 40)
+    standard = Standardised.from_rows(X, y, np.ones(40))
+    moments = normal_equations(standard.rows, np.ones(40))
+
+    def fitted_error(terms: list[int]) -> float:
+        A, b = standard.rows[:, terms], standard.rows[:, -1]
+        residual = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
+        return float(np.sqrt(residual @ residual / 40) * (40 + len(terms)) / (40 - len(terms)))
+
+    kept, error = [0, 1, 2, 3, 4], fitted_error([0, 1, 2, 3, 4])
+    while len(kept) > 1:
+        candidates = [[term for term in kept if term != gone] for gone in kept[1:]]
+        best = min(candidates, key=fitted_error)
+        if fitted_error(best) > error:
+            break
+        kept, error = best, fitted_error(best)
+    fitted = fit_node_models(moments[None], np.array([40.0]), term_cost=1.0)
+    assert 1 < len(kept) < 5
+    assert np.flatnonzero(fitted.models[0]).tolist() == [term for term in kept if term] or fitted.models[0, 0]
+    assert fitted.error[0] == pytest.approx(error, rel=1e-4)
+    residual = standard.rows[:, -1] - standard.rows[:, :-1] @ fitted.models[0]
+    assert squared_error(fitted.models, moments[None])[0] == pytest.approx(residual @ residual)
+
+
+def test_the_corrected_error_is_m5s():
+    error = corrected_error(
+        np.array([36.0, 36.0]), np.array([4.0, 4.0]), np.array([4.0, 2.0]), np.array([2.0, 2.0])
+    )
+    assert error.tolist() == [9.0, np.inf]
+
+
+def test_pruning_cuts_where_the_nodes_own_model_is_no_worse():
+    children = [(1, 2), (3, 4), None, None, None]
+    weight = np.array([8.0, 4.0, 4.0, 2.0, 2.0])
+    assert prune(children, np.array([1.0, 0.5, 0.5, 0.2, 0.9]), weight).tolist() == [
+        False,
+        True,
+        True,
+        True,
+        True,
+    ]
+    assert prune(children, np.array([1.0, 0.6, 0.5, 0.2, 0.9]), weight).tolist() == [
+        False,
+        False,
+        True,
+        True,
+        True,
+    ]
+    assert prune(children, np.array([0.5, 0.6, 0.5, 0.2, 0.9]), weight)[0]
+
+
+def test_smoothing_is_m5s_filter_on_the_way_to_the_root():
+    models = np.array([[1.0, 0.0], [2.0, 1.0], [3.0, 4.0]])
+    smoothed = smooth([(1, 2), None, None], models, np.array([30.0, 15.0, 5.0]), smoothing=15.0)
+    x = np.array([1.0, 0.7])
+    for node, n in ((1, 15.0), (2, 5.0)):
+        assert smoothed[node] @ x == pytest.approx((n * models[node] @ x + 15.0 * models[0] @ x) / (n + 15.0))
+    np.testing.assert_array_equal(smooth([(1, 2), None, None], models, np.ones(3), smoothing=0.0), models)
