@@ -1,0 +1,115 @@
+"""How accurate predictions are on fresh episodes, as the paper measures it (end of section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ator_ros.geometry import FloatArray
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.training import direct_of
+
+RESAMPLES = 2000
+
+
+def bootstrap_ci95(
+    values: FloatArray, statistic: Callable[[FloatArray], FloatArray], *, seed: int = 0
+) -> list[float]:
+    """Give the 95 % bootstrap interval of a statistic.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Independent values.
+    statistic : callable
+        Maps resamples of shape (k, n) to (k,).
+    """
+    rng = np.random.default_rng(seed)
+    picked = rng.integers(0, len(values), (RESAMPLES, len(values)))
+    low, high = np.quantile(statistic(values[picked]), (0.025, 0.975))
+    return [float(low), float(high)]
+
+
+def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[str, Any]:
+    """Compare predicted and actual durations at the starts of episodes that succeeded.
+
+    Parameters
+    ----------
+    model : PerformanceModel
+        What predicts.
+    starts : pandas.DataFrame
+        First rows of fresh episodes.
+    seed : int
+        Of the fresh episodes, to be reported.
+
+    Returns
+    -------
+    dict
+        mae_s, rmse_s with their _ci95, bias_s, mean_duration_s, relative_error (MAE over mean duration),
+        median_relative_error, episodes, seed.
+    """
+    starts = starts[starts["success"]]
+    actual = starts["duration"].to_numpy(dtype=float)
+    predicted = model.predict(direct_of(starts)).duration
+    assert predicted is not None
+    error = predicted - actual
+    square, size = error * error, np.abs(error)
+    return {
+        "mae_s": float(size.mean()),
+        "mae_s_ci95": bootstrap_ci95(size, lambda x: x.mean(axis=1)),
+        "rmse_s": float(np.sqrt(square.mean())),
+        "rmse_s_ci95": bootstrap_ci95(square, lambda x: np.sqrt(x.mean(axis=1))),
+        "bias_s": float(error.mean()),
+        "mean_duration_s": float(actual.mean()),
+        "relative_error": float(size.mean() / actual.mean()),
+        "median_relative_error": float(np.median(size / actual)),
+        "episodes": len(starts),
+        "seed": seed,
+    }
+
+
+def brier(model: PerformanceModel, starts: pd.DataFrame, *, base_rate: float, seed: int) -> dict[str, Any]:
+    """Give the Brier score of predicted success on fresh episodes, beside that of a constant.
+
+    Parameters
+    ----------
+    model : PerformanceModel
+        What predicts.
+    starts : pandas.DataFrame
+        First rows of fresh episodes, those that failed too.
+    base_rate : float
+        Share of successes in the experience that the model was learned from.
+    seed : int
+        Of the fresh episodes, to be reported.
+    """
+    happened = starts["success"].to_numpy(dtype=float)
+    probability = model.predict(direct_of(starts), ("success",)).success
+    assert probability is not None
+    better = (base_rate - happened) ** 2 - (probability - happened) ** 2
+    return {
+        "brier": float(((probability - happened) ** 2).mean()),
+        "brier_base_rate": float(((base_rate - happened) ** 2).mean()),
+        "brier_gain_ci95": bootstrap_ci95(better, lambda x: x.mean(axis=1)),
+        "success_rate": float(happened.mean()),
+        "base_rate": base_rate,
+        "episodes": len(starts),
+        "seed": seed,
+    }
+
+
+def kinds(starts: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Split starts by what makes a difference: rest or motion at both ends, ball or pose."""
+    rest, stop, ball = starts["v"] == 0.0, starts["speedg"] == 0.0, starts["hold"] == 1
+    masks: Mapping[str, pd.Series] = {
+        "at rest": rest,
+        "at rest, pose": rest & ~ball,
+        "at rest, ball, arriving at rest": rest & stop & ball,
+        "at rest, ball, arriving at speed": rest & ~stop & ball,
+        "in motion": ~rest,
+    }
+    for name, mask in masks.items():
+        if mask.any():
+            yield name, starts[mask]

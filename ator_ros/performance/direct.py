@@ -1,0 +1,80 @@
+"""The direct variables of a situation: what the state estimation and the goal give (paper, section 4.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.geometry import FloatArray
+from ator_ros.world import RobotState
+
+DIRECT_VARIABLES: dict[str, str] = {
+    "x": "m",
+    "y": "m",
+    "yaw": "rad",
+    "v": "m/s",
+    "w": "rad/s",
+    "xg": "m",
+    "yg": "m",
+    "yawg": "rad",
+    "speedg": "m/s",
+    "hold": "",
+}
+"""Name and unit. x, y, yaw, v, w: the axle at the start. xg, yg: where the goal's point shall come, the
+axle (hold 0) or the ball in the robot's front (hold 1); yawg, speedg: heading and forward speed there.
+All in the world frame."""
+
+Direct = Mapping[str, Any]
+Arrays = dict[str, FloatArray]
+
+
+def direct_arrays(direct: Direct) -> Arrays:
+    """Bring direct variables into arrays of one shape (n,).
+
+    Scalars are spread, so that one situation and a thousand go through the same operations: numpy computes
+    them the same to the last bit only then.
+
+    Parameters
+    ----------
+    direct : mapping
+        All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
+
+    Raises
+    ------
+    ValueError
+        A variable is missing, or the shapes don't go together.
+    """
+    missing = [name for name in DIRECT_VARIABLES if name not in direct]
+    if missing:
+        raise ValueError(
+            f"direct variables: expected {', '.join(DIRECT_VARIABLES)}; missing: {', '.join(missing)}"
+        )
+    given = [np.asarray(direct[name], dtype=float) for name in DIRECT_VARIABLES]
+    sizes = {values.shape for values in given if values.shape}
+    if len(sizes) > 1 or any(len(shape) > 1 for shape in sizes):
+        shapes = {name: values.shape for name, values in zip(DIRECT_VARIABLES, given, strict=True)}
+        raise ValueError(f"direct variables: expected numbers or arrays of one shape (n,), got {shapes}")
+    count = next(iter(sizes))[0] if sizes else 1
+    table = np.empty((len(given), count))
+    for row, values in zip(table, given, strict=True):
+        row[:] = values
+    return dict(zip(DIRECT_VARIABLES, table, strict=True))
+
+
+def direct_variables(state: RobotState, goal: Goal) -> dict[str, float]:
+    """Give the direct variables of one situation."""
+    return {
+        "x": state.pose.x,
+        "y": state.pose.y,
+        "yaw": state.pose.yaw,
+        "v": state.v,
+        "w": state.w,
+        "xg": goal.pose.x,
+        "yg": goal.pose.y,
+        "yawg": goal.pose.yaw,
+        "speedg": goal.speed,
+        "hold": float(goal.point is Point.HOLD),
+    }

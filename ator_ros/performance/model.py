@@ -1,0 +1,137 @@
+"""The performance model of an action: maps situations to performance measures (paper, section 2.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.performance.direct import Direct
+from ator_ros.performance.features import FEATURES, Geometry, derived_from, table_of
+from ator_ros.performance.rules import RuleWriter
+from ator_ros.performance.tree import ModelTree
+from ator_ros.robot import Robot
+
+MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "heading": "rad"}
+"""What is predicted, with units: time to the end, probability of success, and the errors at the end."""
+
+_RANGES = {"success": (0.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predicted performance of n situations: arrays of shape (n,), None where not asked for.
+
+    Attributes
+    ----------
+    duration, spread : ndarray or None
+        Expected time in s, and the standard deviation in s of actual times about it.
+    success : ndarray or None
+        Probability.
+    accuracy, heading : ndarray or None
+        Expected errors at the end in m and rad.
+    """
+
+    duration: FloatArray | None = None
+    spread: FloatArray | None = None
+    success: FloatArray | None = None
+    accuracy: FloatArray | None = None
+    heading: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PerformanceModel:
+    """Model trees that predict how an action will perform.
+
+    Attributes
+    ----------
+    action : str
+        Name of the action.
+    robot : Robot
+        The robot whose limits the features use.
+    trees : mapping of str to ModelTree
+        A tree for each measure that was learned; "duration" is always among them.
+    metadata : mapping
+        Where the model comes from and how accurate it is; see `model_file`.
+    """
+
+    action: str
+    robot: Robot
+    trees: Mapping[str, ModelTree]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def used_features(self) -> tuple[str, ...]:
+        """The features that predict the duration."""
+        return self.trees["duration"].used_features()
+
+    @cached_property
+    def used_variables(self) -> frozenset[str]:
+        """The direct variables that any prediction derives from (paper, section 4.2)."""
+        return derived_from({name for tree in self.trees.values() for name in tree.used_features()})
+
+    def predict(self, direct: Direct, measures: tuple[str, ...] = ("duration",)) -> Prediction:
+        """Predict the performance of n situations at once.
+
+        Parameters
+        ----------
+        direct : mapping
+            Direct variables, numbers or arrays of shape (n,), see `direct_arrays`.
+        measures : tuple of str
+            Which fields of the prediction to compute; those that were not learned stay None.
+
+        Raises
+        ------
+        ValueError
+            A direct variable is missing or of another shape.
+        """
+        geometry = Geometry(direct, self.robot)
+        fields: dict[str, FloatArray] = {}
+        if "duration" in measures or "spread" in measures:
+            tree = self.trees["duration"]
+            fields["duration"], fields["spread"] = tree.predict_with_spread(table_of(geometry, tree.names))
+        for name in measures:
+            if name in self.trees and name not in fields:
+                tree = self.trees[name]
+                low, high = _RANGES.get(name, (0.0, np.inf))
+                fields[name] = np.clip(tree.predict(table_of(geometry, tree.names)), low, high)
+        return Prediction(**fields)
+
+    def rules(self, measure: str = "duration") -> str:
+        """Give the rules of one measure as text in the paper's form, one a line."""
+        return self._writer(measure).tree(self.trees[measure])
+
+    def explain(self, direct: Direct, measure: str = "duration") -> str:
+        """Give the rule that predicts `measure` in one situation, and what each of its terms adds."""
+        tree = self.trees[measure]
+        row = table_of(Geometry(direct, self.robot), tree.names)[0]
+        return self._writer(measure).explanation(tree, row)
+
+    def _writer(self, measure: str) -> RuleWriter:
+        units = {name: FEATURES[name].unit for name in self.trees[measure].names}
+        target = "time" if measure == "duration" else measure
+        return RuleWriter(units, target=target, target_unit=MEASURES[measure])
+
+
+def narrowed(tree: ModelTree) -> ModelTree:
+    """Give the same tree over the columns that it uses, so that no others need to be computed."""
+    used = tree.used_features() or tree.names[:1]
+    columns = [tree.names.index(name) for name in used]
+    number = np.zeros(len(tree.names), dtype=np.intp)
+    number[columns] = np.arange(len(columns))
+    return ModelTree(
+        names=used,
+        feature=number[tree.feature],
+        threshold=tree.threshold,
+        children=tree.children,
+        intercept=tree.intercept,
+        coefficients=np.ascontiguousarray(tree.coefficients[:, columns]),
+        lower=tree.lower,
+        upper=tree.upper,
+        spread=tree.spread,
+        samples=tree.samples,
+    )

@@ -1,0 +1,197 @@
+"""Performance models as JSON files: plain data that runs no code and survives updates of libraries."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ator_ros.files import write_text
+from ator_ros.performance.features import FEATURES
+from ator_ros.performance.model import MEASURES, PerformanceModel
+from ator_ros.performance.tree_storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
+from ator_ros.resources import resource_path
+from ator_ros.robot import Robot
+
+FORMAT = "ator_ros performance model"
+SCHEMA_VERSION = 1
+FIELDS: dict[str, type] = {
+    "format": str,
+    "schema_version": int,
+    "action": str,
+    "action_set": str,
+    "robot_digest": str,
+    "features": dict,
+    "trees": dict,
+    "training": dict,
+    "versions": dict,
+    "accuracy": dict,
+}
+"""The fields of a model file. features: unit by name; trees: by measure, see `tree_to_dict`; training:
+digest of the rows, episodes, examples, seed, command; accuracy: on fresh episodes, empty if not measured."""
+
+ACCURACY = ("mae_s", "rmse_s")
+
+
+class ModelFileError(ValueError):
+    """A model file that cannot be used; the message names the file, the field and what was expected."""
+
+
+class RobotMismatchWarning(UserWarning):
+    """A model was learned with another robot than the one that it is to predict for."""
+
+
+def model_path(action: str, action_set: str = "default") -> Path:
+    """Give the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set."""
+    return Path(action_set if action_set != "default" else "", f"{action}.json")
+
+
+def save_model(path: Path | str, model: PerformanceModel) -> None:
+    """Write `model` and its metadata, whole or not at all; the same model gives the same bytes.
+
+    Parameters
+    ----------
+    path : Path or str
+        The JSON file.
+    model : PerformanceModel
+        Its `metadata` gives action_set, training, versions and accuracy.
+    """
+    names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
+    data = {
+        "format": FORMAT,
+        "schema_version": SCHEMA_VERSION,
+        "action": model.action,
+        "action_set": model.metadata.get("action_set", "default"),
+        "robot_digest": model.robot.digest(),
+        "features": {name: FEATURES[name].unit for name in names},
+        "training": model.metadata.get("training", {}),
+        "versions": model.metadata.get("versions", {}),
+        "accuracy": model.metadata.get("accuracy", {}),
+        "trees": {measure: tree_to_dict(tree) for measure, tree in model.trees.items()},
+    }
+    write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+
+
+def load_model(path: Path | str, robot: Robot) -> PerformanceModel:
+    """Read a model.
+
+    Parameters
+    ----------
+    path : Path or str
+        The JSON file.
+    robot : Robot
+        For whose limits features are computed; another one than in learning raises a RobotMismatchWarning.
+
+    Raises
+    ------
+    ModelFileError
+        The file is missing, damaged, no model, or newer than this program.
+    """
+    data = _read(path)
+    units = {name: FEATURES[name].unit for name in data["features"] if name in FEATURES}
+    for name, unit in data["features"].items():
+        if units.get(name) != unit:
+            known = f"in {units[name]!r}" if name in units else f"one of {', '.join(FEATURES)}"
+            raise ModelFileError(f"{path}: features.{name}: expected a feature {known}, got unit {unit!r}")
+    trees = {}
+    for measure, tree in data["trees"].items():
+        where = f"{path}: trees.{measure}"
+        if measure not in MEASURES:
+            raise ModelFileError(f"{where}: expected one of the measures {', '.join(MEASURES)}")
+        try:
+            trees[measure] = tree_from_dict(tree)
+        except ModelTreeFormatError as error:
+            raise ModelFileError(f"{where}: {error}") from error
+        unknown = set(trees[measure].names) - set(units)
+        if unknown:
+            raise ModelFileError(
+                f"{where}.features: expected features that the file lists, got {sorted(unknown)}"
+            )
+    if "duration" not in trees:
+        raise ModelFileError(f"{path}: trees.duration: expected a tree, found none")
+    _check_accuracy(path, data["accuracy"])
+    if data["robot_digest"] != robot.digest():
+        _warn_of_robot(path, data, robot)
+    metadata = {name: value for name, value in data.items() if name not in ("format", "trees")}
+    return PerformanceModel(data["action"], robot, trees, metadata)
+
+
+def load_models(
+    robot: Robot, *, action_set: str = "default", folder: Path | None = None
+) -> dict[str, PerformanceModel]:
+    """Read all models of an action set.
+
+    Parameters
+    ----------
+    robot : Robot
+        As for `load_model`.
+    action_set : str
+        Name of the set.
+    folder : Path, optional
+        By default the shipped models/.
+
+    Returns
+    -------
+    dict
+        Models by the names of their actions.
+
+    Raises
+    ------
+    ModelFileError
+        There are none, or one of them cannot be used.
+    """
+    top = folder if folder is not None else resource_path("models")
+    place = (top / model_path("any", action_set)).parent
+    models = {file.stem: load_model(file, robot) for file in sorted(place.glob("*.json")) if _is_model(file)}
+    if not models:
+        raise ModelFileError(f"{place}: expected model files such as goToPose.json: run train to make them")
+    return models
+
+
+def _is_model(file: Path) -> bool:
+    """Say whether `file` is named as models are: other files, such as the gate's, may lie beside them."""
+    return not file.stem.startswith(("gate", "baselines"))
+
+
+def _read(path: Path | str) -> dict[str, Any]:
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except (OSError, ValueError) as error:
+        raise ModelFileError(f"{path}: expected a readable JSON file: {error}") from error
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise ModelFileError(f"{path}: format: expected {FORMAT!r}: this is no performance model of ator_ros")
+    version = data.get("schema_version")
+    if type(version) is not int or not 1 <= version <= SCHEMA_VERSION:
+        raise ModelFileError(
+            f"{path}: schema_version: expected 1 to {SCHEMA_VERSION}, got {version!r}; "
+            "a newer one needs a newer ator_ros"
+        )
+    for name, kind in FIELDS.items():
+        if not isinstance(data.get(name), kind):
+            got = f"got {type(data[name]).__name__}" if name in data else "it is missing"
+            raise ModelFileError(f"{path}: {name}: expected {kind.__name__}, {got}")
+    return data
+
+
+def _refuse_constant(text: str) -> float:
+    raise ValueError(f"expected finite numbers, got {text}")
+
+
+def _check_accuracy(path: Path | str, accuracy: Mapping[str, Any]) -> None:
+    for name in ACCURACY if accuracy else ():
+        value = accuracy.get(name)
+        if not isinstance(value, int | float) or not math.isfinite(value) or value < 0.0:
+            raise ModelFileError(f"{path}: accuracy.{name}: expected a time in s, got {value!r}")
+
+
+def _warn_of_robot(path: Path | str, data: Mapping[str, Any], robot: Robot) -> None:
+    warnings.warn(
+        f"{path}: robot_digest: this model of {data['action']} was learned with ANOTHER ROBOT "
+        f"({data['robot_digest']}) than {robot.name} ({robot.digest()}): its predictions may be wrong. "
+        "Run collect and train with this robot's config.",
+        RobotMismatchWarning,
+        stacklevel=3,
+    )

@@ -1,0 +1,132 @@
+"""Learns the performance model of an action from its experience (paper, section 3)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SHOT, SIGNED, feature_table, names_of
+from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
+from ator_ros.performance.model_tree import ModelTreeRegressor
+from ator_ros.performance.tree import ModelTree
+from ator_ros.robot import Robot
+
+GENERAL = (*names_of(PAPER_3), *names_of(SIGNED))
+DRIVING = (*GENERAL, "turn_drive_turn", "reverse_turn_drive_turn", "drive_time", "drive_turn")
+DRIBBLING = (*(name for name in GENERAL if name != "hold"), "dribble_time", "dribble_turn")
+CHOSEN: dict[str, tuple[str, ...]] = {
+    "goToPose": DRIVING,
+    "dribbleBall": DRIBBLING,
+    "shoot": (*names_of(SHOT), "v"),
+}
+"""Candidate features of each action, of which its model tree selects; chosen by `train --ablation`."""
+
+ALL = names_of((*PAPER_11, *SIGNED, *IDEAL))
+
+
+class TrainingError(ValueError):
+    """Experience that a model cannot be learned from."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """How a model is learned.
+
+    Attributes
+    ----------
+    start_weight : float
+        How many rows a start of an episode counts as.
+    later_weight : float
+        The same for the examples logged later in an episode; 0 leaves them out.
+    """
+
+    start_weight: float = 1.0
+    later_weight: float = 0.0
+
+
+def candidate_features(action: str) -> tuple[str, ...]:
+    """Give the names of the candidate features of `action`; all general ones for an unknown action."""
+    return CHOSEN.get(action, (*GENERAL, *names_of(IDEAL)))
+
+
+def train(
+    action: str,
+    rows: pd.DataFrame,
+    robot: Robot,
+    *,
+    features: Sequence[str] | None = None,
+    training: Training | None = None,
+) -> PerformanceModel:
+    """Learn the performance model of `action`.
+
+    Duration is learned from the episodes that succeeded, success from the starts of all of them, and the
+    errors from the starts of those that succeeded.
+
+    Parameters
+    ----------
+    action : str
+        Name of the action.
+    rows : pandas.DataFrame
+        Its rows of an experience table.
+    robot : Robot
+        The robot of the experience.
+    features : sequence of str, optional
+        Candidate features.
+    training : Training, optional
+        Weights.
+
+    Raises
+    ------
+    TrainingError
+        Too few episodes have succeeded.
+    """
+    names = tuple(features) if features is not None else candidate_features(action)
+    how = training or Training()
+    starts = rows[rows["t"] == 0.0]
+    good, good_starts = rows[rows["success"]], starts[starts["success"]]
+    if len(good_starts) < 20:
+        raise TrainingError(
+            f"{action}: expected at least 20 episodes that succeeded, got {len(good_starts)} of {len(starts)}"
+        )
+    trees = {"duration": _duration_tree(good, robot, names, how)}
+    trees["success"] = _small_tree(starts, robot, names, starts["success"].to_numpy(dtype=float))
+    for measure, column in (("accuracy", "position_error"), ("heading", "heading_error")):
+        values = good_starts[column].to_numpy(dtype=float)
+        if np.isfinite(values).all():
+            trees[measure] = _small_tree(good_starts, robot, names, values)
+    return PerformanceModel(action, robot, {name: trees[name] for name in MEASURES if name in trees})
+
+
+def _duration_tree(rows: pd.DataFrame, robot: Robot, names: Sequence[str], how: Training) -> ModelTree:
+    weight = np.where(rows["t"] == 0.0, how.start_weight, how.later_weight)
+    rows, weight = rows[weight > 0.0], weight[weight > 0.0]
+    tree = ModelTreeRegressor().fit(
+        pd.DataFrame(feature_table(direct_of(rows), robot, names), columns=list(names)),
+        rows["time_to_go"].to_numpy(dtype=float),
+        sample_weight=weight,
+        groups=rows["episode"].to_numpy(),
+    )
+    return narrowed(tree.tree_)
+
+
+def _small_tree(rows: pd.DataFrame, robot: Robot, names: Sequence[str], values: np.ndarray) -> ModelTree:
+    """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
+    table = pd.DataFrame(feature_table(direct_of(rows), robot, names), columns=list(names))
+    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0).fit(table, values)
+    return narrowed(tree.tree_)
+
+
+def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
+    """Give the direct variables of rows of an experience table."""
+    return {name: rows[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
+
+
+def digest(rows: pd.DataFrame) -> str:
+    """Give a short digest of the rows that a model was learned from."""
+    numbers = rows[[*DIRECT_VARIABLES, "t", "time_to_go", "success"]].to_numpy(dtype=float)
+    return hashlib.sha256(np.ascontiguousarray(numbers).tobytes()).hexdigest()[:16]

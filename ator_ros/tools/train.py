@@ -1,0 +1,192 @@
+"""Learn performance models from experience, show their rules, report their accuracy (paper, section 3)."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ator_ros.experience.recordings import RecordingError, read_recording
+from ator_ros.experience.table import ExperienceError, join, library_versions, read_experience
+from ator_ros.experiments.accuracy_tables import ablation_table, accuracy_table, success_table
+from ator_ros.files import write_text
+from ator_ros.performance.accuracy import accuracy, brier, kinds
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import ModelFileError, load_model, model_path, save_model
+from ator_ros.performance.training import TrainingError, digest, train
+from ator_ros.resources import resource_path
+from ator_ros.robot import ConfigError, Robot, load_robot
+
+ERRORS = (ConfigError, ExperienceError, ModelFileError, RecordingError, TrainingError)
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Give the command line of `train`."""
+    parser = argparse.ArgumentParser(prog="train", description=__doc__)
+    parser.add_argument(
+        "experience", nargs="*", type=Path, help="tables of collect, or recordings (.mcap or their folders)"
+    )
+    parser.add_argument("--fresh", type=Path, help="table with other episodes, on which accuracy is measured")
+    parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
+    parser.add_argument("--action-set", help="that recordings were made with (tables know their own)")
+    parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
+    parser.add_argument(
+        "--ablation", type=Path, metavar="FILE", help="write the feature ablation as Markdown"
+    )
+    parser.add_argument(
+        "--report", type=Path, metavar="FILE", help="write the accuracy of all models there are"
+    )
+    parser.add_argument("--rules", metavar="ACTION", help="print the rules of a model and stop")
+    parser.add_argument("--measure", default="duration", help="whose rules (default: %(default)s)")
+    parser.add_argument(
+        "--situation", nargs="+", metavar="NAME=VALUE",
+        help=f"with --rules: only the rule for one situation, given by {', '.join(DIRECT_VARIABLES)}",
+    )  # fmt: skip
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; give the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser = arguments()
+    options = parser.parse_args(words)
+    if not (options.experience or options.rules or options.report):
+        parser.error("expected experience to learn from, --rules or --report")
+    try:
+        robot = load_robot(options.robot)
+        folder = options.models if options.models is not None else resource_path("models")
+        if options.rules:
+            print(_rules(options, robot, folder))
+            return 0
+        if options.experience:
+            _train(options, robot, folder, shlex.join(["train", *words]))
+        if options.report:
+            _report(options.report, robot, folder)
+    except ERRORS as error:
+        print(f"train: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
+    rows, source = _experience(options, robot)
+    fresh = read_experience(options.fresh) if options.fresh else None
+    by_action = dict(iter(rows.groupby("action", sort=False)))
+    for action, examples in by_action.items():
+        model = train(action, examples, robot)
+        measured: dict[str, Any] = {}
+        if fresh is not None:
+            measured = _measure(model, examples, fresh.of(action), fresh.metadata["seed"])
+        training = {
+            **{name: source.get(name) for name in ("seed", "command")},
+            "digest": digest(examples),
+            "episodes": int(examples["episode"].nunique()),
+            "examples": len(examples),
+            "train_command": command,
+        }
+        action_set = source.get("action_set", "default")
+        metadata = {
+            "action_set": action_set,
+            "training": training,
+            "versions": library_versions(),
+            "accuracy": measured,
+        }
+        file = folder / model_path(action, action_set)
+        save_model(file, dataclasses.replace(model, metadata=metadata))
+        print(f"{file}: {_summary(model, measured)}")
+    if options.ablation and fresh is not None:
+        tests = {action: fresh.of(action) for action in by_action}
+        lines = ablation_table(by_action, tests, robot, seed=fresh.metadata["seed"])
+        write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
+
+
+def _experience(options: argparse.Namespace, robot: Robot) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Read and join all sources; episodes keep apart, and the first table's metadata count."""
+    frames: list[pd.DataFrame] = []
+    sources: list[dict[str, Any]] = []
+    for path in options.experience:
+        table = read_experience(path) if path.suffix == ".parquet" else read_recording(path, robot)
+        if table.metadata.get("robot_digest", robot.digest()) != robot.digest():
+            raise ExperienceError(
+                f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got "
+                f"{table.metadata['robot_digest']}: give its description with --robot, or collect anew"
+            )
+        shift = max((int(frame["episode"].max()) + 1 for frame in frames if len(frame)), default=0)
+        frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
+        sources.append(table.metadata)
+    source = dict(sources[0])
+    if options.action_set:
+        source["action_set"] = options.action_set
+    return join(frames), source
+
+
+def _measure(model: PerformanceModel, rows: pd.DataFrame, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
+    starts = fresh[fresh["t"] == 0.0]
+    parts = {name: accuracy(model, part, seed=seed) for name, part in kinds(starts)}
+    measured = parts.pop("at rest")
+    first = rows[rows["t"] == 0.0]
+    success = brier(model, starts, base_rate=float(first["success"].mean()), seed=seed)
+    return {**measured, "kinds": parts, "success": success}
+
+
+def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
+    tree = model.trees["duration"]
+    text = f"{tree.n_leaves} rules with {len(model.used_features)} features"
+    if measured:
+        text += (
+            f", MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s on {measured['episodes']} "
+            f"fresh episodes from rest"
+        )
+    return text
+
+
+def _rules(options: argparse.Namespace, robot: Robot, folder: Path) -> str:
+    model = load_model(folder / model_path(options.rules, options.action_set or "default"), robot)
+    if options.measure not in model.trees:
+        raise ModelFileError(f"measure: expected one of {', '.join(model.trees)}, got {options.measure!r}")
+    if not options.situation:
+        return model.rules(options.measure)
+    return model.explain(_situation(options.situation), options.measure)
+
+
+def _situation(words: Sequence[str]) -> dict[str, float]:
+    """Read NAME=NUMBER words; direct variables that are not named are 0."""
+    situation = dict.fromkeys(DIRECT_VARIABLES, 0.0)
+    for word in words:
+        name, _, value = word.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if name not in situation or not math.isfinite(number):
+            raise TrainingError(
+                f"situation: expected NAME=NUMBER with a name of {', '.join(DIRECT_VARIABLES)}, got {word!r}"
+            )
+        situation[name] = number
+    return situation
+
+
+def _report(file: Path, robot: Robot, folder: Path) -> None:
+    found = sorted(path for path in folder.rglob("*.json") if not path.stem.startswith("gate"))
+    models = [load_model(path, robot) for path in found]
+    models = [model for model in models if model.metadata["accuracy"]]
+    lines = [*accuracy_table(models), "", "## Success", "", *success_table(models)]
+    write_text(
+        file, _document("Accuracy of the performance models", f"train --report {file}", "\n".join(lines))
+    )
+
+
+def _document(title: str, command: str, text: str) -> str:
+    return f"# {title}\n\nMade by `{command}`. Times in s, with 95 % bootstrap intervals.\n\n{text}\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,28 @@
+"""Experience made up for tests: durations follow a simple law, so that learning takes no simulator."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from ator_ros.experience.table import COLUMNS
+
+
+def made_up_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd.DataFrame:
+    """Give starts of episodes whose duration grows with distance and turn; far ones fail more often."""
+    rng = np.random.default_rng(seed)
+    x, y, xg, yg = rng.uniform(-3, 3, (4, episodes))
+    yaw, yawg = rng.uniform(-math.pi, math.pi, (2, episodes))
+    turn = np.abs((np.arctan2(yg - y, xg - x) - yaw + np.pi) % (2 * np.pi) - np.pi)
+    dist = np.hypot(xg - x, yg - y)
+    duration = 0.5 + dist + 0.7 * turn
+    frame = pd.DataFrame({
+        "action": action, "episode": np.arange(episodes), "t": 0.0, "x": x, "y": y, "yaw": yaw, "v": 0.0,
+        "w": 0.0, "ball_x": np.nan, "ball_y": np.nan, "xg": xg, "yg": yg, "yawg": yawg, "speedg": 0.0,
+        "hold": 0, "time_to_go": duration, "duration": duration,
+        "success": rng.random(episodes) > 0.1 * dist, "reason": "made up",
+        "position_error": 0.01 * dist, "heading_error": 0.02,
+    })  # fmt: skip
+    return frame[list(COLUMNS)]

@@ -1,0 +1,200 @@
+"""Features: their values, what they derive from, and what they are invariant to."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.performance.direct import DIRECT_VARIABLES, direct_arrays, direct_variables
+from ator_ros.performance.features import (
+    FEATURES,
+    PAPER_3,
+    PAPER_11,
+    derived_from,
+    feature_table,
+    names_of,
+)
+from ator_ros.robot import load_robot
+from ator_ros.world import RobotState
+
+ROBOT = load_robot()
+NAMES = tuple(FEATURES)
+Direct = dict[str, FloatArray]
+
+
+def situations(seed: int, count: int = 50) -> Direct:
+    rng = np.random.default_rng(seed)
+    return {
+        "x": rng.uniform(-4, 4, count),
+        "y": rng.uniform(-3, 3, count),
+        "yaw": rng.uniform(-math.pi, math.pi, count),
+        "v": rng.uniform(-0.3, 1.0, count),
+        "w": rng.uniform(-2, 2, count),
+        "xg": rng.uniform(-4, 4, count),
+        "yg": rng.uniform(-3, 3, count),
+        "yawg": rng.uniform(-math.pi, math.pi, count),
+        "speedg": rng.uniform(0, 0.8, count),
+        "hold": rng.integers(0, 2, count).astype(float),
+    }
+
+
+def moved(direct: Direct, dx: float, dy: float) -> Direct:
+    return {
+        **direct,
+        "x": direct["x"] + dx,
+        "xg": direct["xg"] + dx,
+        "y": direct["y"] + dy,
+        "yg": direct["yg"] + dy,
+    }
+
+
+def turned(direct: Direct, angle: float) -> Direct:
+    c, s = math.cos(angle), math.sin(angle)
+    d = direct
+    return {
+        **d,
+        "x": c * d["x"] - s * d["y"],
+        "y": s * d["x"] + c * d["y"],
+        "xg": c * d["xg"] - s * d["yg"],
+        "yg": s * d["xg"] + c * d["yg"],
+        "yaw": d["yaw"] + angle,
+        "yawg": d["yawg"] + angle,
+    }
+
+
+def mirrored(direct: Direct) -> Direct:
+    return {**direct, **{name: -direct[name] for name in ("y", "yaw", "w", "yg", "yawg")}}
+
+
+def table(direct: Direct) -> dict[str, FloatArray]:
+    return dict(zip(NAMES, feature_table(direct, ROBOT, NAMES).T, strict=True))
+
+
+def same(one: FloatArray, two: FloatArray, unit: str) -> bool:
+    difference = one - two
+    if unit == "rad":
+        difference = (difference + math.pi) % (2 * math.pi) - math.pi
+    # At a tie between two paths of one time, rounding decides which of them is described.
+    return bool(np.mean(np.abs(difference) < 1e-6) > 0.97)
+
+
+@given(dx=st.floats(-3, 3), dy=st.floats(-3, 3), seed=st.integers(0, 1000))
+def test_translation_changes_the_positions_only(dx: float, dy: float, seed: int) -> None:
+    direct = situations(seed)
+    before, after = table(direct), table(moved(direct, dx, dy))
+    for name, feature in FEATURES.items():
+        if feature.translation:
+            assert same(before[name], after[name], feature.unit), name
+
+
+@given(angle=st.floats(-3, 3), seed=st.integers(0, 1000))
+def test_rotation_changes_what_is_declared_only(angle: float, seed: int) -> None:
+    direct = situations(seed)
+    before, after = table(direct), table(turned(direct, angle))
+    for name, feature in FEATURES.items():
+        if feature.rotation:
+            assert same(before[name], after[name], feature.unit), name
+
+
+@given(seed=st.integers(0, 1000))
+def test_mirror_keeps_even_features_and_negates_odd_ones(seed: int) -> None:
+    direct = situations(seed)
+    before, after = table(direct), table(mirrored(direct))
+    for name, feature in FEATURES.items():
+        sign = 1.0 if feature.mirror == "even" else -1.0
+        assert same(sign * before[name], after[name], feature.unit), name
+
+
+def test_features_that_declare_no_invariance_change() -> None:
+    direct = situations(0)
+    before, shifted, rotated = table(direct), table(moved(direct, 0.7, 0.9)), table(turned(direct, 0.8))
+    for name, feature in FEATURES.items():
+        assert feature.translation or not same(before[name], shifted[name], feature.unit), name
+        assert feature.rotation or not same(before[name], rotated[name], feature.unit), name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_features_change_with_the_variables_they_derive_from_and_no_others(name: str) -> None:
+    direct = situations(1, 400)
+    before = feature_table(direct, ROBOT, [name])
+    for variable in DIRECT_VARIABLES:
+        other = 1.0 - direct["hold"] if variable == "hold" else direct[variable] * 0.9 + 0.03
+        after = feature_table({**direct, variable: other}, ROBOT, [name])
+        assert (variable in FEATURES[name].derives) == bool(np.any(before != after)), variable
+
+
+def test_one_situation_and_many_agree_to_the_last_bit() -> None:
+    direct = situations(2, 357)
+    together = feature_table(direct, ROBOT, NAMES)
+    for row in range(357):
+        alone = feature_table({name: values[row] for name, values in direct.items()}, ROBOT, NAMES)
+        assert np.array_equal(alone[0], together[row])
+
+
+def test_scalars_are_spread_over_arrays() -> None:
+    direct = situations(3, 5)
+    spread = {**direct, "x": np.full(5, 0.25)}
+    scalar = {**direct, "x": 0.25}
+    assert np.array_equal(feature_table(scalar, ROBOT, NAMES), feature_table(spread, ROBOT, NAMES))
+
+
+def test_order_and_choice_of_names_do_not_matter() -> None:
+    direct = situations(4)
+    whole = table(direct)
+    some = ["dribble_time", "dist", "v"]
+    assert np.array_equal(
+        feature_table(direct, ROBOT, some), np.stack([whole[name] for name in some], axis=1)
+    )
+
+
+def test_paper_features_of_a_known_situation() -> None:
+    goal = Goal(Pose(1.0, 2.0, math.pi / 2), 0.0, Point.AXLE)
+    direct = direct_variables(RobotState(Pose(1.0, 0.0, 0.0)), goal)
+    values = dict(zip(names_of(PAPER_11), feature_table(direct, ROBOT, names_of(PAPER_11))[0], strict=True))
+    assert names_of(PAPER_3) == ("dist", "angle_to_dest", "angle_at_dest")
+    assert values["dist"] == pytest.approx(2.0)
+    assert values["angle_to_dest"] == pytest.approx(math.pi / 2)
+    assert values["angle_at_dest"] == pytest.approx(0.0)
+    assert (values["dx"], values["dy"]) == pytest.approx((0.0, 2.0))
+
+
+def test_with_a_held_ball_the_destination_lies_behind_it() -> None:
+    goal = Goal(Pose(2.0, 0.0, 0.0), 0.0, Point.HOLD)
+    direct = direct_variables(RobotState(Pose(0.0, 0.0, 0.0)), goal)
+    assert feature_table(direct, ROBOT, ["dist"])[0, 0] == pytest.approx(2.0 - ROBOT.hold)
+
+
+def test_straight_ahead_the_ideal_time_is_that_of_the_trapezoid() -> None:
+    goal = Goal(Pose(3.0, 0.0, 0.0))
+    direct = direct_variables(RobotState(Pose(0.0, 0.0, 0.0)), goal)
+    limits = ROBOT.limits
+    ramp = limits.v / 2 * (limits.v / limits.a + limits.v / limits.brake)
+    expected = limits.v / limits.a + limits.v / limits.brake + (3.0 - ramp) / limits.v
+    for name in ("drive_time", "turn_drive_turn"):
+        assert feature_table(direct, ROBOT, [name])[0, 0] == pytest.approx(expected)
+
+
+def test_a_ball_in_the_way_costs_time() -> None:
+    start = RobotState(Pose(2.0, 0.0, math.pi))
+    behind = direct_variables(start, Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD))
+    plain = direct_variables(start, Goal(Pose(-ROBOT.hold, 0.0, 0.0), 0.0, Point.AXLE))
+    around, straight = (feature_table(direct, ROBOT, ["drive_time"])[0, 0] for direct in (behind, plain))
+    assert around > straight + 0.3
+
+
+def test_derived_variables_are_joined() -> None:
+    assert derived_from(["v", "dx"]) == {"v", "x", "xg", "yawg", "hold"}
+
+
+def test_missing_and_odd_shapes_are_refused() -> None:
+    direct = situations(0, 3)
+    with pytest.raises(ValueError, match="missing: hold"):
+        direct_arrays({name: value for name, value in direct.items() if name != "hold"})
+    with pytest.raises(ValueError, match=r"arrays of one shape \(n,\)"):
+        direct_arrays({**direct, "x": np.zeros(4)})

@@ -1,0 +1,135 @@
+"""Model files: what is kept, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from experience_rows import made_up_experience
+
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import (
+    ModelFileError,
+    RobotMismatchWarning,
+    load_model,
+    load_models,
+    model_path,
+    save_model,
+)
+from ator_ros.performance.training import direct_of, train
+from ator_ros.robot import load_robot
+
+ROBOT = load_robot()
+ROWS = made_up_experience("goToPose")
+
+
+@pytest.fixture(scope="module")
+def model() -> PerformanceModel:
+    learned = train("goToPose", ROWS, ROBOT)
+    metadata = {"action_set": "default", "training": {"seed": 1}, "accuracy": {"mae_s": 0.1, "rmse_s": 0.2}}
+    return dataclasses.replace(learned, metadata=metadata)
+
+
+@pytest.fixture
+def file(model: PerformanceModel, tmp_path: Path) -> Path:
+    path = tmp_path / "goToPose.json"
+    save_model(path, model)
+    return path
+
+
+def test_a_loaded_model_predicts_the_same_to_the_last_bit(model: PerformanceModel, file: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        loaded = load_model(file, ROBOT)
+    measures = tuple(model.trees)
+    before, after = (m.predict(direct_of(ROWS), measures) for m in (model, loaded))
+    assert all(np.array_equal(getattr(before, name), getattr(after, name)) for name in measures)
+    assert loaded.used_variables == model.used_variables
+    assert loaded.metadata["training"] == {"seed": 1}
+    assert loaded.metadata["accuracy"]["mae_s"] == 0.1
+
+
+def test_learning_twice_gives_the_same_bytes(model: PerformanceModel, file: Path, tmp_path: Path) -> None:
+    again = dataclasses.replace(train("goToPose", ROWS.copy(), ROBOT), metadata=model.metadata)
+    save_model(tmp_path / "again.json", again)
+    assert (tmp_path / "again.json").read_bytes() == file.read_bytes()
+
+
+def test_another_robot_is_warned_of_loudly(file: Path) -> None:
+    other = dataclasses.replace(ROBOT, mass=12.0)
+    with pytest.warns(RobotMismatchWarning, match="ANOTHER ROBOT"):
+        load_model(file, other)
+
+
+def without(name: str) -> Callable[[dict[str, Any]], object]:
+    return lambda data: data.pop(name)
+
+
+def put(*path: Any) -> Callable[[dict[str, Any]], object]:
+    *parents, last, value = path
+
+    def change(data: Any) -> None:
+        for key in parents:
+            data = data[key]
+        data[last] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (put("format", "recipe"), "format: expected 'ator_ros performance model'"),
+        (
+            put("schema_version", 2),
+            "schema_version: expected 1 to 1, got 2; a newer one needs a newer ator_ros",
+        ),
+        (put("schema_version", True), "schema_version: expected 1 to 1, got True"),
+        (without("trees"), "trees: expected dict, it is missing"),
+        (put("action", 7), "action: expected str, got int"),
+        (put("features", "dist", "km"), r"features\.dist: expected a feature in 'm', got unit 'km'"),
+        (put("features", "mood", "m"), r"features\.mood: expected a feature one of x, y"),
+        (lambda data: data["trees"].pop("duration"), r"trees\.duration: expected a tree, found none"),
+        (put("trees", "price", {}), r"trees\.price: expected one of the measures duration"),
+        (put("trees", "duration", {}), r"trees\.duration: .*expected"),
+        (put("trees", "duration", "root", "samples", "many"), r"trees\.duration: .*samples.*expected"),
+        (put("features", {}), r"trees\.duration\.features: expected features that the file lists"),
+        (put("accuracy", "mae_s", -1.0), r"accuracy\.mae_s: expected a time in s, got -1\.0"),
+    ],
+)
+def test_damaged_foreign_and_newer_files_are_refused(
+    file: Path, change: Callable[[dict[str, Any]], object], message: str
+) -> None:
+    data = json.loads(file.read_text())
+    change(data)
+    file.write_text(json.dumps(data))
+    with pytest.raises(ModelFileError, match=rf"goToPose\.json: {message}"):
+        load_model(file, ROBOT)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": NaN}', "\x00\xff"])
+def test_files_that_are_no_model_are_refused(file: Path, text: str) -> None:
+    file.write_text(text)
+    with pytest.raises(ModelFileError, match=r"goToPose\.json: (expected a readable JSON file|format)"):
+        load_model(file, ROBOT)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ModelFileError, match="expected a readable JSON file"):
+        load_model(tmp_path / "none.json", ROBOT)
+
+
+def test_action_sets_lie_in_folders_of_their_own(model: PerformanceModel, tmp_path: Path) -> None:
+    save_model(tmp_path / model_path("goToPose"), model)
+    save_model(tmp_path / model_path("goToPose", "bezier"), model)
+    (tmp_path / "gate.json").write_text("{}")
+    assert list(load_models(ROBOT, folder=tmp_path)) == ["goToPose"]
+    assert list(load_models(ROBOT, action_set="bezier", folder=tmp_path)) == ["goToPose"]
+    with pytest.raises(ModelFileError, match="run train to make them"):
+        load_models(ROBOT, action_set="other", folder=tmp_path)

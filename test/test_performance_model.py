@@ -1,0 +1,128 @@
+"""Training, prediction, accuracy and explanation of performance models."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from experience_rows import made_up_experience
+
+from ator_ros.performance.accuracy import accuracy, bootstrap_ci95, brier, kinds
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.features import derived_from
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.training import Training, TrainingError, digest, direct_of, train
+from ator_ros.robot import load_robot
+
+ROBOT = load_robot()
+ROWS = made_up_experience("goToPose")
+FRESH = made_up_experience("goToPose", seed=2)
+MEASURES = ("duration", "success", "accuracy", "heading")
+
+
+@pytest.fixture(scope="module")
+def model() -> PerformanceModel:
+    return train("goToPose", ROWS, ROBOT)
+
+
+def test_predictions_are_accurate_on_fresh_episodes(model: PerformanceModel) -> None:
+    result = accuracy(model, FRESH, seed=2)
+    assert result["mae_s"] < 0.15
+    assert result["mae_s_ci95"][0] < result["mae_s"] < result["mae_s_ci95"][1]
+    assert result["rmse_s"] >= result["mae_s"]
+    assert result["episodes"] == FRESH["success"].sum()
+
+
+def test_only_what_is_asked_for_is_computed(model: PerformanceModel) -> None:
+    direct = direct_of(FRESH)
+    prediction = model.predict(direct)
+    assert prediction.duration is not None
+    assert prediction.duration.shape == prediction.spread.shape == (len(FRESH),)
+    assert prediction.success is None
+    every = model.predict(direct, MEASURES)
+    assert all(getattr(every, name).shape == (len(FRESH),) for name in MEASURES)
+    assert np.array_equal(every.duration, prediction.duration)
+    assert np.all((every.success >= 0.0) & (every.success <= 1.0))
+
+
+def test_one_situation_and_many_agree_to_the_last_bit(model: PerformanceModel) -> None:
+    direct = direct_of(FRESH)
+    together = model.predict(direct, MEASURES)
+    for row in range(len(FRESH)):
+        alone = model.predict({name: values[row] for name, values in direct.items()}, MEASURES)
+        for name in (*MEASURES, "spread"):
+            assert getattr(alone, name)[0] == getattr(together, name)[row]
+
+
+def test_used_variables_are_those_the_prediction_changes_with(model: PerformanceModel) -> None:
+    assert set(model.used_features) <= {name for tree in model.trees.values() for name in tree.names}
+    used = {name for tree in model.trees.values() for name in tree.used_features()}
+    assert model.used_variables == derived_from(used)
+    direct = direct_of(FRESH)
+    before = model.predict(direct).duration
+    for name in set(DIRECT_VARIABLES) - model.used_variables:
+        assert np.array_equal(model.predict({**direct, name: direct[name] + 0.3}).duration, before)
+
+
+def test_success_is_predicted_better_than_by_the_base_rate(model: PerformanceModel) -> None:
+    rows = made_up_experience("goToPose", episodes=2000, seed=3)
+    learned = train("goToPose", rows, ROBOT)
+    result = brier(learned, FRESH, base_rate=float(rows["success"].mean()), seed=2)
+    assert result["brier"] < result["brier_base_rate"]
+
+
+def test_rules_and_explanation_name_the_features_with_units(model: PerformanceModel) -> None:
+    assert "time = " in model.rules()
+    assert "[s]" in model.rules()
+    situation = {name: float(FRESH[name].iloc[0]) for name in DIRECT_VARIABLES}
+    text = model.explain(situation)
+    assert f"here time = {model.predict(situation).duration[0]:.3f}" in text
+
+
+def test_learning_twice_gives_the_same_model(model: PerformanceModel) -> None:
+    again = train("goToPose", ROWS.copy(), ROBOT)
+    direct = direct_of(FRESH)
+    assert np.array_equal(again.predict(direct).duration, model.predict(direct).duration)
+    assert digest(ROWS) == digest(ROWS.copy()) != digest(FRESH)
+
+
+def test_later_examples_count_only_with_a_weight(model: PerformanceModel) -> None:
+    later = ROWS.assign(t=0.1, time_to_go=99.0)
+    rows = pd.concat([ROWS, later], ignore_index=True)
+    direct = direct_of(FRESH)
+    assert np.array_equal(
+        train("goToPose", rows, ROBOT).predict(direct).duration, model.predict(direct).duration
+    )
+    weighted = train("goToPose", rows, ROBOT, training=Training(later_weight=1.0))
+    assert weighted.predict(direct).duration.mean() > 30.0
+
+
+def test_an_unknown_action_is_learned_with_the_general_features() -> None:
+    model = train("fly", made_up_experience("fly"), ROBOT)
+    assert accuracy(model, FRESH, seed=2)["mae_s"] < 0.2
+
+
+def test_too_little_experience_is_refused() -> None:
+    with pytest.raises(TrainingError, match=r"expected at least 20 episodes that succeeded, got \d+ of 10"):
+        train("goToPose", ROWS.head(10), ROBOT)
+
+
+def test_errors_that_were_not_observed_are_not_learned() -> None:
+    model = train("goToPose", ROWS.assign(position_error=np.nan), ROBOT)
+    assert "accuracy" not in model.trees
+    assert model.predict(direct_of(FRESH), ("accuracy",)).accuracy is None
+
+
+def test_kinds_of_starts_are_told_apart() -> None:
+    rows = pd.concat([FRESH, FRESH.assign(v=0.5), FRESH.assign(hold=1, speedg=0.4)], ignore_index=True)
+    parts = dict(kinds(rows))
+    assert len(parts["at rest"]) == 600
+    assert len(parts["in motion"]) == len(parts["at rest, pose"]) == 300
+    assert len(parts["at rest, ball, arriving at speed"]) == 300
+    assert "at rest, ball, arriving at rest" not in parts
+
+
+def test_bootstrap_interval_of_a_mean_is_about_two_standard_errors() -> None:
+    values = np.random.default_rng(0).normal(0.0, 1.0, 400)
+    low, high = bootstrap_ci95(values, lambda x: x.mean(axis=1))
+    assert high - low == pytest.approx(4 * values.std() / 20, rel=0.1)

@@ -1,0 +1,129 @@
+"""Experience from recordings, made here with rosbags' writer."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from turning_action import TurnDriveTurn
+
+from ator_ros.actions.base import Goal, Point, Status
+from ator_ros.experience.recordings import RecordingError, read_recording
+from ator_ros.geometry import Pose, quaternion_from_yaw
+from ator_ros.robot import load_robot
+from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.world import STOP, Command, World
+
+pytest.importorskip("rosbags")
+
+ROBOT = load_robot()
+GOALS = (Pose(1.0, 0.5, 1.0), Pose(-0.5, 0.5, 3.0))
+
+
+def record(folder: Path, *, topics: tuple[str, ...] = ("/robot/odom", "/robot/cmd_vel")) -> list[float]:
+    """Record two drives with pauses as the nodes would, and give their durations in s."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = {"odom": "nav_msgs/msg/Odometry", "cmd_vel": "geometry_msgs/msg/Twist"}
+    durations = []
+    with (
+        Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+        PioneerSimulation(ROBOT) as sim,
+    ):
+        links = {
+            topic.rpartition("/")[2]: writer.add_connection(
+                topic, types[topic.rpartition("/")[2]], typestore=store
+            )
+            for topic in topics
+        }
+
+        def write(topic: str, message: object, time: float) -> None:
+            if topic in links:
+                kind = types[topic]
+                writer.write(links[topic], int(time * 1e9), store.serialize_cdr(message, kind))
+
+        def tick(command: Command) -> World:
+            world = sim.world()
+            write("odom", odometry(store, world), world.time)
+            write("cmd_vel", twist(store, command), world.time + 0.001)
+            sim.command(command)
+            sim.tick()
+            return sim.world()
+
+        for goal in GOALS:
+            action = TurnDriveTurn(ROBOT)
+            world = sim.world()
+            start = world.time
+            action.start(world, Goal(goal, 0.0, Point.AXLE))
+            while (step := action.step(world)).status is Status.RUNNING:
+                world = tick(step.command)
+            durations.append(world.time - start)
+            for _ in range(12):
+                tick(STOP)
+    return durations
+
+
+def odometry(store: object, world: World) -> object:
+    types = store.types
+    robot, zeros = world.robot, np.zeros(36)
+    vector, point = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Point"]
+    seconds = int(world.time)
+    stamp = types["builtin_interfaces/msg/Time"](seconds, round((world.time - seconds) * 1e9) % 1_000_000_000)
+    pose = types["geometry_msgs/msg/Pose"](
+        point(robot.pose.x, robot.pose.y, 0.0),
+        types["geometry_msgs/msg/Quaternion"](*quaternion_from_yaw(robot.pose.yaw)),
+    )
+    speed = types["geometry_msgs/msg/Twist"](vector(robot.v, 0.0, 0.0), vector(0.0, 0.0, robot.w))
+    return types["nav_msgs/msg/Odometry"](
+        types["std_msgs/msg/Header"](stamp, "odom"),
+        "base_link",
+        types["geometry_msgs/msg/PoseWithCovariance"](pose, zeros),
+        types["geometry_msgs/msg/TwistWithCovariance"](speed, zeros),
+    )
+
+
+def twist(store: object, command: Command) -> object:
+    vector = store.types["geometry_msgs/msg/Vector3"]
+    return store.types["geometry_msgs/msg/Twist"](vector(command.v, 0.0, 0.0), vector(0.0, 0.0, command.w))
+
+
+def test_drives_are_found_with_their_goals_and_durations(tmp_path: Path) -> None:
+    durations = record(tmp_path / "bag")
+    experience = read_recording(tmp_path / "bag", ROBOT)
+    frame = experience.of("goToPose")
+    starts = frame[frame["t"] == 0.0]
+    assert starts["duration"].to_numpy() == pytest.approx(durations, abs=0.06)
+    assert starts[["xg", "yg"]].to_numpy() == pytest.approx(np.array([goal[:2] for goal in GOALS]), abs=0.07)
+    assert np.allclose(frame["t"] + frame["time_to_go"], frame["duration"])
+    assert set(frame["hold"]) == {0}
+    assert starts["v"].abs().max() < 0.05
+    assert experience.metadata["robot_digest"] == ROBOT.digest()
+
+
+def test_a_single_file_can_be_given(tmp_path: Path) -> None:
+    record(tmp_path / "bag")
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    assert read_recording(file, ROBOT).frame["episode"].nunique() == len(GOALS)
+
+
+def test_a_recording_without_the_topics_is_refused(tmp_path: Path) -> None:
+    record(tmp_path / "bag", topics=("/robot/odom",))
+    with pytest.raises(RecordingError, match="expected the topics odom and cmd_vel"):
+        read_recording(tmp_path / "bag", ROBOT)
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "drive.mcap"
+    file.write_bytes(b"nothing of the kind")
+    with pytest.raises(RecordingError, match=r"drive\.mcap: expected a recording"):
+        read_recording(file, ROBOT)
+
+
+def test_missing_rosbags_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(RecordingError, match="pip install rosbags"):
+        read_recording(tmp_path, ROBOT)

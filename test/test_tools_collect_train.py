@@ -1,0 +1,142 @@
+"""The command lines of collect and train, from experience to rules."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from experience_rows import made_up_experience
+
+from ator_ros.experience.table import Experience, read_experience, write_experience
+from ator_ros.robot import load_robot
+from ator_ros.tools import collect, train
+
+ROBOT = load_robot()
+
+
+def table(path: Path, seed: int, **metadata: Any) -> Path:
+    frames = [made_up_experience(action, seed=seed) for action in ("goToPose", "dribbleBall")]
+    given = {"seed": seed, "robot_digest": ROBOT.digest(), "action_set": "default", **metadata}
+    write_experience(path, Experience(pd.concat(frames, ignore_index=True), given))
+    return path
+
+
+@pytest.fixture
+def learned(tmp_path: Path) -> Path:
+    experience, fresh = table(tmp_path / "a.parquet", 1), table(tmp_path / "b.parquet", 2)
+    assert train.main([str(experience), "--fresh", str(fresh), "--models", str(tmp_path / "models")]) == 0
+    return tmp_path / "models"
+
+
+def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path) -> None:
+    files = [tmp_path / "one.parquet", tmp_path / "two.parquet"]
+    for jobs, file in enumerate(files, start=1):
+        words = ["--actions", "goToPose", "dribbleBall", "--episodes", "2", "--seed", "9"]
+        assert collect.main([*words, "--jobs", str(jobs), "--out", str(file)]) == 0
+    one, two = map(read_experience, files)
+    pd.testing.assert_frame_equal(one.frame, two.frame, check_exact=True)
+    assert one.metadata["seed"] == 9
+    assert one.metadata["complete"] is True
+    assert one.metadata["robot_digest"] == ROBOT.digest()
+    assert one.frame.groupby("action")["episode"].nunique().to_dict() == {"dribbleBall": 2, "goToPose": 2}
+
+
+def test_collect_keeps_the_finished_episodes_on_ctrl_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
+        yield made_up_experience("goToPose", episodes=3)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(collect, "collect", interrupted)
+    file = tmp_path / "part.parquet"
+    assert collect.main(["--actions", "goToPose", "--out", str(file)]) == collect.INTERRUPTED
+    experience = read_experience(file)
+    assert experience.frame["episode"].nunique() == 3
+    assert experience.metadata["complete"] is False
+    assert "interrupted: kept the finished episodes" in capsys.readouterr().out
+
+
+def test_train_writes_models_with_their_accuracy(learned: Path) -> None:
+    assert sorted(path.name for path in learned.iterdir()) == ["dribbleBall.json", "goToPose.json"]
+    data = json.loads((learned / "goToPose.json").read_text())
+    accuracy = data["accuracy"]
+    assert accuracy["seed"] == 2
+    assert 0.0 < accuracy["mae_s"] < 0.2
+    assert accuracy["mae_s_ci95"][0] < accuracy["mae_s"] < accuracy["mae_s_ci95"][1]
+    assert accuracy["rmse_s_ci95"][0] < accuracy["rmse_s"] < accuracy["rmse_s_ci95"][1]
+    assert accuracy["success"]["brier"] > 0.0
+    assert data["training"]["episodes"] == 300
+    assert data["training"]["seed"] == 1
+    assert data["robot_digest"] == ROBOT.digest()
+
+
+def test_training_twice_gives_the_same_bytes(learned: Path, tmp_path: Path) -> None:
+    before = (learned / "goToPose.json").read_bytes()
+    words = [str(tmp_path / "a.parquet"), "--fresh", str(tmp_path / "b.parquet"), "--models", str(learned)]
+    assert train.main(words) == 0
+    assert (learned / "goToPose.json").read_bytes() == before
+
+
+def test_rules_are_printed_for_the_tree_and_for_one_situation(
+    learned: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert train.main(["--rules", "goToPose", "--models", str(learned)]) == 0
+    assert "time = " in capsys.readouterr().out
+    words = ["--rules", "goToPose", "--models", str(learned), "--situation", "xg=2", "yawg=0.5"]
+    assert train.main(words) == 0
+    assert "here time = " in capsys.readouterr().out
+
+
+def test_report_and_ablation_are_written(learned: Path, tmp_path: Path) -> None:
+    report, ablation = tmp_path / "accuracy.md", tmp_path / "ablation.md"
+    words = [str(tmp_path / "a.parquet"), "--fresh", str(tmp_path / "b.parquet"), "--models", str(learned)]
+    assert train.main([*words, "--report", str(report), "--ablation", str(ablation)]) == 0
+    assert "| goToPose | default | at rest | " in report.read_text()
+    assert "0.31 / 0.75" in report.read_text()
+    assert "| dribbleBall | the paper's 3, starts | " in ablation.read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["none.parquet"], "none.parquet: expected a Parquet file"),
+        (["--rules", "fly"], "fly.json: expected a readable JSON file"),
+        (["--rules", "goToPose", "--measure", "mood"], "measure: expected one of duration"),
+        (["--rules", "goToPose", "--situation", "z=1"], "situation: expected NAME=NUMBER"),
+        (["--rules", "goToPose", "--situation", "x=far"], "situation: expected NAME=NUMBER"),
+    ],
+)
+def test_errors_are_one_line(
+    learned: Path, capsys: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    capsys.readouterr()
+    assert train.main([*words, "--models", str(learned)]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("train: ")
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_experience_of_another_robot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    foreign = table(tmp_path / "foreign.parquet", 1, robot_digest="0123456789abcdef")
+    assert train.main([str(foreign), "--models", str(tmp_path)]) == 1
+    assert "metadata.robot_digest: expected" in capsys.readouterr().err
+
+
+def test_several_tables_are_joined_without_mixing_episodes(tmp_path: Path) -> None:
+    files = [str(table(tmp_path / f"{seed}.parquet", seed)) for seed in (1, 2)]
+    assert train.main([*files, "--models", str(tmp_path / "models")]) == 0
+    data = json.loads((tmp_path / "models" / "goToPose.json").read_text())
+    assert data["training"]["episodes"] == 600
+    assert data["accuracy"] == {}
+
+
+def test_nothing_to_do_is_refused() -> None:
+    with pytest.raises(SystemExit):
+        train.main([])
