@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.experience.situations import ARRIVAL_SPEED
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopChain
 
@@ -54,7 +55,8 @@ class Domain:
 
 def _speed_domain(robot: Robot, goal: Goal) -> Domain:
     limits = robot.dribble_limits if goal.point is Point.HOLD else robot.limits
-    return Domain(0.0, limits.v, 6, rest=0.0)
+    # No model knows faster arrivals than experience has.
+    return Domain(0.0, min(limits.v, ARRIVAL_SPEED), 6, rest=0.0)
 
 
 #: Domain of each goal variable; a new goal variable is a new row, here or in what is given to the refiner.
