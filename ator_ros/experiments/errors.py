@@ -1,0 +1,5 @@
+"""The error of this room."""
+
+
+class EvaluationError(ValueError):
+    """An evaluation that cannot be run or read; the message says what was expected and what came."""

@@ -1,0 +1,176 @@
+"""One situation of the experiment: every policy chooses, every different chain is executed once."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from ator_ros.experiments.execution import Run, run_chain
+from ator_ros.experiments.policies import POLICIES, Choice, Toolset, naive
+from ator_ros.experiments.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.experiments.trials import Trial, open_speeds, random_trial, with_headings
+from ator_ros.geometry import wrap_angle
+from ator_ros.refinement.gate import gate_features
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+
+Record = dict[str, Any]
+"""What is kept of one situation; see `evaluate_trial`."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that the result of an evaluation depends on.
+
+    Attributes
+    ----------
+    seed : int
+        Of the situations.
+    chain : str
+        Which chain, see `ator_ros.experiments.trials.CHAINS`.
+    policies : tuple of str
+        Names of `POLICIES`.
+    oracle : int
+        How many headings of the first subgoal the oracle executes, evenly spaced from the naive one; 0: no
+        oracle.
+    oracle_speeds : tuple of float
+        Arrival speeds in m/s that the oracle of heading and speed executes at each heading.
+    source : ToolsetSource
+        Where robot, actions, models and gate come from.
+    """
+
+    seed: int
+    chain: str = "dribble"
+    policies: tuple[str, ...] = tuple(POLICIES)
+    oracle: int = 0
+    oracle_speeds: tuple[float, ...] = ()
+    source: ToolsetSource = field(default_factory=ToolsetSource)
+
+
+class Executions:
+    """Executes chains from one start, each different one once."""
+
+    def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
+        self._robot, self._library, self._trial = tools.robot, library, trial
+        self._runs: dict[tuple[float, ...], Run] = {}
+
+    def __call__(self, chain: TopChain) -> Run:
+        """Give the run of `chain`."""
+        key = tuple(
+            round(value, 6) + 0.0
+            for call in chain.calls
+            for value in (wrap_angle(call.goal.pose.yaw), call.goal.speed)
+        )
+        if key not in self._runs:
+            self._runs[key] = run_chain(self._robot, self._library, self._trial.world, chain)
+        return self._runs[key]
+
+    @property
+    def count(self) -> int:
+        """How many different chains were executed."""
+        return len(self._runs)
+
+
+@cache
+def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
+    """Give what is the same for all situations, made once per process."""
+    tools = make_toolset(source)
+    return tools, make_library(tools.robot, source)
+
+
+def evaluate_trial(task: tuple[Settings, int]) -> Record:
+    """Evaluate all policies in one situation.
+
+    Returns
+    -------
+    dict
+        "index"; "start": robot x, y, yaw, ball x, y, goal x, y, yaw (m, rad); "policies": by name "duration"
+        (s), "success", "reason", "error" (m), "chosen": heading and speed of each intermediate subgoal,
+        "predicted" (s); "features": what the gate decides from; "oracle": "headings" (rad), "durations" (s),
+        "best" (s) and "success"; "oracle_speed": "best" and "success"; "executed": how many chains were.
+    """
+    settings, index = task
+    tools, library = _tools(settings.source)
+    trial = random_trial(settings.seed, index, settings.chain, tools.robot, library)
+    execute = Executions(tools, library, trial)
+    choices = {name: POLICIES[name](tools, trial) for name in settings.policies}
+    record: Record = {
+        "index": index,
+        "start": _start(trial),
+        "policies": {name: _policy_record(choice, execute(choice.chain)) for name, choice in choices.items()},
+    }
+    start = naive(tools, trial)
+    for name, choice in choices.items():
+        if choice.refinement is not None and name in ("refined", "refined_speed"):
+            record["features" if name == "refined" else "features_speed"] = _features(trial, start, choice)
+    if settings.oracle:
+        record.update(_oracle(settings, tools, trial, execute, start.chain))
+    record["executed"] = execute.count
+    return record
+
+
+def _start(trial: Trial) -> list[float]:
+    ball = trial.chain.calls[0].goal.pose
+    goal = trial.chain.calls[1].goal.pose
+    return [round(value, 4) for value in (*trial.world.robot.pose, ball.x, ball.y, *goal)]
+
+
+def _policy_record(choice: Choice, run: Run) -> Record:
+    chosen = [[round(c.goal.pose.yaw, 4), round(c.goal.speed, 3)] for c in choice.chain.calls[:-1]]
+    record: Record = {"duration": round(run.duration, 3), "success": run.success, "chosen": chosen}
+    if not run.success:
+        record["reason"] = run.reason
+    elif not math.isnan(run.error):
+        record["error"] = round(run.error, 4)
+    refinement = choice.refinement
+    if refinement is not None and refinement.before is not None and refinement.after is not None:
+        taken = refinement.after if refinement.refined else refinement.before
+        record["predicted"] = round(taken.duration, 3)
+    return record
+
+
+def _features(trial: Trial, start: Choice, choice: Choice) -> Mapping[str, float] | None:
+    refinement = choice.refinement
+    if refinement is None or refinement.before is None or refinement.after is None:
+        return None
+    features = gate_features(trial.world, start.chain, choice.chain, refinement.before, refinement.after)
+    return {name: round(value, 5) for name, value in features.items()}
+
+
+def _oracle(
+    settings: Settings, tools: Toolset, trial: Trial, execute: Executions, start: TopChain
+) -> dict[str, Record]:
+    """Execute evenly spaced headings of the first subgoal, the others as predicted best for each."""
+    refiner = tools.refiner()
+    naive_heading = start.calls[0].goal.pose.yaw
+    steps = (2.0 * math.pi * k / settings.oracle for k in range(settings.oracle))
+    headings = [wrap_angle(naive_heading + step) for step in steps]
+    chains = [with_headings(start, {0: yaw}) for yaw in headings]
+    if len(start.calls) > 2:
+        plans = [with_headings(trial.chain, {0: yaw}) for yaw in headings]
+        chains = [refiner.refine(trial.world, plan).chain for plan in plans] + [start]
+    runs = [execute(chain) for chain in chains]
+    best = min(runs, key=lambda run: run.duration)
+    records: dict[str, Record] = {
+        "oracle": {
+            "headings": [round(yaw, 3) for yaw in headings],
+            "durations": [round(run.duration, 2) for run in runs],
+            "best": round(best.duration, 3),
+            "success": best.success,
+        }
+    }
+    if settings.oracle_speeds:
+        opened = [open_speeds(chain) for chain in chains]
+        moving = [execute(_with_speed(chain, v)) for chain in opened for v in settings.oracle_speeds]
+        best = min([best, *moving], key=lambda run: run.duration)
+        records["oracle_speed"] = {"best": round(best.duration, 3), "success": best.success}
+    return records
+
+
+def _with_speed(chain: TopChain, speed: float) -> TopChain:
+    goal = dataclasses.replace(chain.calls[0].goal, speed=speed)
+    return chain.with_goal(0, goal)

@@ -1,0 +1,95 @@
+"""A whole evaluation: in parallel, resumable, the same whatever the number of workers."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ator_ros.experience.parallel import run_tasks
+from ator_ros.experience.table import library_versions
+from ator_ros.experiments.evaluation import Record, Settings, evaluate_trial
+from ator_ros.experiments.statistics import mean_absolute_error, outcomes, summarise
+from ator_ros.experiments.storage import PartialResults
+
+Progress = Callable[[Iterable[Record], int, int], Iterable[Record]]
+
+
+def run_situations(
+    settings: Settings,
+    *,
+    situations: int,
+    folder: Path,
+    jobs: int = 1,
+    backend: str = "loky",
+    progress: Progress | None = None,
+) -> list[Record]:
+    """Evaluate situations 0 to `situations` - 1, except those whose results `folder` has already.
+
+    Parameters
+    ----------
+    settings : Settings
+        What the results depend on.
+    situations : int
+        How many.
+    folder : Path
+        Where partial results are kept.
+    jobs, backend
+        As for `ator_ros.experience.parallel.run_tasks`.
+    progress : callable
+        Wraps the records as they come; also given how many were there and how many there will be.
+
+    Raises
+    ------
+    EvaluationError
+        The folder holds results of other settings.
+    BackendError
+        The parallel backend cannot be used.
+    """
+    partial = PartialResults(folder, settings, settings.source.digest())
+    tasks = [(settings, index) for index in range(situations) if index not in partial.records]
+    results: Iterable[Record] = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
+    if progress is not None:
+        results = progress(results, situations - len(tasks), situations)
+    for record in results:
+        partial.append(record)
+    return [partial.records[index] for index in range(situations)]
+
+
+def describe(settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
+    """Give what goes into `evaluation.json` beside the runs."""
+    summary: dict[str, Any] = {
+        "situations": len(records),
+        "seed": settings.seed,
+        "command": command,
+        **summarise(outcomes(records)),
+    }
+    for name, row in summary.items():
+        if isinstance(row, dict) and "predicted" in records[0]["policies"].get(name, {}):
+            row["prediction"] = mean_absolute_error(records, name)
+    return {
+        "summary": summary,
+        "settings": asdict(settings),
+        "executed": sum(record["executed"] for record in records),
+        "digest": settings.source.digest(),
+        "versions": library_versions(),
+        "machine": platform.platform(),
+    }
+
+
+def table_text(summary: Mapping[str, Any]) -> str:
+    """Give the summary as a table for a terminal."""
+    head = f"{'policy':24}{'mean s':>9}{'gain %':>8}{'95 %':>16}{'higher':>8}{'equal':>7}{'lower':>7}"
+    lines = [head + f"{'oracle %':>10}{'failed':>8}"]
+    for name, row in summary.items():
+        if isinstance(row, Mapping):
+            low, high = row["improvement_ci95"]
+            share = row["oracle_captured_percent"]
+            lines.append(
+                f"{name:24}{row['mean_duration_s']:9.2f}{row['improvement_percent']:8.2f}"
+                f"{f'{low:.2f} to {high:.2f}':>16}{row['higher']:8}{row['equal']:7}{row['lower']:7}"
+                f"{'-' if share is None else f'{share:.1f}':>10}{row['failures']:8}"
+            )
+    return "\n".join(lines)

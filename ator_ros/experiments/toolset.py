@@ -1,0 +1,100 @@
+"""What the policies choose with, read from the shipped models and, where given, a table of experience."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from ator_ros.experience.table import read_experience
+from ator_ros.experiments.ceiling import BoostedTime, IdealTime
+from ator_ros.experiments.heuristics import bitbots, booster, load_baselines
+from ator_ros.experiments.policies import POLICIES, Models, Toolset
+from ator_ros.performance.model_file import load_model, model_path
+from ator_ros.refinement.gate import OpenGate
+from ator_ros.refinement.gate_file import load_gate
+from ator_ros.resources import resource_path
+from ator_ros.robot import Robot, load_robot
+from ator_ros.tops.library import TopLibrary
+
+ACTIONS = ("goToPose", "dribbleBall", "shoot")
+GATE = "gate.json"
+BASELINES = "baselines.json"
+
+
+@dataclass(frozen=True)
+class ToolsetSource:
+    """Where robot, actions, models and gate come from.
+
+    Attributes
+    ----------
+    action_set : str
+        "default" or "bezier".
+    models : str
+        Folder of the models, laid out as the shipped models/; empty: that one.
+    experience : str
+        Table that the model with gradient boosting is fitted to; empty: there is no such model.
+    """
+
+    action_set: str = "default"
+    models: str = ""
+    experience: str = ""
+
+    def folder(self) -> Path:
+        """Give the folder of the model files."""
+        top = Path(self.models) if self.models else resource_path("models")
+        return (top / model_path(GATE, self.action_set)).parent
+
+    def digest(self) -> str:
+        """Give a digest of the robot's description and of all files that results depend on."""
+        sha = hashlib.sha256(load_robot().digest().encode())
+        names = (*(f"{action}.json" for action in ACTIONS), GATE, BASELINES)
+        files = [self.folder() / name for name in names]
+        for file in [*files, *([Path(self.experience)] if self.experience else [])]:
+            sha.update(file.read_bytes() if file.exists() else b"none")
+        return sha.hexdigest()[:16]
+
+
+def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Give the policies that can be run with what there is, and the others with what they lack."""
+    missing: dict[str, str] = {}
+    if not (source.folder() / BASELINES).exists():
+        why = f"{source.folder() / BASELINES} is not there; the tool `gate` makes it"
+        missing |= {"bitbots_refitted": why, "booster_refitted": why}
+    if not (source.folder() / GATE).exists():
+        why = f"{source.folder() / GATE} is not there; the tool `gate` makes it"
+        missing |= {"gated": why, "gated_speed": why}
+    if not source.experience:
+        missing["hist_gradient_boosting"] = "it needs the table of experience: --experience FILE"
+    return tuple(name for name in POLICIES if name not in missing), missing
+
+
+def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
+    """Give the TOP library with the actions of the source."""
+    return TopLibrary(robot, source.action_set)
+
+
+def make_toolset(source: ToolsetSource) -> Toolset:
+    """Read models and gate, and fit what is fitted anew.
+
+    Raises
+    ------
+    ModelFileError, RefinementError, ExperienceError, EvaluationError
+        A file that is there cannot be used; the message names it.
+    """
+    robot, folder = load_robot(), source.folder()
+    models: dict[str, Models] = {
+        "learned": {action: load_model(folder / f"{action}.json", robot) for action in ACTIONS},
+        "bitbots": {action: bitbots(action, robot) for action in ACTIONS},
+        "booster": {action: booster(action, robot) for action in ACTIONS},
+        "ideal_time": {action: IdealTime(action, robot) for action in ACTIONS},
+    }
+    if (folder / BASELINES).exists():
+        models |= load_baselines(folder / BASELINES, robot)
+    if source.experience:
+        experience = read_experience(source.experience)
+        models["hist_gradient_boosting"] = {
+            action: BoostedTime(robot).fit(experience.of(action)) for action in ACTIONS
+        }
+    gate = load_gate(folder / GATE) if (folder / GATE).exists() else OpenGate()
+    return Toolset(robot, models, gate)

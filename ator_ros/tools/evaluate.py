@@ -1,0 +1,139 @@
+"""Evaluate refinement: execute the same random situations with every policy (paper, section 5, Table 1)."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
+from ator_ros.experience.table import ExperienceError
+from ator_ros.experiments.errors import EvaluationError
+from ator_ros.experiments.evaluation import Record, Settings
+from ator_ros.experiments.policies import POLICIES
+from ator_ros.experiments.report import write_report
+from ator_ros.experiments.running import describe, run_situations, table_text
+from ator_ros.experiments.storage import write_result
+from ator_ros.experiments.toolset import ToolsetSource, available_policies
+from ator_ros.experiments.trials import CHAINS
+from ator_ros.performance.model_file import ModelFileError
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.resources import ResourceError
+from ator_ros.robot import ConfigError
+
+INTERRUPTED = 130
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Give the command line of `evaluate`."""
+    parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
+    parser.add_argument("--situations", type=_count, default=100, metavar="N")
+    parser.add_argument("--seed", type=_count, default=401, help="of the situations (default: %(default)s)")
+    parser.add_argument(
+        "--oracle", type=_count, default=0, metavar="K", help="also execute K approach headings each time"
+    )
+    parser.add_argument(
+        "--oracle-speeds",
+        type=_speed,
+        nargs="+",
+        default=[],
+        metavar="V",
+        help="also execute these arrival speeds in m/s at each of the K headings",
+    )
+    parser.add_argument("--out", type=Path, default=Path("evaluation"), metavar="DIR")
+    parser.add_argument("--chain", choices=list(CHAINS), default="dribble")
+    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument("--policies", nargs="+", choices=list(POLICIES), help="default: all that can be run")
+    parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")
+    parser.add_argument(
+        "--experience", default="", metavar="FILE", help="table from collect, for hist_gradient_boosting"
+    )
+    parser.add_argument("--workers", type=int, default=-1, help="processes (default: one per core)")
+    parser.add_argument("--backend", choices=BACKENDS, default="loky")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; give the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    options = arguments().parse_args(words)
+    try:
+        with cluster(options.cluster):
+            return _evaluate(options, shlex.join(["evaluate", *words]))
+    except KeyboardInterrupt:
+        print("evaluate: interrupted; the same command goes on from here", file=sys.stderr)
+        return INTERRUPTED
+    except (
+        BackendError,
+        ConfigError,
+        EvaluationError,
+        ExperienceError,
+        ModelFileError,
+        RefinementError,
+        ResourceError,
+    ) as error:
+        print(f"evaluate: {error}", file=sys.stderr)
+        return 1
+
+
+def _evaluate(options: argparse.Namespace, command: str) -> int:
+    if options.situations < 1:
+        raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
+    source = ToolsetSource(options.action_set, options.models, options.experience)
+    policies, missing = available_policies(source)
+    for name, why in missing.items():
+        if options.policies is None:
+            print(f"evaluate: without the policy {name}: {why}", file=sys.stderr)
+        elif name in options.policies:
+            raise EvaluationError(f"--policies: {name} cannot be run: {why}")
+    wanted = policies if options.policies is None else tuple(options.policies)
+    settings = Settings(
+        seed=options.seed,
+        chain=options.chain,
+        policies=tuple(name for name in POLICIES if name in {*wanted, "naive"}),
+        oracle=options.oracle,
+        oracle_speeds=tuple(options.oracle_speeds),
+        source=source,
+    )
+    records = run_situations(
+        settings,
+        situations=options.situations,
+        folder=options.out,
+        jobs=options.workers,
+        backend=options.backend,
+        progress=_bar,
+    )
+    result = describe(settings, records, command)
+    path = write_result(options.out, result, records)
+    print(table_text(result["summary"]))
+    report = write_report(options.out, result, records, settings)
+    print(f"wrote {path} and {report}")
+    return 0
+
+
+def _bar(records: Iterable[Record], done: int, total: int) -> Iterable[Record]:
+    return tqdm(records, initial=done, total=total, unit="situation", smoothing=0.05, disable=None)
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"expected a number that is not negative, got {text}")
+    return value
+
+
+def _speed(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value <= 10.0:
+        raise argparse.ArgumentTypeError(f"expected a speed from 0 to 10 m/s, got {text}")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

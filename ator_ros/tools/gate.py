@@ -1,0 +1,130 @@
+"""Learn the gate, and refit the rulers' time models, from situations of their own (paper, section 5)."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
+from ator_ros.experience.table import ExperienceError, read_experience
+from ator_ros.experiments.errors import EvaluationError
+from ator_ros.experiments.evaluation import Settings
+from ator_ros.experiments.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
+from ator_ros.experiments.heuristics import save_baselines
+from ator_ros.experiments.running import run_situations
+from ator_ros.experiments.toolset import ACTIONS, BASELINES, GATE, ToolsetSource
+from ator_ros.performance.model_file import ModelFileError
+from ator_ros.refinement.gate_file import save_gate
+from ator_ros.resources import ResourceError
+from ator_ros.robot import ConfigError, load_robot
+
+INTERRUPTED = 130
+POLICIES = ("naive", "refined", "refined_speed")
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Give the command line of `gate`."""
+    parser = argparse.ArgumentParser(prog="gate", description=__doc__)
+    parser.add_argument("--situations", type=int, default=400, metavar="N")
+    parser.add_argument("--seed", type=int, default=301, help="of the situations (default: %(default)s)")
+    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument(
+        "--models", default="", metavar="DIR", help="folder of the models (default: as shipped)"
+    )
+    parser.add_argument(
+        "--experience", type=Path, metavar="FILE", help="refit the rulers' models to this table"
+    )
+    parser.add_argument("--work", type=Path, default=Path("gate"), metavar="DIR", help="for partial results")
+    parser.add_argument("--workers", type=int, default=-1, help="processes (default: one per core)")
+    parser.add_argument("--backend", choices=BACKENDS, default="loky")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; give the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    options = arguments().parse_args(words)
+    try:
+        with cluster(options.cluster):
+            return _learn(options, shlex.join(["gate", *words]))
+    except KeyboardInterrupt:
+        print("gate: interrupted; the same command goes on from here", file=sys.stderr)
+        return INTERRUPTED
+    except (
+        BackendError,
+        ConfigError,
+        EvaluationError,
+        ExperienceError,
+        ModelFileError,
+        ResourceError,
+    ) as error:
+        print(f"gate: {error}", file=sys.stderr)
+        return 1
+
+
+def _learn(options: argparse.Namespace, command: str) -> int:
+    source = ToolsetSource(options.action_set, options.models)
+    if options.experience is not None:
+        refit_rulers(source, options.experience)
+    settings = Settings(seed=options.seed, policies=POLICIES, source=source)
+    records = run_situations(
+        settings,
+        situations=options.situations,
+        folder=options.work,
+        jobs=options.workers,
+        backend=options.backend,
+        progress=lambda rows, done, total: tqdm(
+            rows, initial=done, total=total, unit="situation", disable=None
+        ),
+    )
+    examples = gate_examples(records)
+    comparison = compare_gates(examples)
+    tree, threshold = fit_tree(examples), fit_threshold(examples)
+    best = tree if comparison["tree"]["utility"] > comparison["threshold"]["utility"] else threshold
+    training: dict[str, Any] = {
+        "command": command,
+        "seed": options.seed,
+        "situations": len(records),
+        "cross_validation": comparison,
+        "tree_rules": tree.rules(),
+        "threshold": {"gain": threshold.gain, "spread_factor": threshold.spread_factor},
+    }
+    save_gate(source.folder() / GATE, best, training)
+    _report(training, best.kind, source.folder() / GATE)
+    return 0
+
+
+def refit_rulers(source: ToolsetSource, experience: Path) -> None:
+    """Refit the rulers' time models to the starts of successful episodes, and write them to the models."""
+    table = read_experience(experience)
+    starts = {}
+    for action in ACTIONS:
+        rows = table.of(action)
+        starts[action] = rows[(rows["t"] == 0.0) & rows["success"]]
+    save_baselines(source.folder() / BASELINES, starts, load_robot())
+
+
+def _report(training: dict[str, Any], shipped: str, path: Path) -> None:
+    names = ("mean_gain_s", "kept_gain_percent", "higher", "equal", "lower", "refined_percent", "utility")
+    print(f"{'cross-validated':16}" + "".join(f"{name:>19}" for name in names))
+    for kind, row in training["cross_validation"].items():
+        print(f"{kind:16}" + "".join(f"{row[name]:>19}" for name in names))
+    print(
+        f"the tree labels {training['cross_validation']['tree']['accuracy_percent']} % correctly; its rules:"
+    )
+    for rule in training["tree_rules"]:
+        print(f"  {rule}")
+    print(f"threshold: {training['threshold']}")
+    print(f"wrote {path}: {shipped}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,179 @@
+"""Table 1 and the comparison of gates from records with known outcomes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ator_ros.experiments.errors import EvaluationError
+from ator_ros.experiments.evaluation import Settings
+from ator_ros.experiments.gate_learning import (
+    GateExamples,
+    compare_gates,
+    decisions,
+    fit_threshold,
+    fit_tree,
+    gate_examples,
+)
+from ator_ros.experiments.statistics import labels, outcomes, summarise
+from ator_ros.experiments.storage import PartialResults, read_result, to_columns, to_records, write_result
+from ator_ros.refinement.gate import FEATURES, ThresholdGate
+
+
+def record(index: int, naive: float, refined: float, oracle: float, **more: Any) -> dict[str, Any]:
+    return {
+        "index": index,
+        "policies": {
+            "naive": {"duration": naive, "success": naive < 30.0},
+            "refined": {"duration": refined, "success": refined < 30.0, "predicted": refined - 0.1},
+        },
+        "oracle": {"best": oracle, "success": True},
+        **more,
+    }
+
+
+RECORDS = [record(0, 10.0, 8.0, 7.5), record(1, 10.0, 10.1, 9.5), record(2, 10.0, 11.0, 9.0)]
+
+
+def test_table_of_known_runs() -> None:
+    row = summarise(outcomes(RECORDS))["refined"]
+    assert row["mean_duration_s"] == pytest.approx(29.1 / 3, abs=1e-3)
+    assert row["improvement_percent"] == pytest.approx(3.0)
+    assert (row["higher"], row["equal"], row["lower"]) == (1, 1, 1)
+    assert row["mean_gain_higher_percent"] == pytest.approx(20.0)
+    assert row["mean_loss_lower_percent"] == pytest.approx(10.0)
+    assert row["oracle_captured_percent"] == pytest.approx(100.0 * 0.9 / 4.0)
+    assert row["failures"] == 0
+
+
+def test_percent_of_sums_and_mean_of_ratios_differ() -> None:
+    row = summarise(outcomes([record(0, 20.0, 10.0, 10.0), record(1, 10.0, 10.0, 10.0)]))["refined"]
+    assert row["improvement_percent"] == pytest.approx(100.0 / 3.0, abs=1e-3)
+    assert row["mean_ratio_improvement_percent"] == pytest.approx(25.0)
+
+
+def test_failures_count_at_their_duration() -> None:
+    summary = summarise(outcomes([record(0, 10.0, 30.0, 9.0), record(1, 10.0, 9.0, 9.0)]))
+    assert summary["refined"]["failures"] == 1
+    assert summary["refined"]["improvement_percent"] == pytest.approx(-95.0)
+    assert summary["oracle"]["failures"] == 0
+
+
+def test_interval_of_a_constant_gain_is_that_gain() -> None:
+    rows = [record(i, 10.0, 9.0, 8.0) for i in range(20)]
+    row = summarise(outcomes(rows))["refined"]
+    assert row["improvement_ci95"] == [10.0, 10.0]
+    assert row["oracle_captured_ci95"] == [50.0, 50.0]
+
+
+def test_interval_covers_the_truth_about_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(4)
+    covered = 0
+    for _ in range(40):
+        gains = rng.normal(1.0, 1.0, 60)
+        rows = [record(i, 10.0, 10.0 - gain, 8.0) for i, gain in enumerate(gains)]
+        low, high = summarise(outcomes(rows))["refined"]["improvement_ci95"]
+        covered += low <= 10.0 <= high
+    assert 33 <= covered <= 40
+
+
+def test_labels_need_more_than_two_percent() -> None:
+    assert list(labels(np.array([9.79, 9.81, 10.19, 10.21]), np.full(4, 10.0))) == [
+        "Higher",
+        "Equal",
+        "Equal",
+        "Lower",
+    ]
+
+
+def examples(count: int = 400) -> GateExamples:
+    """Refinement pays where the predicted gain is above 0.3 s, and hurts below that."""
+    rng = np.random.default_rng(1)
+    features = rng.uniform(0.0, 1.0, (count, len(FEATURES)))
+    gain = features[:, list(FEATURES).index("gain")]
+    actual = np.where(gain > 0.3, 1.0, -0.5)
+    return GateExamples(features, np.full(count, 10.0), 10.0 - actual, np.arange(count))
+
+
+def test_both_gates_find_where_refinement_pays() -> None:
+    data = examples()
+    pays = data.refined < data.naive
+    assert np.mean(decisions(fit_threshold(data), data) == pays) > 0.99
+    assert np.mean(decisions(fit_tree(data), data) == pays) > 0.99
+
+
+def test_cross_validation_judges_on_other_situations() -> None:
+    compared = compare_gates(examples())
+    assert compared["open"]["kept_gain_percent"] == 100.0
+    assert compared["open"]["lower"] > 100
+    for kind in ("threshold", "tree"):
+        assert compared[kind]["lower"] <= 8
+        assert compared[kind]["kept_gain_percent"] > 110.0
+    assert compared["tree"]["accuracy_percent"] > 95.0
+
+
+def test_threshold_is_chosen_from_the_spread_where_the_spread_tells() -> None:
+    rng = np.random.default_rng(2)
+    features = rng.uniform(0.1, 1.0, (400, len(FEATURES)))
+    gain, spread = (features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
+    actual = np.where(gain > spread, 1.0, -1.0)
+    gate = fit_threshold(GateExamples(features, np.full(400, 10.0), 10.0 - actual, np.arange(400)))
+    assert gate == ThresholdGate(0.0, 1.0)
+
+
+def test_examples_of_records_hold_both_kinds_of_refinement() -> None:
+    features = dict.fromkeys(FEATURES, 0.5)
+    rows = [record(0, 10.0, 9.0, 8.0, features=features), record(1, 10.0, 9.0, 8.0)]
+    rows[0]["policies"]["refined_speed"] = {"duration": 7.0, "success": True}
+    rows[0]["features_speed"] = features
+    data = gate_examples(rows)
+    assert list(data.refined) == [9.0, 7.0]
+    assert list(data.situation) == [0, 0]
+
+
+def test_columns_and_records_are_the_same_data() -> None:
+    rows = [record(0, 10.0, 9.0, 8.0, features={"gain": 1.0}), record(1, 10.0, 9.0, 8.0)]
+    assert to_records(to_columns(rows), 2) == rows
+
+
+def test_result_is_written_and_read(tmp_path: Path) -> None:
+    path = write_result(tmp_path, {"summary": {"situations": 3}}, RECORDS)
+    data = read_result(path)
+    assert data["summary"] == {"situations": 3}
+    assert to_records(data["runs"], 3) == RECORDS
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": "ator_ros/gate"}'])
+def test_other_files_are_no_result(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "evaluation.json"
+    path.write_text(text)
+    with pytest.raises(EvaluationError, match="expected"):
+        read_result(path)
+
+
+class TestPartialResults:
+    def test_goes_on_where_it_was(self, tmp_path: Path) -> None:
+        PartialResults(tmp_path, Settings(seed=1), "d").append(RECORDS[0])
+        again = PartialResults(tmp_path, Settings(seed=1), "d")
+        assert again.records == {0: RECORDS[0]}
+
+    def test_forgets_a_line_that_was_cut_off(self, tmp_path: Path) -> None:
+        partial = PartialResults(tmp_path, Settings(seed=1), "d")
+        partial.append(RECORDS[0])
+        partial.append(RECORDS[1])
+        text = partial.path.read_text()
+        partial.path.write_text(text[: -len(json.dumps(RECORDS[1])) // 2])
+        again = PartialResults(tmp_path, Settings(seed=1), "d")
+        assert again.records == {0: RECORDS[0]}
+        again.append(RECORDS[1])
+        assert PartialResults(tmp_path, Settings(seed=1), "d").records == {0: RECORDS[0], 1: RECORDS[1]}
+
+    @pytest.mark.parametrize(("seed", "digest"), [(2, "d"), (1, "other")])
+    def test_refuses_results_of_other_settings(self, seed: int, digest: str, tmp_path: Path) -> None:
+        PartialResults(tmp_path, Settings(seed=1), "d").append(RECORDS[0])
+        with pytest.raises(EvaluationError, match="same settings"):
+            PartialResults(tmp_path, Settings(seed=seed), digest)
