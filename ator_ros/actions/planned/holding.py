@@ -14,8 +14,8 @@ from ator_ros.world import World
 MARGIN = 0.1  # m/s^2 of push that is always left
 LOST = 0.15  # m off its place at which the ball counts as lost
 _RATES = (1.0, 0.83, 0.67, 0.5, 0.33)
-_ENTRY_SPEEDS = (0.0, 0.2, 0.5, 0.9)
-_ENTRY_CHANGES = (0.0, 0.25, 0.5, 0.8)
+_ENTRY_SPEEDS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8)
+_ENTRY_CHANGES = (0.0, 0.2, 0.4, 0.6, 0.77)
 _EXIT_SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
 _EXIT_CHANGES = (0.0, 0.25, 0.45)
 
@@ -37,7 +37,7 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
     """Give the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn and gain more."""
     sides = []
     for rate in _RATES[::2]:
-        for v in {*_ENTRY_SPEEDS, speed}:
+        for v in sorted({*_ENTRY_SPEEDS, speed}):
             lead = _straight(limits, speed, v)
             for change in _ENTRY_CHANGES:
                 turn = Driving(v, change, rate * limits.w)
@@ -51,7 +51,7 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
     """Give the ways to end at `speed` (m/s) with the ball: turn, perhaps losing speed, then brake straight."""
     sides = []
     for rate in _RATES:
-        for v in {*_EXIT_SPEEDS, speed} - {0.0}:
+        for v in sorted({*_EXIT_SPEEDS, speed} - {0.0}):
             run = _straight(limits, v, speed)
             for change in _EXIT_CHANGES:
                 turn = Driving(v, change, rate * limits.w)

@@ -16,9 +16,11 @@ from ator_ros.actions.planned.turns import Driving
 from ator_ros.geometry import Pose
 from ator_ros.robot import Limits, Robot
 
-_SHARES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
+_SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
+_RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 _RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
 _TRIES = 3000
+_SURPRISE = 0.03  # s
 # Where the robot must not come back on its way: room for what closing a candidate changes, in m.
 _SLACK = 0.01
 
@@ -37,7 +39,7 @@ def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
     )
     speeds = {slowest + share * (min(limits.v, fastest_) - slowest) for share in _RUN_SHARES}
     return tuple(
-        Side(length, speed, Driving(at, share * limits.a, limits.w)) for at in speeds for share in _SHARES
+        Side(length, speed, Driving(at, share * limits.a, limits.w)) for at in sorted(speeds) for share in _RUN_CHANGES
     )
 
 
@@ -79,5 +81,8 @@ def _in_order(
     allowed = np.flatnonzero(candidates.slack >= _SLACK) if forward_only else range(len(candidates))
     for index in allowed[:_TRIES]:
         manoeuvre = closed(candidates[index])
-        if manoeuvre is not None and (not forward_only or manoeuvre.is_forward()):
+        if manoeuvre is None or (forward_only and not manoeuvre.is_forward()):
+            continue
+        # A drive that closing made too short for its change of speed comes back on its way: no bargain.
+        if manoeuvre.duration <= candidates.times[index] + _SURPRISE:
             yield manoeuvre

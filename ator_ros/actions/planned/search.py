@@ -140,12 +140,13 @@ def _ranked(
     ends = [np.array([(side.length, side.outer_speed, *side.turn) for side in sides]).T
             for sides in (entry_sides, exit_sides)]  # fmt: skip
     speeds, times = [], np.zeros(len(first))
-    for (length, outer, speed, acceleration, rate), picked, angles in zip(
-        ends, (entries, exits), (first, last), strict=True
+    for (length, outer, speed, acceleration, rate), picked, angles, (begin, end) in zip(
+        ends, (entries, exits), (first, last), ((1, 2), (2, 1)), strict=True
     ):
         turning = turn_times(angles, rate[picked], limits.aw)
         speeds.append(speeds_after(speed[picked], acceleration[picked], turning, limits.v))
-        times += turning + straight_times(length, outer, speed, limits)[picked]
+        stretch = (length, outer, speed)
+        times += turning + straight_times(length, stretch[begin], stretch[end], limits)[picked]
     times += straight_times(distance, *speeds, limits)
     slack = distance - speed_change_distances(*speeds, limits)
     order = np.argsort(times, kind="stable")
