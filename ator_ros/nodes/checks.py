@@ -1,0 +1,95 @@
+"""Checks of what comes in over ROS. Every error names the field, what was expected, and what came."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Sized
+from typing import Any
+
+from ator_ros.geometry import yaw_from_quaternion
+
+FARTHEST = 1000.0
+"""Greatest coordinate in m that is believed."""
+FASTEST = 100.0
+"""Greatest velocity in m/s or rad/s that is believed."""
+_UNIT_TOLERANCE = 1e-3
+_TILT_TOLERANCE = 0.02
+
+
+class MessageError(ValueError):
+    """A message that cannot be used; the text says which field, what was expected and what came."""
+
+
+def number(value: float, where: str, *, low: float, high: float, unit: str = "") -> float:
+    """Give `value` if it is a finite number in [low, high].
+
+    Raises
+    ------
+    MessageError
+        It is not.
+    """
+    if not (math.isfinite(value) and low <= value <= high):
+        bounds = f"a finite number from {low:g} to {high:g} {unit}".rstrip()
+        raise MessageError(f"{where}: expected {bounds}, got {value!r}")
+    return float(value)
+
+
+def position(value: float, where: str) -> float:
+    """Give a coordinate in m if it is finite and not farther than `FARTHEST`; raises MessageError."""
+    return number(value, where, low=-FARTHEST, high=FARTHEST, unit="m")
+
+
+def velocity(value: float, where: str, unit: str = "m/s") -> float:
+    """Give a velocity if it is finite and not faster than `FASTEST`; raises MessageError."""
+    return number(value, where, low=-FASTEST, high=FASTEST, unit=unit)
+
+
+def zero(values: Iterable[float], where: str) -> None:
+    """Make sure that components which have no meaning in the plane are 0; raises MessageError."""
+    values = tuple(values)
+    if any(value != 0.0 for value in values):
+        raise MessageError(f"{where}: expected 0, since the robot moves in the plane, got {values}")
+
+
+def planar_yaw(quaternion: Any, where: str) -> float:
+    """Give the heading in rad of a quaternion that has unit length, roll 0 and pitch 0.
+
+    Raises
+    ------
+    MessageError
+        It is not finite, not of unit length, or tilted.
+    """
+    parts = (quaternion.x, quaternion.y, quaternion.z, quaternion.w)
+    length = math.hypot(*parts)
+    if not abs(length - 1.0) <= _UNIT_TOLERANCE:
+        raise MessageError(f"{where}: expected a quaternion (x, y, z, w) of length 1, got {parts}")
+    if math.hypot(quaternion.x, quaternion.y) > _TILT_TOLERANCE:
+        raise MessageError(f"{where}: expected roll and pitch 0, got the quaternion (x, y, z, w) {parts}")
+    return yaw_from_quaternion(*parts)
+
+
+def frame(frame_id: str, where: str, *, expected: str) -> None:
+    """Make sure that a frame is the expected one, or empty, which means the same; raises MessageError."""
+    if frame_id not in ("", expected):
+        raise MessageError(f"{where}: expected the frame {expected!r}, got {frame_id!r}")
+
+
+def count(items: Sized, where: str, *, least: int, most: int) -> None:
+    """Make sure that there are `least` to `most` items; raises MessageError."""
+    if not least <= len(items) <= most:
+        raise MessageError(f"{where}: expected {least} to {most} items, got {len(items)}")
+
+
+def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> frozenset[str]:
+    """Give the names as a set if all are allowed and none comes twice.
+
+    Raises
+    ------
+    MessageError
+        Not so.
+    """
+    unknown = sorted(set(items) - set(allowed))
+    if unknown or len(set(items)) != len(items):
+        got = unknown[:5] if unknown else "a name twice"
+        raise MessageError(f"{where}: expected names of {sorted(allowed)}, each once, got {got}")
+    return frozenset(items)
