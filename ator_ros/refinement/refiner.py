@@ -67,6 +67,9 @@ class Refinement:
         Whether a subgoal was changed.
     reason : str
         Why the chain was refined or left alone.
+    original, best : TopChain
+        The chain compared with, which is the chain of the request with its open variables filled in, and the
+        best chain found.
     free : tuple of FreeVariable
         The variables that were free.
     before, after : ChainPrediction or None
@@ -78,6 +81,8 @@ class Refinement:
     chain: TopChain
     refined: bool
     reason: str
+    original: TopChain
+    best: TopChain
     free: tuple[FreeVariable, ...] = ()
     before: ChainPrediction | None = None
     after: ChainPrediction | None = None
@@ -126,7 +131,8 @@ class Refiner:
         objective = objective if objective is not None else Objective()
         analysis = self._analyse(world, chain)
         if not analysis.free:
-            return Refinement(chain, False, "nothing is free: " + "; ".join(analysis.reasons))
+            reason = "nothing is free: " + "; ".join(analysis.reasons)
+            return Refinement(chain, False, reason, chain, chain)
         if any(math.isnan(_value(chain, variable)) for variable in analysis.free):
             chain = self._fastest_alone(world, chain, analysis.free)
         with np.errstate(all="ignore"):
@@ -220,7 +226,8 @@ class Refiner:
         changed = pays and best != chain
         if pays and not changed:
             reason = "the chain is the best already"
-        return Refinement(best if changed else chain, changed, reason, free, before, after, curves)
+        answer = best if changed else chain
+        return Refinement(answer, changed, reason, chain, best, free, before, after, curves)
 
 
 def _replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:
