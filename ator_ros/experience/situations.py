@@ -13,7 +13,7 @@ from ator_ros.geometry import Pose
 from ator_ros.robot import Robot
 from ator_ros.world import BallState, RobotState
 
-MARGIN = 0.7  # m that starts and goals keep from the lines, so that the goals are not in the way
+END_MARGIN, SIDE_MARGIN = 0.9, 0.4  # m that starts and goals keep from the goal lines (their posts) and from the side lines
 CLEARANCE = 0.6  # m between the axle at the start and the ball, so that the two don't touch
 SHORTEST = 0.5  # m between start and goal
 SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line when a shot starts
@@ -73,8 +73,8 @@ def random_situation(action: str, robot: Robot, rng: np.random.Generator) -> Sit
 
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
-    """Draw a pose that lies at least 0.7 m within the lines."""
-    half_length, half_width = robot.field.length / 2 - MARGIN, robot.field.width / 2 - MARGIN
+    """Draw a pose that lies well within the lines."""
+    half_length, half_width = robot.field.length / 2 - END_MARGIN, robot.field.width / 2 - SIDE_MARGIN
     x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
     return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
