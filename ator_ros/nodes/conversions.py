@@ -1,0 +1,240 @@
+"""Messages to the core's types and back; everything that comes in is checked (see `checks`).
+
+Every function that reads a message raises MessageError, with `where` naming the message in its text.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import ator_interfaces.msg as msg
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import Quaternion, Twist
+from nav_msgs.msg import Odometry
+
+from ator_ros.actions.base import Goal
+from ator_ros.geometry import Pose, quaternion_from_yaw
+from ator_ros.nodes import checks
+from ator_ros.nodes.checks import MessageError
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.free_variables import goal_values, with_values
+from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.refiner import LONGEST_CHAIN
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.state import GOAL_VARIABLES
+from ator_ros.world import BallState, Command, RobotState, World
+
+DEFAULT_ACTION_SET = "default"
+
+
+# Time, poses and velocities
+
+
+def seconds_from(stamp: Time) -> float:
+    """Give a stamp as seconds."""
+    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+
+
+def stamp_of(seconds: float) -> Time:
+    """Give seconds as a stamp, to the nanosecond."""
+    nanoseconds = round(seconds * 1e9)
+    return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+
+
+def pose_from(pose: PoseMessage, where: str) -> Pose:
+    """Read a planar pose."""
+    return Pose(
+        checks.position(pose.position.x, f"{where}.position.x"),
+        checks.position(pose.position.y, f"{where}.position.y"),
+        checks.planar_yaw(pose.orientation, f"{where}.orientation"),
+    )
+
+
+def pose_of(pose: Pose) -> PoseMessage:
+    """Write a planar pose."""
+    x, y, z, w = quaternion_from_yaw(pose.yaw)
+    message = PoseMessage(orientation=Quaternion(x=x, y=y, z=z, w=w))
+    message.position.x, message.position.y = float(pose.x), float(pose.y)
+    return message
+
+
+def command_from(twist: Twist, where: str = "cmd_vel") -> Command:
+    """Read a velocity command; components other than linear.x and angular.z must be 0."""
+    linear, angular = twist.linear, twist.angular
+    checks.zero((linear.y, linear.z, angular.x, angular.y), f"{where}: linear.y, linear.z, angular.x, angular.y")
+    return Command(
+        checks.velocity(linear.x, f"{where}.linear.x"),
+        checks.velocity(angular.z, f"{where}.angular.z", "rad/s"),
+    )
+
+
+def twist_of(command: Command) -> Twist:
+    """Write a velocity command."""
+    message = Twist()
+    message.linear.x, message.angular.z = float(command.v), float(command.w)
+    return message
+
+
+# The state of the world
+
+
+def robot_from(odometry: Odometry, *, frame: str, where: str = "odom") -> tuple[float, RobotState]:
+    """Read time in s and state of the robot from its odometry, whose twist is in the robot's own frame."""
+    checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
+    twist = odometry.twist.twist
+    state = RobotState(
+        pose_from(odometry.pose.pose, f"{where}.pose.pose"),
+        checks.velocity(twist.linear.x, f"{where}.twist.twist.linear.x"),
+        checks.velocity(twist.angular.z, f"{where}.twist.twist.angular.z", "rad/s"),
+    )
+    return seconds_from(odometry.header.stamp), state
+
+
+def ball_from(odometry: Odometry, *, frame: str, where: str = "ball") -> tuple[float, BallState]:
+    """Read time in s and state of the ball; its twist is in the header's frame, as child_frame_id says too."""
+    checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
+    checks.frame(odometry.child_frame_id, f"{where}.child_frame_id", expected=frame)
+    position, linear = odometry.pose.pose.position, odometry.twist.twist.linear
+    return seconds_from(odometry.header.stamp), _ball(position, linear, f"{where}.pose", f"{where}.twist")
+
+
+def _ball(position: Any, linear: Any, place: str, motion: str) -> BallState:
+    return BallState(
+        checks.position(position.x, f"{place}: x"),
+        checks.position(position.y, f"{place}: y"),
+        checks.velocity(linear.x, f"{motion}: x"),
+        checks.velocity(linear.y, f"{motion}: y"),
+    )
+
+
+def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Odometry:
+    """Write the robot's odometry: pose in `frame`, twist in the robot's own frame `child`."""
+    message = Odometry(child_frame_id=child)
+    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    message.pose.pose = pose_of(robot.pose)
+    message.twist.twist = twist_of(Command(robot.v, robot.w))
+    return message
+
+
+def ball_odometry_of(time: float, ball: BallState, *, frame: str, height: float) -> Odometry:
+    """Write the ball's position, its centre `height` m above the floor, and its velocity, both in `frame`."""
+    message = Odometry(child_frame_id=frame)
+    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    position, linear = message.pose.pose.position, message.twist.twist.linear
+    position.x, position.y, position.z = float(ball.x), float(ball.y), height
+    linear.x, linear.y = float(ball.vx), float(ball.vy)
+    return message
+
+
+def world_from(situation: msg.Situation, *, frame: str, where: str = "situation") -> World:
+    """Read a situation."""
+    checks.frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
+    robot = RobotState(
+        pose_from(situation.robot, f"{where}.robot"),
+        checks.velocity(situation.v, f"{where}.v"),
+        checks.velocity(situation.w, f"{where}.w", "rad/s"),
+    )
+    ball = None
+    if situation.ball_known:
+        ball = _ball(situation.ball, situation.ball_velocity, f"{where}.ball", f"{where}.ball_velocity")
+    return World(seconds_from(situation.header.stamp), robot, ball)
+
+
+def situation_of(world: World, *, frame: str) -> msg.Situation:
+    """Write a situation."""
+    robot = world.robot
+    message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.v), w=float(robot.w))
+    message.header.stamp, message.header.frame_id = stamp_of(world.time), frame
+    if world.ball is not None:
+        message.ball_known = True
+        message.ball.x, message.ball.y = float(world.ball.x), float(world.ball.y)
+        message.ball_velocity.x, message.ball_velocity.y = float(world.ball.vx), float(world.ball.vy)
+    return message
+
+
+# Chains
+
+
+def action_set_from(chain: msg.TopChain, *, allowed: Mapping[str, Any], where: str = "chain") -> str:
+    """Read the name of a chain's action set, of those in `allowed`; empty means the default."""
+    name = str(chain.action_set or DEFAULT_ACTION_SET)
+    if name not in allowed:
+        raise MessageError(f"{where}.action_set: expected one of {sorted(allowed)}, got {name!r}")
+    return name
+
+
+def chain_from(
+    chain: msg.TopChain, library: TopLibrary, *, frame: str, keep_open: bool = False, where: str = "chain"
+) -> TopChain:
+    """Read a chain.
+
+    Parameters
+    ----------
+    library : TopLibrary
+        Knows the TOPs.
+    frame : str
+        The frame that goals must be given in.
+    keep_open : bool
+        Whether the goal variables listed as open become NaN, as refinement wants them; otherwise they keep the
+        values in the message.
+    """
+    checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
+    calls = [_call_from(call, library, frame, f"{where}.calls[{i}]") for i, call in enumerate(chain.calls)]
+    if keep_open:
+        calls = [
+            dataclasses.replace(call, goal=with_values(call.goal, dict.fromkeys(message.open, math.nan)))
+            for call, message in zip(calls, chain.calls, strict=True)
+        ]
+    return TopChain(tuple(calls))
+
+
+def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:
+    if call.top not in library:
+        raise MessageError(f"{where}.top: expected one of {sorted(library)}, got {call.top!r}")
+    checks.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
+    top = library[call.top]
+    speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=checks.FASTEST, unit="m/s")
+    goal = Goal(pose_from(call.goal.pose, f"{where}.goal.pose"), speed, top.point)
+    bound = checks.names(call.bound, f"{where}.bound", allowed=GOAL_VARIABLES)
+    unbound = sorted(set(GOAL_VARIABLES) - bound)
+    checks.names(call.open, f"{where}.open, of those not bound", allowed=unbound)
+    return TopCall(top, goal, bound)
+
+
+def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
+    """Write a chain; goal variables that are NaN are listed as open."""
+    return msg.TopChain(calls=[call_of(call, frame=frame) for call in chain.calls], action_set=action_set)
+
+
+def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
+    """Write one step of a chain."""
+    values = goal_values(call.goal)
+    unknown = [name for name, value in values.items() if math.isnan(value)]
+    goal = with_values(call.goal, dict.fromkeys(unknown, 0.0))
+    message = msg.TopCall(top=call.top.name, speed=float(goal.speed), bound=sorted(call.bound), open=unknown)
+    message.goal.header.frame_id = frame
+    message.goal.pose = pose_of(goal.pose)
+    return message
+
+
+# Objectives and performance
+
+
+def objective_from(objective: msg.Objective, where: str = "objective") -> Objective:
+    """Read an objective: each field of the message is the weight of the measure of that name."""
+    names = objective.get_fields_and_field_types()
+    try:
+        return Objective({name: float(getattr(objective, name)) for name in names})
+    except RefinementError as error:
+        raise MessageError(f"{where}: {error}") from error
+
+
+def performance_of(values: Mapping[str, float] | None = None) -> msg.Performance:
+    """Write a performance; measures that are not among `values` are NaN, those the message lacks are left out."""
+    names = msg.Performance.get_fields_and_field_types()
+    return msg.Performance(**{name: float((values or {}).get(name, math.nan)) for name in names})
