@@ -1,0 +1,164 @@
+"""Trials, policies, rulers, and one executed situation."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from refinement_fakes import ALL, LIBRARY, ROBOT, models
+
+from ator_ros.experience.situations import CLEARANCE, SHORTEST
+from ator_ros.experiments.execution import TIME_LIMIT, run_chain
+from ator_ros.experiments.heuristics import LinearTime, bitbots, booster, linear_terms, refit
+from ator_ros.experiments.policies import MODEL_SETS, POLICIES, Toolset
+from ator_ros.experiments.trials import (
+    ANGLE_OPEN,
+    CHAINS,
+    SHOOTING_DISTANCE,
+    Trial,
+    open_speeds,
+    random_trial,
+    with_headings,
+)
+from ator_ros.refinement.gate import ThresholdGate
+
+
+def trial(index: int = 0, chain: str = "dribble") -> Trial:
+    return random_trial(403, index, chain, ROBOT, LIBRARY)
+
+
+@pytest.fixture(scope="module")
+def tools() -> Toolset:
+    sets = {name: {action: bitbots(action, ROBOT) for action in models()} for name in MODEL_SETS}
+    return Toolset(ROBOT, {"learned": models(), **sets}, ThresholdGate(0.1))
+
+
+class TestTrials:
+    def test_depend_on_seed_and_index_only(self) -> None:
+        assert trial(3) == trial(3)
+        assert trial(3) != trial(4)
+        assert trial(3) != random_trial(404, 3, "dribble", ROBOT, LIBRARY)
+
+    @pytest.mark.parametrize("chain", list(CHAINS))
+    def test_are_valid_plans_that_leave_only_headings_open(self, chain: str) -> None:
+        for index in range(50):
+            drawn = trial(index, chain)
+            ready = with_headings(drawn.chain, dict.fromkeys(range(len(drawn.chain.calls) - 1), 0.3))
+            assert ready.violations(drawn.world, ROBOT) == []
+            assert [call.bound for call in drawn.chain.calls[:-1]] == [ANGLE_OPEN] * (len(ready.calls) - 1)
+            assert drawn.chain.calls[-1].bound == ALL
+
+    def test_keep_robot_ball_and_goal_apart(self) -> None:
+        for index in range(200):
+            drawn = trial(index)
+            ball, goal = (call.goal.pose for call in drawn.chain.calls)
+            assert drawn.world.robot.pose.distance(ball) >= CLEARANCE
+            assert ball.distance(goal) >= SHORTEST
+
+    def test_shooting_positions_lie_before_the_goal(self) -> None:
+        x, y = ROBOT.field.goal_centre()
+        for index in range(100):
+            place = trial(index, "shoot").chain.calls[1].goal.pose
+            low, high = SHOOTING_DISTANCE
+            assert low <= math.hypot(x - place.x, y - place.y) <= high
+
+    def test_opened_speeds_are_those_of_intermediate_subgoals(self) -> None:
+        chain = open_speeds(trial(0, "shoot").chain)
+        assert ["speed" in call.bound for call in chain.calls] == [False, False, True]
+
+
+class TestPolicies:
+    @pytest.mark.parametrize("name", list(POLICIES))
+    def test_choose_a_valid_chain_with_the_plans_commitments_kept(self, name: str, tools: Toolset) -> None:
+        for chain in CHAINS:
+            drawn = trial(1, chain)
+            chosen = POLICIES[name](tools, drawn).chain
+            assert chosen.violations(drawn.world, ROBOT) == []
+            for plan, call in zip(drawn.chain.calls, chosen.calls, strict=True):
+                assert call.goal.pose[:2] == plan.goal.pose[:2]
+                if not name.endswith("_speed"):
+                    assert call.goal.speed == 0.0
+
+    def test_face_goal_puts_the_ball_between_robot_and_goal(self, tools: Toolset) -> None:
+        drawn = trial(2)
+        chosen = POLICIES["face_goal"](tools, drawn).chain
+        robot = chosen.calls[0].goal.robot_pose(ROBOT)
+        ball, goal = chosen.calls[0].goal.pose, chosen.calls[1].goal.pose
+        assert robot.distance(ball) + ball.distance(goal) == pytest.approx(robot.distance(goal))
+
+    def test_bearing_points_from_robot_to_ball(self, tools: Toolset) -> None:
+        drawn = trial(2)
+        yaw = POLICIES["bearing"](tools, drawn).chain.calls[0].goal.pose.yaw
+        robot, ball = drawn.world.robot.pose, drawn.chain.calls[0].goal.pose
+        assert robot.ahead(0.0)._replace(yaw=yaw).ahead(robot.distance(ball)).distance(ball) < 1e-9
+
+    def test_closed_gate_leaves_the_naive_chain(self, tools: Toolset) -> None:
+        closed = dataclasses.replace(tools, gate=ThresholdGate(1000.0))
+        drawn = trial(4)
+        gated, naive = POLICIES["gated"](closed, drawn).chain, POLICIES["naive"](closed, drawn).chain
+        assert [call.goal for call in gated.calls] == [call.goal for call in naive.calls]
+
+    def test_arrival_speed_is_refined_only_where_asked(self, tools: Toolset) -> None:
+        speeds = [
+            POLICIES["refined_speed"](tools, trial(index)).chain.calls[0].goal.speed for index in range(5)
+        ]
+        assert max(speeds) > 0.2
+
+
+class TestHeuristics:
+    def test_published_coefficients(self) -> None:
+        direct = {
+            "x": 0.0, "y": 0.0, "yaw": 0.5, "v": 0.0, "w": 0.0,
+            "xg": 2.0, "yg": 0.0, "yawg": 1.0, "speedg": 0.0, "hold": 0.0,
+        }  # fmt: skip
+        assert bitbots("goToPose", ROBOT).predict(direct).duration == pytest.approx([14.0 + 3.82 * 1.5])
+        assert booster("goToPose", ROBOT).predict(direct).duration == pytest.approx([2.0 + 0.5 + 1.33])
+
+    @pytest.mark.parametrize("team", [bitbots, booster])
+    def test_refit_finds_the_coefficients_that_made_the_times(self, team: object) -> None:
+        rng = np.random.default_rng(0)
+        rows = pd.DataFrame(rng.uniform(-3.0, 3.0, (200, 6)), columns=["x", "y", "yaw", "xg", "yg", "yawg"])
+        rows["hold"] = 1.0
+        hand_set = team("goToPose", ROBOT)  # type: ignore[operator]
+        alike = hand_set.per_start_turn == hand_set.per_goal_turn
+        truth = LinearTime(1.1, 0.7, 0.7 if alike else 0.4, ROBOT.hold, constant=0.3)
+        rows["duration"] = truth.predict(rows).duration
+        found = refit(hand_set, "goToPose", rows.assign(v=0.0, w=0.0, speedg=0.0))
+        assert dataclasses.astuple(found) == pytest.approx(dataclasses.astuple(truth))
+
+    def test_a_held_ball_is_approached_with_the_axle_behind_it(self) -> None:
+        direct = {"x": 0.0, "y": 0.0, "yaw": 0.0, "xg": 2.0, "yg": 0.0, "yawg": 0.0, "hold": 1.0}
+        distance, *turns = linear_terms(direct, 0.3)
+        assert distance == pytest.approx(1.7)
+        assert turns == [0.0, 0.0]
+
+    def test_shots_have_no_heading_at_the_goal(self) -> None:
+        assert "yawg" not in bitbots("shoot", ROBOT).used_variables
+
+
+class TestExecution:
+    def test_a_chain_brings_the_ball_to_its_goal_the_same_way_each_time(self) -> None:
+        drawn = trial(5)
+        to_ball = drawn.world.robot.pose.relative(drawn.chain.calls[0].goal.pose)
+        chain = with_headings(drawn.chain, {0: drawn.world.robot.pose.yaw + math.atan2(to_ball.y, to_ball.x)})
+        runs = [run_chain(ROBOT, LIBRARY, drawn.world, chain, keep_path=True) for _ in range(2)]
+        assert runs[0] == runs[1]
+        assert runs[0].success, runs[0].reason
+        assert runs[0].duration == pytest.approx(sum(runs[0].actions))
+        x, y, ball_x, ball_y = runs[0].path[-1]
+        goal = chain.calls[1].goal.pose
+        assert math.hypot(ball_x - goal.x, ball_y - goal.y) < 0.1
+        assert math.hypot(x - ball_x, y - ball_y) < 0.5
+
+    def test_a_failed_chain_counts_at_the_time_limit(self) -> None:
+        drawn = trial(5)
+        # The plan believes the ball elsewhere, so the first pre-condition does not hold.
+        chain = with_headings(drawn.chain, {0: 0.0})
+        wrong = dataclasses.replace(chain.calls[0].goal, pose=chain.calls[0].goal.pose._replace(x=3.0, y=2.0))
+        run = run_chain(ROBOT, LIBRARY, drawn.world, chain.with_goal(0, wrong))
+        assert not run.success
+        assert run.duration == TIME_LIMIT
+        assert "pre-condition of goToBall" in run.reason
