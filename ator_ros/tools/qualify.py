@@ -1,0 +1,93 @@
+"""Measure the actions: success, regularity, and time over the time-optimal motion."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.experience.parallel import run_tasks
+from ator_ros.experiments.action_quality import KINDS, Outcome, Task, execute, regularity, summary, tasks
+from ator_ros.files import write_text
+from ator_ros.robot import load_robot
+
+RULED = ("pose", "approach", "dribble")
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Give the command line of `qualify`."""
+    parser = argparse.ArgumentParser(prog="qualify", description=__doc__)
+    parser.add_argument("--situations", type=int, default=1000, help="of each kind (default: %(default)s)")
+    parser.add_argument("--turned", type=int, default=300, help="of them also turned by 1 degree either way")
+    parser.add_argument("--pairs", type=int, default=200, help="of them compared with the time-optimal motion")
+    parser.add_argument("--seed", type=int, default=901)
+    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument("--jobs", type=int, default=-1)
+    parser.add_argument("--out", type=Path, default=Path("docs/actions.json"))
+    parser.add_argument(
+        "--optimal", type=Path, metavar="DIR",
+        help="folder for the ruler: pairs_KIND.json is written there, and optimal_KIND.json (the times in s that "
+        "benchmarks/time_optimal.py prints for it) is read where it exists",
+    )  # fmt: skip
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; give the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    options = arguments().parse_args(words)
+    rows = [_measure(kind, options) for kind in KINDS]
+    result = {
+        "command": shlex.join(["qualify", *words]),
+        "seed": options.seed,
+        "action_set": options.action_set,
+        "robot_digest": load_robot().digest(),
+        "kinds": rows,
+    }
+    write_text(options.out, json.dumps(result, indent=1) + "\n")
+    print(json.dumps(rows, indent=1))
+    print(f"written to {options.out}")
+    return 0
+
+
+def _measure(kind: str, options: argparse.Namespace) -> dict[str, Any]:
+    base = _run(kind, tasks(kind, options.action_set, options.seed, options.situations), options.jobs)
+    row = summary(kind, base)
+    few = base[: options.turned]
+    turned = [
+        _run(f"{kind} turned", tasks(kind, options.action_set, options.seed, len(few), degrees), options.jobs)
+        for degrees in (-1, 1)
+    ]
+    if few:
+        row["turned_by_1_degree"] = regularity([*few, *few], [*turned[0], *turned[1]])
+    if options.optimal is not None and kind in RULED:
+        row |= _rule(kind, base[: options.pairs], options.optimal)
+    return row
+
+
+def _run(label: str, work: list[Task], jobs: int) -> list[Outcome]:
+    return list(tqdm(run_tasks(execute, work, jobs=jobs), total=len(work), desc=label, disable=None))
+
+
+def _rule(kind: str, outcomes: list[Outcome], folder: Path) -> dict[str, Any]:
+    """Write the pairs for the ruler, and compare with its times where they are there."""
+    write_text(folder / f"pairs_{kind}.json", json.dumps([[list(p) for p in o.poses] for o in outcomes]))
+    times = folder / f"optimal_{kind}.json"
+    if not times.is_file():
+        return {}
+    optimal = json.loads(times.read_text(encoding="utf-8"))
+    both = [(o.duration, t) for o, t in zip(outcomes, optimal, strict=True) if o.success and t is not None]
+    own, best = np.mean(both, axis=0)
+    return {"pairs": len(both), "time_optimal_mean_s": round(best, 3), "over_time_optimal": round(own / best, 3)}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
