@@ -16,16 +16,17 @@ from ator_ros.experiments.figure6 import figure6
 from ator_ros.experiments.page import code, figure, page, paragraph, section, table
 from ator_ros.experiments.policies import POLICIES, Toolset
 from ator_ros.experiments.report_tables import headline, policies, table1, verdict
-from ator_ros.experiments.toolset import ACTIONS, GATE, make_library, make_toolset
+from ator_ros.experiments.toolset import ACTIONS, GATE, make_library
 from ator_ros.experiments.trials import SEEDS, random_trial
 from ator_ros.files import write_text
+from ator_ros.performance.model import PerformanceModel
 
 REPORT = "report.html"
 WORST = 5
 
 
 def write_report(
-    folder: Path, result: Mapping[str, Any], records: Sequence[Record], settings: Settings
+    folder: Path, result: Mapping[str, Any], records: Sequence[Record], settings: Settings, tools: Toolset
 ) -> Path:
     """Write `report.html` to `folder`.
 
@@ -39,8 +40,9 @@ def write_report(
         The runs.
     settings : Settings
         What the results depend on; the worst runs are executed once more for their paths.
+    tools : Toolset
+        The models.
     """
-    tools = make_toolset(settings.source)
     summary = result["summary"]
     chain = {"dribble": "go to the ball, dribble it to a pose", "shoot": "go to the ball, dribble it, shoot"}
     title = f"Subgoal refinement: {chain.get(settings.chain, settings.chain)}"
@@ -84,10 +86,12 @@ def _situations(records: Sequence[Record], summary: Mapping[str, Any]) -> str:
 def _models(tools: Toolset, settings: Settings) -> str:
     library = make_library(tools.robot, settings.source)
     learned = tools.models["learned"]
+    go_to_pose = learned["goToPose"]
+    assert isinstance(go_to_pose, PerformanceModel)
     return section(
         "Figures 4 and 6 of the paper, for our models",
         figure(
-            svg_text(figure4(learned["goToPose"])),
+            svg_text(figure4(go_to_pose)),
             "Figure 4: predicted time of goToPose against the angle at the destination, 2 m straight ahead.",
         ),
         figure(

@@ -108,8 +108,9 @@ def table1(summary: Mapping[str, Any]) -> str:
 
 def policies(summary: Mapping[str, Any], settings: Settings) -> str:
     """Give all policies, as bars and as a table."""
-    head = ("policy", "mean s", "of sums %", "95 %", "mean of ratios %", "95 %", "higher", "equal", "lower")
-    rows, ours = [], []
+    head: tuple[str, ...] = ("policy", "mean s", "of sums %", "95 %", "mean of ratios %", "95 %", *COUNTS)
+    rows: list[tuple[str, ...]] = []
+    ours: list[int] = []
     for name, row in summary.items():
         if isinstance(row, Mapping):
             if name.startswith(("gated", "refined")):

@@ -19,7 +19,7 @@ from ator_ros.experiments.policies import POLICIES
 from ator_ros.experiments.report import write_report
 from ator_ros.experiments.running import describe, run_situations, table_text
 from ator_ros.experiments.storage import write_result
-from ator_ros.experiments.toolset import ToolsetSource, available_policies
+from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.refinement.errors import RefinementError
@@ -86,6 +86,7 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
     if options.situations < 1:
         raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
     source = ToolsetSource(options.action_set, options.models, options.experience)
+    tools = make_toolset(source)  # before anything is executed: a damaged file shall be told at once
     policies, missing = available_policies(source)
     for name, why in missing.items():
         if options.policies is None:
@@ -112,13 +113,16 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
     result = describe(settings, records, command)
     path = write_result(options.out, result, records)
     print(table_text(result["summary"]))
-    report = write_report(options.out, result, records, settings)
+    report = write_report(options.out, result, records, settings, tools)
     print(f"wrote {path} and {report}")
     return 0
 
 
 def _bar(records: Iterable[Record], done: int, total: int) -> Iterable[Record]:
-    return tqdm(records, initial=done, total=total, unit="situation", smoothing=0.05, disable=None)
+    bar: Iterable[Record] = tqdm(
+        records, initial=done, total=total, unit="situation", smoothing=0.05, disable=None
+    )
+    return bar
 
 
 def _count(text: str) -> int:

@@ -1,0 +1,144 @@
+"""The command lines `evaluate` and `gate`, from small made-up models to report and result."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from experience_rows import made_up_experience
+from refinement_fakes import ROBOT
+
+from ator_ros.experience.table import Experience, join, write_experience
+from ator_ros.experiments.evaluation import Settings
+from ator_ros.experiments.running import run_situations
+from ator_ros.experiments.storage import PARTIAL, to_records
+from ator_ros.experiments.toolset import ACTIONS, BASELINES, GATE, ToolsetSource
+from ator_ros.performance.model_file import save_model
+from ator_ros.performance.training import train
+from ator_ros.refinement.gate import ThresholdGate
+from ator_ros.refinement.gate_file import load_gate, save_gate
+from ator_ros.tools.evaluate import main
+from ator_ros.tools.gate import main as gate_main
+
+POLICIES = ["naive", "face_goal", "refined", "gated"]
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("models")
+    for action in ACTIONS:
+        save_model(folder / f"{action}.json", train(action, made_up_experience(action), ROBOT))
+    save_gate(folder / GATE, ThresholdGate(0.05), {"situations": 1, "seed": 1})
+    return folder
+
+
+def evaluate(models: Path, out: Path, *words: str, situations: int = 3, workers: int = 1) -> dict[str, Any]:
+    options = ["--situations", str(situations), "--workers", str(workers), "--seed", "405"]
+    command = [*options, "--models", str(models), "--out", str(out), "--policies", *POLICIES, *words]
+    assert main(command) == 0
+    data: dict[str, Any] = json.loads((out / "evaluation.json").read_text())
+    return data
+
+
+@pytest.fixture(scope="module")
+def finished(models: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    out = tmp_path_factory.mktemp("out")
+    return out, evaluate(models, out, "--oracle", "4", "--oracle-speeds", "0.4")
+
+
+def test_summary_has_every_field_of_every_policy(finished: tuple[Path, dict[str, Any]]) -> None:
+    summary = finished[1]["summary"]
+    assert (summary["situations"], summary["seed"]) == (3, 405)
+    assert summary["command"].startswith("evaluate --situations 3")
+    for name in (*POLICIES, "oracle", "oracle_speed"):
+        row = summary[name]
+        for field in ("mean_duration_s", "improvement_percent", "mean_gain_higher_percent"):
+            assert isinstance(row[field], float)
+        assert row["higher"] + row["equal"] + row["lower"] == 3
+        low, high = row["improvement_ci95"]
+        assert low <= row["improvement_percent"] <= high
+        assert {"mean_loss_lower_percent", "oracle_captured_percent", "failures"} <= row.keys()
+    assert summary["naive"]["improvement_percent"] == 0.0
+    assert summary["oracle"]["improvement_percent"] >= 0.0
+    assert summary["oracle_speed"]["mean_duration_s"] <= summary["oracle"]["mean_duration_s"]
+
+
+def test_every_run_is_kept(finished: tuple[Path, dict[str, Any]]) -> None:
+    records = to_records(finished[1]["runs"], 3)
+    assert [record["index"] for record in records] == [0, 1, 2]
+    for record in records:
+        assert set(record["policies"]) == set(POLICIES)
+        assert len(record["oracle"]["durations"]) == 4
+        assert record["oracle"]["best"] <= record["policies"]["naive"]["duration"]
+
+
+def test_report_is_one_file_without_network_or_scripts(finished: tuple[Path, dict[str, Any]]) -> None:
+    text = (finished[0] / "report.html").read_text()
+    for words in ("Table 1 of the paper", "Figure 4", "Figure 6", "Where it loses", "To repeat this", "533"):
+        assert words in text
+    assert "<script" not in text
+    # SVG names its namespaces by address; nothing else may point outside.
+    outside = re.findall(r'(?:src|href)="(?!#|data:)[^"]*"|url\((?!#)[^)]*\)|@import', text)
+    assert outside == []
+
+
+def test_result_is_the_same_for_any_number_of_workers(
+    models: Path, finished: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    again = evaluate(models, tmp_path, "--oracle", "4", "--oracle-speeds", "0.4", workers=2)
+    assert again["runs"] == finished[1]["runs"]
+    first = {name: row for name, row in finished[1]["summary"].items() if name != "command"}
+    assert {name: row for name, row in again["summary"].items() if name != "command"} == first
+
+
+def test_goes_on_after_an_interruption(models: Path, tmp_path: Path) -> None:
+    settings = Settings(seed=405, policies=("naive", "refined"), source=ToolsetSource(models=str(models)))
+    whole = run_situations(settings, situations=2, folder=tmp_path / "whole")
+    run_situations(settings, situations=1, folder=tmp_path / "parts")
+    partial = tmp_path / "parts" / PARTIAL
+    lines = partial.read_text().splitlines()
+    assert len(lines) == 2
+    partial.write_text("\n".join([*lines, lines[1][:40]]))
+    assert run_situations(settings, situations=2, folder=tmp_path / "parts") == whole
+    assert partial.read_text().splitlines()[1] == lines[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--situations", "0"], "--situations: expected at least 1"),
+        (["--models", "/nowhere"], "/nowhere"),
+        (["--policies", "hist_gradient_boosting"], "needs the table of experience"),
+    ],
+)
+def test_what_cannot_be_run_is_said_in_one_line(
+    words: list[str], message: str, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--models", str(models), "--out", str(tmp_path), "--workers", "1", *words]) == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.splitlines()) == 1
+
+
+def test_gate_is_learned_and_rulers_are_refitted(models: Path, tmp_path: Path) -> None:
+    table = tmp_path / "experience.parquet"
+    frames = [made_up_experience(action) for action in ACTIONS]
+    write_experience(table, Experience(join(frames), {"seed": 1}))
+    work = tmp_path / "work"
+    options = ["--situations", "6", "--seed", "305", "--models", str(models), "--work", str(work)]
+    before = (models / GATE).read_text()
+    try:
+        assert gate_main([*options, "--workers", "1", "--experience", str(table)]) == 0
+        training = json.loads((models / GATE).read_text())["training"]
+        assert training["seed"] == 305
+        assert set(training["cross_validation"]) == {"open", "threshold", "tree"}
+        assert training["tree_rules"]
+        load_gate(models / GATE)
+        refitted = json.loads((models / BASELINES).read_text())["models"]["bitbots_refitted"]["goToPose"]
+        assert refitted["per_metre"] == pytest.approx(1.0, abs=0.2)
+    finally:
+        (models / GATE).write_text(before)
+        (models / BASELINES).unlink(missing_ok=True)
