@@ -10,12 +10,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import ator_interfaces.msg as msg
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Quaternion, Twist
 from nav_msgs.msg import Odometry
 
+import ator_interfaces.msg as msg
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes import checks
@@ -66,7 +66,9 @@ def pose_of(pose: Pose) -> PoseMessage:
 def command_from(twist: Twist, where: str = "cmd_vel") -> Command:
     """Read a velocity command; components other than linear.x and angular.z must be 0."""
     linear, angular = twist.linear, twist.angular
-    checks.zero((linear.y, linear.z, angular.x, angular.y), f"{where}: linear.y, linear.z, angular.x, angular.y")
+    checks.zero(
+        (linear.y, linear.z, angular.x, angular.y), f"{where}: linear.y, linear.z, angular.x, angular.y"
+    )
     return Command(
         checks.velocity(linear.x, f"{where}.linear.x"),
         checks.velocity(angular.z, f"{where}.angular.z", "rad/s"),
@@ -96,7 +98,7 @@ def robot_from(odometry: Odometry, *, frame: str, where: str = "odom") -> tuple[
 
 
 def ball_from(odometry: Odometry, *, frame: str, where: str = "ball") -> tuple[float, BallState]:
-    """Read time in s and state of the ball; its twist is in the header's frame, as child_frame_id says too."""
+    """Read time in s and state of the ball, whose twist is in the header's frame, as child_frame_id says."""
     checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
     checks.frame(odometry.child_frame_id, f"{where}.child_frame_id", expected=frame)
     position, linear = odometry.pose.pose.position, odometry.twist.twist.linear
@@ -180,8 +182,8 @@ def chain_from(
     frame : str
         The frame that goals must be given in.
     keep_open : bool
-        Whether the goal variables listed as open become NaN, as refinement wants them; otherwise they keep the
-        values in the message.
+        Whether the goal variables listed as open become NaN, as refinement wants them; otherwise they keep
+        the values in the message.
     """
     checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     calls = [_call_from(call, library, frame, f"{where}.calls[{i}]") for i, call in enumerate(chain.calls)]
@@ -235,6 +237,6 @@ def objective_from(objective: msg.Objective, where: str = "objective") -> Object
 
 
 def performance_of(values: Mapping[str, float] | None = None) -> msg.Performance:
-    """Write a performance; measures that are not among `values` are NaN, those the message lacks are left out."""
+    """Write a performance: what is not among `values` is NaN, what the message lacks is left out."""
     names = msg.Performance.get_fields_and_field_types()
     return msg.Performance(**{name: float((values or {}).get(name, math.nan)) for name in names})

@@ -21,9 +21,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-SENSOR_DATA = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
-)
+SENSOR_DATA = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """For odom and ball, and for listening to commands: only the newest counts, a lost one is not sent again."""
 
 COMMANDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -158,7 +156,7 @@ def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str,
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How a node is: what is wrong (empty when all is well), whether it cannot work so, and values by name."""
+    """How a node is: what is wrong (empty: nothing), whether it cannot work so, and values by name."""
 
     problem: str = ""
     error: bool = False
