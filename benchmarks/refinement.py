@@ -1,0 +1,81 @@
+"""How long the core refinement of a chain takes: search, predictions and gate, without ROS.
+
+    python -m benchmarks.refinement [--requests 200]
+
+Each request is another random situation, so that no cache of the processor flatters the numbers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ator_ros.experiments.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.experiments.trials import Trial, open_speeds, random_trial
+from ator_ros.refinement.refiner import Refiner
+
+SEED = 801
+WARM_UP = 20
+LIMITS_MS = {"2 steps, heading": 1.0, "3 steps, two headings": 5.0}
+"""What must be reached, in ms in the median."""
+
+CASES: dict[str, tuple[str, Callable[[Trial], Any]]] = {
+    "2 steps, heading": ("dribble", lambda trial: trial.chain),
+    "2 steps, heading and speed": ("dribble", lambda trial: open_speeds(trial.chain)),
+    "3 steps, two headings": ("shoot", lambda trial: trial.chain),
+    "3 steps, two headings and speeds": ("shoot", lambda trial: open_speeds(trial.chain)),
+}
+
+
+def measure(requests: int = 200) -> dict[str, dict[str, float]]:
+    """Give for each case the median and the 99th percentile in ms, and the limit where there is one."""
+    source = ToolsetSource()
+    tools = make_toolset(source)
+    library = make_library(tools.robot, source)
+    refiner = tools.refiner(gated=True)
+    results: dict[str, dict[str, float]] = {}
+    for name, (kind, chain) in CASES.items():
+        trials = [
+            random_trial(SEED, index, kind, tools.robot, library) for index in range(requests + WARM_UP)
+        ]
+        times = _times(refiner, [(trial, refiner.naive(trial.world, chain(trial))) for trial in trials])
+        results[name] = {
+            "median_ms": round(statistics.median(times), 3),
+            "p99_ms": round(statistics.quantiles(times, n=100)[-1], 3),
+        }
+        if name in LIMITS_MS:
+            results[name]["limit_ms"] = LIMITS_MS[name]
+    return results
+
+
+def _times(refiner: Refiner, requests: Sequence[tuple[Trial, Any]]) -> list[float]:
+    """Give the time in ms of each request after the warm-up."""
+    times = []
+    for trial, chain in requests:
+        began = time.perf_counter()
+        refiner.refine(trial.world, chain)
+        times.append(1000.0 * (time.perf_counter() - began))
+    return times[WARM_UP:]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure and print; the exit code is 1 where a limit is missed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--requests", type=int, default=200)
+    results = measure(parser.parse_args(argv).requests)
+    print(json.dumps(results, indent=1))
+    missed = [
+        name for name, row in results.items() if row["median_ms"] > row.get("limit_ms", row["median_ms"])
+    ]
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
