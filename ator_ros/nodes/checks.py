@@ -77,7 +77,8 @@ def frame(frame_id: str, where: str, *, expected: str) -> None:
 def count(items: Sized, where: str, *, least: int, most: int) -> None:
     """Make sure that there are `least` to `most` items; raises MessageError."""
     if not least <= len(items) <= most:
-        raise MessageError(f"{where}: expected {least} to {most} items, got {len(items)}")
+        expected = f"{least}" if least == most else f"{least} to {most}"
+        raise MessageError(f"{where}: expected {expected} items, got {len(items)}")
 
 
 def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> frozenset[str]:

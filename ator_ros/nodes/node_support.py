@@ -62,7 +62,7 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> Non
         # rclpy's own handlers would invalidate the context before the robot has been stopped.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
-    except (SetupError, ParameterException, rclpy.exceptions.UnknownROSArgsError, RuntimeError) as error:
+    except (SetupError, ParameterException, RuntimeError) as error:  # rcl's errors are RuntimeErrors
         rclpy.try_shutdown()
         sys.exit(f"{Path(sys.argv[0]).name}: {error}")
     executor = SingleThreadedExecutor()
@@ -147,8 +147,7 @@ def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str,
         try:
             node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
         except ParameterException as error:
-            expected = f"{type(parameter.default).__name__} ({parameter.description})"
-            raise SetupError(f"parameter {parameter.name}: expected {expected}: {error}") from error
+            raise SetupError(f"parameter {parameter.name} ({parameter.description}): {error}") from error
         values[parameter.name] = node.get_parameter(parameter.name).value
         parameter.check(values[parameter.name])
     return values
