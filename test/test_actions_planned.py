@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -46,7 +47,9 @@ def test_straight_drives_cover_their_distance_within_the_limits() -> None:
     limits = Limits(v=1.0, w=1.2, a=0.8, brake=0.5, aw=3.0)
     for distance, v1, v2 in rng.uniform((0.0, 0.0, 0.0), (4.0, 1.0, 1.0), size=(200, 3)):
         pieces = straight_pieces(distance, v1, v2, limits)
-        assert sum(p.duration for p in pieces) == pytest.approx(float(straight_times(distance, v1, v2, limits)))
+        assert sum(p.duration for p in pieces) == pytest.approx(
+            float(straight_times(distance, v1, v2, limits))
+        )
         assert all(abs(p.end) <= limits.v + 1e-9 and p.duration >= 0.0 for p in pieces)
         if pieces[0].end >= max(v1, v2) - 1e-9:  # no overshoot: the distance suffices
             assert sum(p.duration * (p.start + p.end) / 2 for p in pieces) == pytest.approx(distance)
@@ -67,7 +70,7 @@ def test_every_closed_candidate_meets_its_goal_within_the_limits() -> None:
         assert max(abs(state.v) for state in states) <= LIMITS.v + 1e-9
         assert max(abs(state.w) for state in states) <= LIMITS.w + 1e-9
         assert np.abs(np.diff([state.v for state in states])).max() <= LIMITS.a * 0.05 + 1e-6
-        moved = [one.pose.distance(two.pose) for one, two in zip(states, states[1:], strict=False)]
+        moved = [one.pose.distance(two.pose) for one, two in itertools.pairwise(states)]
         assert max(moved) <= LIMITS.v * 0.05 + 2e-3
         end = trajectory.at(trajectory.duration).pose
         assert end.distance(goal) < 1e-6
@@ -118,7 +121,8 @@ def test_a_ball_that_rolls_is_followed() -> None:
             simulation.tick()
         world = simulation.world()
     assert step.status is Status.SUCCEEDED
-    assert world.ball is not None and world.ball.x > 0.2
+    assert world.ball is not None
+    assert world.ball.x > 0.2
     hold = ROBOT.hold_point(world.robot.pose)
     assert math.hypot(hold.x - world.ball.x, hold.y - world.ball.y) < 0.06
 

@@ -51,7 +51,10 @@ def test_a_valid_chain_has_no_violations() -> None:
         (TopChain(()), "empty chain"),
         (TopChain((call("dribbleBall", 1.0, 0.0),)), "step 1 (dribbleBall) now"),
         (TopChain((call("goToBall", 1.0, 1.0),)), "ball.x within 0.1 of goal.x"),
-        (TopChain((call("goToPose", 1.0, 1.0), call("shoot", 4.0, 0.0))), "step 2 (shoot) after step 1 (goToPose)"),
+        (
+            TopChain((call("goToPose", 1.0, 1.0), call("shoot", 4.0, 0.0))),
+            "step 2 (shoot) after step 1 (goToPose)",
+        ),
     ],
 )
 def test_an_invalid_chain_is_refused_in_words(chain: TopChain, told: str) -> None:
@@ -74,7 +77,8 @@ def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
     assert steps[-1].command == STOP
     assert [record.top for record in executor.records] == ["goToBall", "dribbleBall", "shoot"]
     assert sum(record.duration for record in executor.records) == pytest.approx(steps[-1].elapsed)
-    assert world.ball is not None and world.ball.x > 4.0
+    assert world.ball is not None
+    assert world.ball.x > 4.0
 
 
 def test_an_arrival_speed_hands_over_without_a_stop() -> None:
@@ -82,7 +86,9 @@ def test_an_arrival_speed_hands_over_without_a_stop() -> None:
     executor, steps, _ = execute(chain)
     assert steps[-1].status is Status.SUCCEEDED
     assert executor.records[1].start.robot.v > 0.4
-    stopping = sum(r.duration for r in execute(TopChain((call("goToBall", 0.0, 0.0), *chain.calls[1:])))[0].records)
+    stopping = sum(
+        r.duration for r in execute(TopChain((call("goToBall", 0.0, 0.0), *chain.calls[1:])))[0].records
+    )
     assert steps[-1].elapsed < stopping
 
 

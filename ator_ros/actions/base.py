@@ -1,4 +1,4 @@
-"""What an action is: a control program that turns the estimated state into velocity commands (paper, section 2.1)."""
+"""What an action is: a control program from estimated state to velocity command (paper, section 2.1)."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _LIMIT = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One situation: kind of motion, action set, seed, and whether the start is turned by -1, 0 or 1 degree."""
+    """One situation: kind of motion, action set, seed, number, and by how much the start is turned (rad)."""
 
     kind: str
     action_set: str
@@ -65,7 +65,9 @@ class Outcome:
 def situation_of(task: Task, robot: Robot) -> Situation:
     """Draw the situation of a task: at rest at both ends, the start perhaps turned by a degree."""
     rng = np.random.default_rng((task.seed, KINDS.index(task.kind), task.index))
-    action = {"pose": "goToPose", "approach": "goToPose", "dribble": "dribbleBall", "shoot": "shoot"}[task.kind]
+    action = {"pose": "goToPose", "approach": "goToPose", "dribble": "dribbleBall", "shoot": "shoot"}[
+        task.kind
+    ]
     drawn = random_situation(action, robot, rng)
     while action == "goToPose" and (drawn.ball is None) != (task.kind == "pose"):
         drawn = random_situation(action, robot, rng)

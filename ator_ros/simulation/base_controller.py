@@ -43,7 +43,9 @@ class BaseController:
             The command is not finite.
         """
         if not (math.isfinite(command.v) and math.isfinite(command.w)):
-            raise ValueError(f"command: expected finite velocities, got v={command.v} m/s, w={command.w} rad/s")
+            raise ValueError(
+                f"command: expected finite velocities, got v={command.v} m/s, w={command.w} rad/s"
+            )
         limits = self._robot.limits
         self._command = Command(clip(command.v, limits.v), clip(command.w, limits.w))
         self._expires = time + COMMAND_TIMEOUT

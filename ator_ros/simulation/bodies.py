@@ -96,7 +96,7 @@ def make_ball(client: int, ball: Ball) -> int:
 def set_ball_dynamics(client: int, body: int, ball: Ball) -> None:
     """Give the ball's body its mass and friction: a hollow sphere that decelerates as it rolls."""
     inertia = 2.0 / 3.0 * ball.mass * ball.radius**2
-    # A rolling hollow ball resists with (1 + 2/3) m a r, which Bullet writes as coefficient times normal force.
+    # A rolling hollow ball resists with (1 + 2/3) m a r; Bullet: coefficient times normal force.
     rolling = 5.0 / 3.0 * ball.radius * ball.rolling_deceleration / GRAVITY
     p.changeDynamics(body, -1, mass=ball.mass, physicsClientId=client)  # which resets the inertia
     p.changeDynamics(

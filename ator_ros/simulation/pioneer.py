@@ -94,9 +94,7 @@ class PioneerSimulation:
         p.resetBaseVelocity(self._body, velocity, (0.0, 0.0, w), physicsClientId=client)
         turn = w * self.robot.track / 2.0
         for wheel, speed in zip(self._wheels, (v - turn, v + turn), strict=True):
-            p.resetJointState(
-                self._body, wheel, 0.0, speed / self.robot.wheel_radius, physicsClientId=client
-            )
+            p.resetJointState(self._body, wheel, 0.0, speed / self.robot.wheel_radius, physicsClientId=client)
         self._base.reset(Command(v, w))
 
     def place_ball(self, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:

@@ -27,15 +27,17 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="qualify", description=__doc__)
     parser.add_argument("--situations", type=int, default=1000, help="of each kind (default: %(default)s)")
     parser.add_argument("--turned", type=int, default=300, help="of them also turned by 1 degree either way")
-    parser.add_argument("--pairs", type=int, default=200, help="of them compared with the time-optimal motion")
+    parser.add_argument(
+        "--pairs", type=int, default=200, help="of them compared with the time-optimal motion"
+    )
     parser.add_argument("--seed", type=int, default=901)
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
     parser.add_argument("--jobs", type=int, default=-1)
     parser.add_argument("--out", type=Path, default=Path("docs/actions.json"))
     parser.add_argument(
         "--optimal", type=Path, metavar="DIR",
-        help="folder for the ruler: pairs_KIND.json is written there, and optimal_KIND.json (the times in s that "
-        "benchmarks/time_optimal.py prints for it) is read where it exists",
+        help="folder for the ruler: pairs_KIND.json is written there, and optimal_KIND.json (the times in s "
+        "that benchmarks/time_optimal.py prints for it) is read where it exists",
     )  # fmt: skip
     return parser
 
@@ -86,7 +88,11 @@ def _rule(kind: str, outcomes: list[Outcome], folder: Path) -> dict[str, Any]:
     optimal = json.loads(times.read_text(encoding="utf-8"))
     both = [(o.duration, t) for o, t in zip(outcomes, optimal, strict=True) if o.success and t is not None]
     own, best = np.mean(both, axis=0)
-    return {"pairs": len(both), "time_optimal_mean_s": round(best, 3), "over_time_optimal": round(own / best, 3)}
+    return {
+        "pairs": len(both),
+        "time_optimal_mean_s": round(best, 3),
+        "over_time_optimal": round(own / best, 3),
+    }
 
 
 if __name__ == "__main__":

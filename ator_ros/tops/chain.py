@@ -58,7 +58,9 @@ class TopChain:
         for number, call in enumerate(self.calls, start=1):
             reasons = call.top.pre.violations(state_of(world, robot), goal_variables(call.goal))
             when = "now" if number == 1 else f"after step {number - 1} ({self.calls[number - 2].top.name})"
-            found += [f"pre-condition of step {number} ({call.top.name}) {when}: {reason}" for reason in reasons]
+            found += [
+                f"pre-condition of step {number} ({call.top.name}) {when}: {reason}" for reason in reasons
+            ]
             world = projected(world, call, robot)
         return found
 

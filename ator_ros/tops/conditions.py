@@ -57,7 +57,8 @@ class Condition:
                 found.append(f"expected {term.variable} near {term.target}, but one of them is unknown")
             elif error > term.tolerance:
                 found.append(
-                    f"expected {term.variable} within {term.tolerance:g} of {term.target}, it is {error:.3g} off"
+                    f"expected {term.variable} within {term.tolerance:g} of {term.target}, "
+                    f"it is {error:.3g} off"
                 )
         return found
 

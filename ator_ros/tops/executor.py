@@ -56,7 +56,7 @@ class ActionRecord:
 
 @dataclass(frozen=True, slots=True)
 class ChainStep:
-    """One tick of a chain: command, status, step of the chain (from 0), a sentence, time since its start in s."""
+    """One tick of a chain: command, status, step (from 0), a sentence, time since the start in s."""
 
     command: Command
     status: Status
@@ -81,7 +81,12 @@ class ChainExecutor:
     """
 
     def __init__(
-        self, library: TopLibrary, chain: TopChain, *, time_limit: float = 30.0, predict: Predict | None = None
+        self,
+        library: TopLibrary,
+        chain: TopChain,
+        *,
+        time_limit: float = 30.0,
+        predict: Predict | None = None,
     ) -> None:
         self._library = library
         self._chain = chain
@@ -126,7 +131,9 @@ class ChainExecutor:
         call = self._chain.calls[self._index]
         if self._action is None:
             self._start = world
-            violations = call.top.pre.violations(state_of(world, self._library.robot), goal_variables(call.goal))
+            violations = call.top.pre.violations(
+                state_of(world, self._library.robot), goal_variables(call.goal)
+            )
             if violations:
                 return Step(STOP, Status.FAILED, f"pre-condition of {call.top.name}: {'; '.join(violations)}")
             action = self._library.action(call.top)

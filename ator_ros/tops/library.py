@@ -46,7 +46,9 @@ class TopLibrary(Mapping[str, Top]):
         self._tops = {top.name: top for top in tops}
         missing = sorted({top.action for top in self._tops.values()} - set(self._actions))
         if missing:
-            raise KeyError(f"action set {action_set!r}: expected the actions {missing}, it has {sorted(self._actions)}")
+            raise KeyError(
+                f"action set {action_set!r}: expected the actions {missing}, it has {sorted(self._actions)}"
+            )
 
     def __getitem__(self, name: str) -> Top:
         try:

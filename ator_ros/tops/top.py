@@ -40,7 +40,11 @@ GO_TO_POSE = Top(
     "goToPose",
     Condition(),
     Condition(
-        (Term("robot.x", "goal.x", 0.06), Term("robot.y", "goal.y", 0.06), Term("robot.yaw", "goal.yaw", 0.12))
+        (
+            Term("robot.x", "goal.x", 0.06),
+            Term("robot.y", "goal.y", 0.06),
+            Term("robot.yaw", "goal.yaw", 0.12),
+        )
     ),
 )
 # The paper's goToBall: the same action, its goal the ball. How the robot stands there is left open.

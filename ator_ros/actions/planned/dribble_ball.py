@@ -1,4 +1,4 @@
-"""dribbleBall: drive to a pose with the ball, with restricted deceleration and rotation (paper, section 3)."""
+"""dribbleBall: drive to a pose with the ball; deceleration and rotation restricted (paper, section 3)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ator_ros.world import World
 
 
 class DribbleBall(PlannedAction):
-    """Brings the ball to a pose of the hold, pushing it in front: forward only, and never turning on the spot."""
+    """Brings the ball to a pose of the hold: pushes it, forward only, and never turns on the spot."""
 
     name = "dribbleBall"
     verb = "dribbling"

@@ -22,7 +22,7 @@ _MOVED = 0.04
 
 
 class GoToPose(PlannedAction):
-    """Drives to a pose of the axle, or of the hold when the goal is a ball to be caught (paper: goToPose, goToBall).
+    """Drives to a pose of the axle, or of the hold when the goal is a ball (paper: goToPose, goToBall).
 
     A ball at the goal is approached in a straight run; where it rolls, the place where it will stop is
     approached. A ball elsewhere is an obstacle.
@@ -51,7 +51,9 @@ class GoToPose(PlannedAction):
         exits = (run_sides if run else free_sides)(self.plan_limits, self.goal.speed, run)
         entries = free_sides(self.plan_limits, world.robot.v, 0.0)
         obstacles = Obstacles(rest, BALL_MARGIN, run)
-        return fastest(self.robot, world.robot.pose, self.target(), entries, exits, self.plan_limits, obstacles)
+        return fastest(
+            self.robot, world.robot.pose, self.target(), entries, exits, self.plan_limits, obstacles
+        )
 
     def outdated(self, world: World) -> bool:
         """Say whether the ball has moved while it was still free."""

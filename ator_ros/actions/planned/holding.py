@@ -1,4 +1,4 @@
-"""Moving with a ball that is only pushed: what keeps it in the robot's front, and how turns are driven with it."""
+"""Moving with a ball that is only pushed: what keeps it in front, and how turns are driven with it."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ _EXIT_CHANGES = (0.0, 0.25, 0.45)
 def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
     """Give how hard the front presses against the held ball, as an acceleration in m/s^2.
 
-    The ball, ahead of the axle by `hold`, is on a circle: it needs a centripetal acceleration toward the axle, that
-    only its own rolling resistance and the robot's acceleration (m/s^2) can make up for. Negative: it leaves.
+    The ball, ahead of the axle by `hold`, is on a circle: it needs a centripetal acceleration toward the
+    axle, for which only its own rolling resistance and the robot's acceleration (m/s^2) can make up.
+    Negative: it leaves.
     """
     swing = robot.hold * w
     speed = math.hypot(v, swing)
@@ -34,7 +35,7 @@ def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
 
 @lru_cache(maxsize=256)
 def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
-    """Give the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn and gain more."""
+    """Give the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn."""
     sides = []
     for rate in _RATES[::2]:
         for v in sorted({*_ENTRY_SPEEDS, speed}):
@@ -48,7 +49,7 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
 
 @lru_cache(maxsize=256)
 def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
-    """Give the ways to end at `speed` (m/s) with the ball: turn, perhaps losing speed, then brake straight."""
+    """Give the ways to end at `speed` (m/s) with the ball: turn, perhaps slower, then brake straight."""
     sides = []
     for rate in _RATES:
         for v in sorted({*_EXIT_SPEEDS, speed} - {0.0}):

@@ -71,7 +71,9 @@ class Manoeuvre:
     def speed_pieces(self) -> list[Piece]:
         """Give the translational velocity over time."""
         opening = _turn_speeds(self.first, self.entry.turn, self.limits)
-        closing = [Piece(p.duration, p.end, p.start) for p in _turn_speeds(self.last, self.exit.turn, self.limits)]
+        closing = [
+            Piece(p.duration, p.end, p.start) for p in _turn_speeds(self.last, self.exit.turn, self.limits)
+        ]
         closing.reverse()
         v1 = opening[-1].end
         v2 = closing[0].start

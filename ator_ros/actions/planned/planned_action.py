@@ -54,11 +54,11 @@ class PlannedAction(Action):
     def plan(self, world: World) -> Manoeuvre:
         """Plan from the state `world` to `self.goal`; ActionError where that is impossible."""
 
-    def check(self, world: World) -> str | None:
+    def check(self, world: World) -> str | None:  # noqa: ARG002
         """Say why the action has failed at this tick, if it has."""
         return None
 
-    def outdated(self, world: World) -> bool:
+    def outdated(self, world: World) -> bool:  # noqa: ARG002
         """Say whether what was planned for has changed."""
         return False
 
@@ -78,9 +78,7 @@ class PlannedAction(Action):
         if failure is not None:
             return finished(Status.FAILED, failure)
         deviation = self._tracker.deviation(world)
-        disturbed = (
-            deviation.distance > _DISTURBED_DISTANCE or abs(deviation.heading) > _DISTURBED_HEADING
-        )
+        disturbed = deviation.distance > _DISTURBED_DISTANCE or abs(deviation.heading) > _DISTURBED_HEADING
         if disturbed or self.outdated(world):
             return self.replan(world, "disturbed" if disturbed else "the goal has moved")
         left = self._tracker.trajectory.duration - self._tracker.elapsed(world)

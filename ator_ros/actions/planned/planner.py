@@ -1,4 +1,4 @@
-"""Plans the fastest manoeuvre to a goal: which ways to drive its ends are tried, and which results are allowed."""
+"""Plans the fastest manoeuvre to a goal: which ways to drive its ends are tried, which results allowed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
     )
     speeds = {slowest + share * (min(limits.v, fastest_) - slowest) for share in _RUN_SHARES}
     return tuple(
-        Side(length, speed, Driving(at, share * limits.a, limits.w)) for at in sorted(speeds) for share in _RUN_CHANGES
+        Side(length, speed, Driving(at, share * limits.a, limits.w))
+        for at in sorted(speeds)
+        for share in _RUN_CHANGES
     )
 
 
@@ -65,7 +67,8 @@ def fastest(
         if is_clear(manoeuvre, obstacles, robot):
             return manoeuvre
     raise ActionError(
-        f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m to ({goal.x:.2f}, {goal.y:.2f}) m, found none"
+        f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m "
+        f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none"
     )
 
 

@@ -85,7 +85,7 @@ def straight_times(distances: Any, v1: Any, v2: Any, limits: Limits) -> FloatArr
     All arguments broadcast. Where the distance is too short for the change of speed, the motion
     overshoots and comes back, as the time-optimal motion does.
     """
-    sign, u1, u2, peak, cruise = _straight(distances, v1, v2, limits)
+    _, u1, u2, peak, cruise = _straight(distances, v1, v2, limits)
     return np.asarray((peak - u1) / limits.a + (peak - u2) / limits.brake + cruise)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,9 @@ from ator_ros.robot import Limits
 
 _STEP = math.radians(5.0)
 _HALF = 54  # turns of up to 270 degrees either way
-_GRID = _STEP * np.arange(-_HALF, _HALF + 1)
+_GRID: FloatArray = _STEP * np.arange(-_HALF, _HALF + 1, dtype=float)
 # The turn into the goal is looked up between grid points, so its table is one step wider.
-_WIDE_GRID = _STEP * np.arange(-_HALF - 1, _HALF + 2)
+_WIDE_GRID: FloatArray = _STEP * np.arange(-_HALF - 1, _HALF + 2, dtype=float)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,7 @@ class Candidates:
     first, last, distance, times : ndarray, shape (n,)
         Turns in rad, straight drive in m, durations in s (to the grid's accuracy).
     slack : ndarray, shape (n,)
-        How much longer the drive is than its change of speed needs, in m; negative: it overshoots and comes back.
+        How much longer the drive is than its change of speed needs, in m; negative: it overshoots.
     """
 
     start: Pose
@@ -79,11 +80,13 @@ def find_candidates(
                       offset.y * np.cos(_GRID) - offset.x * np.sin(_GRID)))  # fmt: skip
     found = []
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
-        for window, exit_along, exit_across in _exit_parts(exit_sides, turn, limits):
-            gaps = (lanes[1, window] - across[:, window])[:, None] - exit_across
-            drive = (lanes[0, window] - along[:, window])[:, None] - exit_along
-            found.append(_roots(gaps, drive, _GRID[window], turn))
-    return _ranked(start, goal, entry_sides, exit_sides, limits, [np.concatenate(x) for x in zip(*found, strict=True)])
+        window, exit_along, exit_across = _exit_parts(exit_sides, turn, limits)
+        gaps = (lanes[1, window] - across[:, window])[:, None] - exit_across
+        drive = (lanes[0, window] - along[:, window])[:, None] - exit_along
+        found.append(_roots(gaps, drive, _GRID[window], turn))
+    return _ranked(
+        start, goal, entry_sides, exit_sides, limits, [np.concatenate(x) for x in zip(*found, strict=True)]
+    )
 
 
 def _entry_parts(sides: Sequence[Side], limits: Limits) -> tuple[FloatArray, FloatArray]:
@@ -95,34 +98,29 @@ def _entry_parts(sides: Sequence[Side], limits: Limits) -> tuple[FloatArray, Flo
     return c * x + s * y, c * y - s * x
 
 
-def _exit_parts(
-    sides: Sequence[Side], turn: float, limits: Limits
-) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
-    """Give the exit's displacement along and across the drive for each first turn that leaves a last one in range.
+def _exit_parts(sides: Sequence[Side], turn: float, limits: Limits) -> tuple[slice, FloatArray, FloatArray]:
+    """Give the exit's displacement along and across the drive, with the window of the grid it is for.
 
-    `turn` is the whole change of heading; the last turn is what the first leaves of it.
+    `turn` is the whole change of heading in rad, at most three half turns; the last turn is what the
+    first leaves of it, and the window holds the first turns that leave one in range.
     """
     # last = turn - first; looked up at -last = first - turn, a constant fraction between grid points.
     shift = -turn / _STEP
     base = math.floor(shift)
     fraction = shift - base
     low, high = max(-_HALF, -_HALF - 1 - base), min(_HALF, _HALF - base)
-    if low > high:
-        return
     table = displacement_table(_WIDE_GRID, tuple(side.turn for side in sides), limits)
     at = slice(low + base + _HALF + 1, high + base + _HALF + 2)
     after = slice(at.start + 1, at.stop + 1)
-    if after.stop > table.shape[2]:
-        return
     x, y = np.moveaxis((1.0 - fraction) * table[:, :, at] + fraction * table[:, :, after], 1, 0)
     x = x + np.array([[side.length] for side in sides])
     window = slice(low + _HALF, high + _HALF + 1)
     # The displacement is given in the goal's frame; the drive's heading in it is first - turn.
     c, s = np.cos(_GRID[window] - turn), np.sin(_GRID[window] - turn)
-    yield window, c * x + s * y, c * y - s * x
+    return window, c * x + s * y, c * y - s * x
 
 
-def _roots(gaps: FloatArray, drive: FloatArray, grid: FloatArray, turn: float) -> tuple[NDArray, ...]:
+def _roots(gaps: FloatArray, drive: FloatArray, grid: FloatArray, turn: float) -> tuple[NDArray[Any], ...]:
     """Bracket the zeros of `gaps` along its last axis and interpolate."""
     entries, exits, index = np.nonzero((gaps[..., :-1] <= 0.0) != (gaps[..., 1:] <= 0.0))
     left, right = gaps[entries, exits, index], gaps[entries, exits, index + 1]
@@ -134,7 +132,7 @@ def _roots(gaps: FloatArray, drive: FloatArray, grid: FloatArray, turn: float) -
 
 def _ranked(
     start: Pose, goal: Pose, entry_sides: Sequence[Side], exit_sides: Sequence[Side], limits: Limits,
-    found: list[NDArray],
+    found: list[NDArray[Any]],
 ) -> Candidates:  # fmt: skip
     entries, exits, first, last, distance = found
     ends = [np.array([(side.length, side.outer_speed, *side.turn) for side in sides]).T
@@ -147,8 +145,9 @@ def _ranked(
         speeds.append(speeds_after(speed[picked], acceleration[picked], turning, limits.v))
         stretch = (length, outer, speed)
         times += turning + straight_times(length, stretch[begin], stretch[end], limits)[picked]
-    times += straight_times(distance, *speeds, limits)
-    slack = distance - speed_change_distances(*speeds, limits)
+    opening, closing = speeds
+    times += straight_times(distance, opening, closing, limits)
+    slack = distance - speed_change_distances(opening, closing, limits)
     order = np.argsort(times, kind="stable")
     return Candidates(
         start, goal, limits, entry_sides, exit_sides, entries[order], exits[order],

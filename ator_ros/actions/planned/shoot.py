@@ -15,7 +15,8 @@ from ator_ros.geometry import Pose
 from ator_ros.robot import Robot
 from ator_ros.world import World
 
-RELEASE = 0.33  # m before the goal line, along the heading, at which the robot brakes; a ball at 0.97 m/s rolls twice that
+# Distance in m before the goal line, along the heading, at which the robot brakes; the ball rolls twice that.
+RELEASE = 0.33
 _AIMS = (-0.4, 0.0, 0.4)  # shares of half the goal's width
 _HEADINGS = tuple(math.radians(angle) for angle in (-35.0, 0.0, 35.0))
 _PATIENCE = 2.0

@@ -1,4 +1,4 @@
-"""Follows a trajectory: its velocities ahead of time, and feedback on the pose (Kanayama et al., ICRA 1990)."""
+"""Follows a trajectory: its velocities ahead of time, and feedback (Kanayama et al., ICRA 1990)."""
 
 from __future__ import annotations
 
@@ -48,9 +48,7 @@ class Tracker:
     ACROSS_BANDWIDTH = 6.0
     SLOW = 0.1
 
-    def __init__(
-        self, robot: Robot, trajectory: Trajectory, start_time: float, period: float = 0.05
-    ) -> None:
+    def __init__(self, robot: Robot, trajectory: Trajectory, start_time: float, period: float = 0.05) -> None:
         self._limits = robot.limits
         self.trajectory = trajectory
         self._start = start_time
