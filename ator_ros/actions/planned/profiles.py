@@ -31,7 +31,7 @@ def turn_times(angles: Any, w: Any, aw: float) -> FloatArray:
         Greatest turn acceleration in rad/s^2.
     """
     size = np.abs(angles)
-    return np.where(size <= w * w / aw, 2.0 * np.sqrt(size / aw), size / w + w / aw)
+    return np.asarray(np.where(size <= w * w / aw, 2.0 * np.sqrt(size / aw), size / w + w / aw))
 
 
 def turn_progress(fractions: FloatArray, angles: FloatArray, w: float, aw: float) -> FloatArray:

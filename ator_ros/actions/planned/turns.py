@@ -40,7 +40,7 @@ class Driving(NamedTuple):
 
 def speeds_after(start: Any, acceleration: Any, times: FloatArray, v: float) -> FloatArray:
     """Give the speeds (m/s) after `times` of constant acceleration, held at the limit `v`."""
-    return np.clip(start + acceleration * times, -v, v)
+    return np.asarray(np.clip(start + acceleration * times, -v, v))
 
 
 def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> FloatArray:
