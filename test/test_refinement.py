@@ -64,7 +64,7 @@ def test_last_subgoal_is_refined_where_the_plan_leaves_it_open() -> None:
     chain = TopChain((call("goToBall", 0.0, 0.0, 0.5, ANGLE_OPEN),))
     result = Refiner(ROBOT, models()).refine(world(), chain)
     assert result.refined
-    assert result.chain.calls[0].goal.pose.yaw == pytest.approx(0.0, abs=math.radians(2))
+    assert result.chain.calls[0].goal.pose.yaw == pytest.approx(0.0, abs=math.radians(3))
 
 
 def test_nothing_free_leaves_the_chain_and_says_why() -> None:
@@ -101,7 +101,7 @@ def test_committed_variables_stay_as_they_are() -> None:
 
 def test_naive_is_fastest_for_the_first_action_alone() -> None:
     chain = Refiner(ROBOT, models()).naive(world(), two_steps(BOTH_OPEN))
-    assert wrap_angle(chain.calls[0].goal.pose.yaw) == pytest.approx(0.0, abs=math.radians(2))
+    assert wrap_angle(chain.calls[0].goal.pose.yaw) == pytest.approx(0.0, abs=math.radians(3))
     assert chain.calls[0].goal.speed == 0.0
 
 

@@ -74,11 +74,11 @@ def test_reported_cost_is_the_cost_of_the_values(axes: list[list[Domain]]) -> No
 def test_curve_holds_the_least_cost_through_each_candidate() -> None:
     axes = [[CIRCLE], [CIRCLE], []]
     cost = smooth_cost(1, [1, 1, 0])
-    first = search(cost, axes).curves[0]
-    others = np.linspace(-math.pi, math.pi, 36, endpoint=False)[:, None]
+    first, second, _ = search(cost, axes).curves
+    others = second.values
     for value, total in zip(first.values, first.totals, strict=True):
         one = value[None, :]
-        rest = cost(1, np.repeat(one, 36, axis=0), others) + cost(2, others, np.zeros((1, 0)))
+        rest = cost(1, np.repeat(one, len(others), axis=0), others) + cost(2, others, np.zeros((1, 0)))
         assert total == pytest.approx(float(cost(0, np.zeros((1, 0)), one)[0] + rest.min()), abs=1e-12)
 
 

@@ -83,31 +83,37 @@ class ChainModel:
         self._models = [models[call.top.action] for call in chain.calls]
         self._robot = robot
         self._objective = objective
-        self._needs = objective.needs()
+        self._fields = tuple(dict.fromkeys(REPORTED + objective.needs()))
+        self._searched: list[list[tuple[FloatArray, FloatArray, Any]]] = [[] for _ in chain.calls]
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         """Give the cost of one action, shape (n,), as `ator_ros.refinement.search.StepCost` says."""
-        prediction = self._predict(index, before, after, self._needs)
+        prediction = self._predict(index, before, after)
+        self._searched[index].append((before, after, prediction))
         cost = np.asarray(self._objective.cost(prediction), dtype=float)
         return np.where(np.isnan(cost), np.inf, cost)
 
-    def predict(self, chains: Sequence[Sequence[FloatArray]]) -> list[ChainPrediction]:
-        """Give the predictions of some chains, each by the free values, shape (k,), of all its subgoals."""
-        fields = tuple(dict.fromkeys(REPORTED + self._needs))
-        columns = [np.vstack(values) for values in zip(*chains, strict=True)]
-        previous = np.zeros((1, 0))
-        actions: list[list[dict[str, float]]] = [[] for _ in chains]
-        costs = np.zeros(len(chains))
-        for index, after in enumerate(columns):
-            prediction = self._predict(index, previous, after, fields)
-            costs = costs + self._objective.cost(prediction)
-            values = {name: getattr(prediction, name, None) for name in fields}
-            for row, action in enumerate(actions):
-                action.append({name: _row(value, row) for name, value in values.items() if value is not None})
-            previous = after
-        return [ChainPrediction(tuple(a), float(cost)) for a, cost in zip(actions, costs, strict=True)]
+    def predict(self, chain: Sequence[FloatArray]) -> ChainPrediction:
+        """Give the prediction for a chain whose subgoals have these free values, each of shape (k,)."""
+        previous, actions, cost = np.zeros(0), [], 0.0
+        for index, values in enumerate(chain):
+            prediction, row = self._known(index, previous, values)
+            named = {name: getattr(prediction, name, None) for name in self._fields}
+            actions.append({name: _row(column, row) for name, column in named.items() if column is not None})
+            cost += _row(self._objective.cost(prediction), row)
+            previous = values
+        return ChainPrediction(tuple(actions), cost)
 
-    def _predict(self, index: int, before: FloatArray, after: FloatArray, fields: tuple[str, ...]) -> Any:
+    def _known(self, index: int, before: FloatArray, after: FloatArray) -> tuple[Any, int]:
+        """Give a prediction and its row for one candidate: what was searched is not predicted again."""
+        for searched_before, searched_after, prediction in reversed(self._searched[index]):
+            same = np.all(searched_before == before, axis=1) & np.all(searched_after == after, axis=1)
+            row = int(np.argmax(same))
+            if same[row]:
+                return prediction, row
+        return self._predict(index, before[None, :], after[None, :]), 0
+
+    def _predict(self, index: int, before: FloatArray, after: FloatArray) -> Any:
         start = self._start
         if index:
             previous = self._calls[index - 1].goal
@@ -115,7 +121,7 @@ class ChainModel:
             start = columns_after(reached, previous.point, self._robot)
         goal = self._calls[index].goal
         direct = direct_columns(start, goal_columns(goal, self.names[index], after), goal.point)
-        prediction = self._models[index].predict(direct, fields)
+        prediction = self._models[index].predict(direct, self._fields)
         if prediction.duration is not None and np.ndim(prediction.duration) != 1:
             raise RefinementError(
                 f"model of {self._calls[index].top.action}: expected predictions of shape (n,), "

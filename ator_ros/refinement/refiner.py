@@ -139,7 +139,7 @@ class Refiner:
             model = self._model(world, chain, analysis.free, objective)
             given = [_values(chain, index, names) for index, names in enumerate(model.names)]
             optimum = search(model.step_cost, _axes(chain, analysis.free), given)
-            before, after = model.predict([given, optimum.values])
+            before, after = model.predict(given), model.predict(optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
