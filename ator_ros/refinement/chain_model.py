@@ -41,12 +41,12 @@ class ChainPrediction:
     @property
     def duration(self) -> float:
         """Sum of the durations in s."""
-        return math.fsum(action.get("duration", math.nan) for action in self.actions)
+        return sum(action.get("duration", math.nan) for action in self.actions)
 
     @property
     def spread(self) -> float:
         """Standard deviation in s of the summed duration, the actions' errors taken as independent."""
-        return math.sqrt(math.fsum(action.get("spread", 0.0) ** 2 for action in self.actions))
+        return math.hypot(*(action.get("spread", 0.0) for action in self.actions))
 
 
 class ChainModel:
