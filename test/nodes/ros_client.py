@@ -1,0 +1,188 @@
+"""What node tests use: the installed executables as processes, and a client that talks to them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from ator_interfaces.srv import PlaceBall, PlaceRobot
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import ball_from, pose_of, robot_from, seconds_from
+from ator_ros.nodes.node_support import COMMANDS, SENSOR_DATA
+from ator_ros.world import BallState, RobotState
+
+PATIENCE = 30.0
+"""Real seconds after which something that should have happened counts as missing."""
+
+
+class Process:
+    """An installed executable, running.
+
+    Parameters
+    ----------
+    name : str
+        Of the executable in lib/ator_ros.
+    log : Path
+        Where its output goes.
+    domain : int
+        ROS domain.
+    arguments : sequence of str
+        Command line.
+    """
+
+    def __init__(self, name: str, log: Path, domain: int, arguments: Sequence[str]) -> None:
+        self.name, self._log = name, log
+        executable = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", name)
+        environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "PYTHONUNBUFFERED": "1",
+        }
+        with log.open("w", encoding="utf-8") as output:
+            self._process = subprocess.Popen(
+                [str(executable), *arguments], stdout=output, stderr=subprocess.STDOUT, env=environment
+            )
+
+    @property
+    def output(self) -> str:
+        """What it has written so far."""
+        return self._log.read_text(encoding="utf-8")
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.poll() is None
+
+    def send(self, number: signal.Signals) -> None:
+        """Send it a signal."""
+        self._process.send_signal(number)
+
+    def wait(self) -> int:
+        """Wait for its end and give the exit code."""
+        return self._process.wait(timeout=PATIENCE)
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
+        """Ask it to end, wait, and give the exit code."""
+        if self.running:
+            self.send(number)
+        return self.wait()
+
+    def kill(self) -> None:
+        """End it at once, as `kill -9` does; without effect when it has ended."""
+        self._process.kill()
+        self._process.wait()
+
+
+class Client:
+    """A node in this process that listens to odom and ball, commands, and calls services.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain.
+    namespace : str
+        Of the robot that it listens to.
+    """
+
+    def __init__(self, domain: int, namespace: str = "") -> None:
+        self._context = rclpy.Context()
+        self._context.init(domain_id=domain)
+        self.node = Node("test_client", namespace=namespace, context=self._context)
+        self.robots: list[tuple[float, RobotState]] = []
+        self.balls: list[tuple[float, BallState]] = []
+        self.node.create_subscription(Odometry, "odom", self._hear_robot, SENSOR_DATA)
+        self.node.create_subscription(Odometry, "ball", self._hear_ball, SENSOR_DATA)
+        self._commands = self.node.create_publisher(Twist, "cmd_vel", COMMANDS)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+
+    def _hear_robot(self, message: Odometry) -> None:
+        self.robots.append(robot_from(message, frame="odom"))
+
+    def _hear_ball(self, message: Odometry) -> None:
+        self.balls.append(ball_from(message, frame="odom"))
+
+    def listen(self, kind: type, topic: str, qos: Any) -> list[Any]:
+        """Subscribe to a topic; the list that is returned grows with every message."""
+        heard: list[Any] = []
+        self.node.create_subscription(kind, topic, heard.append, qos)
+        return heard
+
+    def eventually(self, happened: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+        """Wait until `happened` gives something true, and give that; fails when it never does."""
+        end = time.monotonic() + patience
+        while time.monotonic() < end:
+            result = happened()
+            if result:
+                return result
+            time.sleep(0.01)
+        raise AssertionError(f"expected within {patience:g} s: {what}")
+
+    def robot(self) -> RobotState:
+        """Give the robot's state, once one is known."""
+        return self.eventually(lambda: self.robots and self.robots[-1][1], "odometry")
+
+    def ball(self) -> BallState:
+        """Give the ball's state, once one is known."""
+        return self.eventually(lambda: self.balls and self.balls[-1][1], "a ball")
+
+    def time(self) -> float:
+        """Give the simulated time of the last odometry in s."""
+        self.robot()
+        return self.robots[-1][0]
+
+    def command(self, v: float = 0.0, w: float = 0.0) -> None:
+        """Send one velocity command."""
+        message = Twist()
+        message.linear.x, message.angular.z = v, w
+        self._commands.publish(message)
+
+    def call(self, kind: type, name: str, request: Any | None = None) -> Any:
+        """Call a service and give its answer."""
+        client = self.node.create_client(kind, name)
+        try:
+            assert client.wait_for_service(timeout_sec=PATIENCE), f"service {name} is missing"
+            future = client.call_async(kind.Request() if request is None else request)  # type: ignore[attr-defined]
+            self.eventually(future.done, f"an answer of {name}")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def place(self, robot: Pose | None = None, ball: tuple[float, float] | None = None) -> None:
+        """Place robot and ball at rest."""
+        if robot is not None:
+            request = PlaceRobot.Request()
+            request.pose.pose = pose_of(robot)
+            assert self.call(PlaceRobot, "place_robot", request).success
+        if ball is not None:
+            request = PlaceBall.Request()
+            request.position.point.x, request.position.point.y = ball
+            assert self.call(PlaceBall, "place_ball", request).success
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._thread.join(timeout=PATIENCE)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+def stamp(message: Any) -> float:
+    """Give the time in s of a message with a header."""
+    return seconds_from(message.header.stamp)

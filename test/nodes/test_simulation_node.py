@@ -1,0 +1,175 @@
+"""The node `simulation`, used through ROS."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+import signal
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from ros_client import Client
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from ator_interfaces.srv import PlaceBall, PlaceRobot
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.node_support import LATCHED, RESULTS, SENSOR_DATA
+
+
+def drive_a_tick(client: Client, v: float) -> None:
+    heard = len(client.robots)
+    client.command(v=v)
+    client.eventually(lambda: len(client.robots) > heard, "the next tick")
+
+
+def test_state_comes_at_20_hz_of_simulated_time(start, client: Client) -> None:
+    start("simulation", real_time_factor=5.0)
+    client.eventually(lambda: len(client.robots) > 30 and len(client.balls) > 30, "odometry of 30 ticks")
+    times = [time for time, _ in client.robots]
+    steps = [later - earlier for earlier, later in itertools.pairwise(times)]
+    # Sensor data is best effort: a tick may be lost, none comes twice or late.
+    assert all(abs(step / 0.05 - round(step / 0.05)) < 1e-6 and step > 0 for step in steps)
+    assert sum(abs(step - 0.05) < 1e-6 for step in steps) > 0.8 * len(steps)
+    assert client.ball().speed == pytest.approx(0.0, abs=1e-3)
+
+
+def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(start, client: Client) -> None:
+    start("simulation", real_time_factor=5.0)
+    before = client.robot()
+    for _ in range(100):
+        drive_a_tick(client, 50.0)
+        if client.robot().v > 1.1:
+            break
+    ceased = client.time()
+    assert client.robot().v > 1.1
+    client.eventually(lambda: abs(client.robot().v) < 0.01, "the robot stands")
+    stood = next(time for time, robot in client.robots if time > ceased and abs(robot.v) < 0.01)
+    assert max(robot.v for _, robot in client.robots) < 1.2 * 1.02
+    assert stood - ceased < 0.5 + 1.2 / 0.5  # the timeout, and braking
+    assert client.robot().pose.x > before.pose.x + 0.2
+
+
+def test_as_fast_as_possible_waits_for_who_steers(start, client: Client) -> None:
+    start("simulation", real_time_factor=0.0, command_wait=10.0)
+    client.robot()
+    client.command(v=0.3)
+    client.eventually(lambda: client.robot().v > 0.0, "the robot starts")
+    for _ in range(5):
+        drive_a_tick(client, 0.3)
+    heard = len(client.robots)
+    with pytest.raises(AssertionError):
+        client.eventually(lambda: len(client.robots) > heard, "a tick without a command", patience=0.5)
+
+
+def test_robot_and_ball_are_placed_and_the_world_is_reset(start, client: Client) -> None:
+    start("simulation", real_time_factor=5.0)
+    assert client.call(SetBool, "pause", SetBool.Request(data=True)).success
+    client.place(robot=Pose(1.0, -1.0, 2.0), ball=(2.0, 1.0))
+    client.eventually(
+        lambda: client.robot().pose.distance(Pose(1.0, -1.0, 0.0)) < 1e-6, "the robot is placed"
+    )
+    assert client.robot().pose.yaw == pytest.approx(2.0)
+    client.eventually(lambda: (client.ball().x, client.ball().y) == (2.0, 1.0), "the ball is placed")
+    paused = client.time()
+    heard = len(client.robots)
+    client.eventually(lambda: len(client.robots) > heard + 5, "a paused world is still published")
+    assert client.time() == paused
+    client.call(SetBool, "pause", SetBool.Request(data=False))
+    client.eventually(lambda: client.time() > paused, "time goes on")
+    assert client.call(Trigger, "reset").success
+    client.eventually(lambda: client.time() < paused, "time starts again")
+    client.eventually(lambda: client.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 1e-3, "the start pose")
+
+
+def test_a_ball_rolls_and_is_removed(start, client: Client) -> None:
+    start("simulation", real_time_factor=5.0)
+    request = PlaceBall.Request()
+    request.velocity.x = 1.0
+    assert client.call(PlaceBall, "place_ball", request).success
+    client.eventually(lambda: client.ball().x > 0.2, "the ball rolls")
+    assert client.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
+    time = client.time()
+    client.eventually(lambda: client.time() > time + 1.0, "a second passes")
+    assert client.balls[-1][0] < time + 0.5
+
+
+@pytest.mark.parametrize(
+    ("where", "value", "expected"),
+    [
+        ("pose.pose.position.x", math.nan, "pose.pose.position.x: expected a finite number"),
+        ("pose.pose.position.y", 500.0, "expected a finite number from 0 to"),
+        ("pose.pose.orientation.w", 0.0, "expected a quaternion"),
+        ("pose.header.frame_id", "moon", "expected the frame 'odom', got 'moon'"),
+        ("v", math.inf, "v: expected a finite number"),
+    ],
+)
+def test_nonsense_is_answered_and_moves_nothing(
+    start, client: Client, where: str, value: object, expected: str
+) -> None:
+    node = start("simulation", real_time_factor=5.0)
+    request = PlaceRobot.Request()
+    request.pose.pose = pose_of(Pose(1.0, 1.0, 0.0))
+    *path, field = where.split(".")
+    setattr(functools.reduce(getattr, path, request), field, value)
+    response = client.call(PlaceRobot, "place_robot", request)
+    assert not response.success
+    assert expected in response.message
+    client.eventually(lambda: client.command(v=math.nan) or "cmd_vel.linear.x" in node.output, "a warning")
+    client.eventually(lambda: client.command(w=math.inf) or "cmd_vel.angular.z" in node.output, "a warning")
+    assert "Traceback" not in node.output
+    assert node.running
+    assert client.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 1e-3
+
+
+def test_clock_description_and_health_are_published(start, client: Client) -> None:
+    clocks = client.listen(Clock, "/clock", SENSOR_DATA)
+    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    start("simulation", real_time_factor=5.0, publish_clock=True)
+    client.eventually(lambda: len(clocks) > 5, "the clock")
+    description = client.listen(String, "robot_description", LATCHED)
+    client.eventually(
+        lambda: description and "<robot" in description[0].data, "the description, to a late listener"
+    )
+    client.eventually(lambda: health and health[-1].status[0].name == "/simulation", "diagnostics")
+
+
+def test_two_robots_do_not_hear_each_other(start, domain: int, client: Client) -> None:
+    for name in ("a", "b"):
+        start("simulation", namespace=name, real_time_factor=5.0)
+    a, b = Client(domain, "a"), Client(domain, "b")
+    try:
+        b.robot()
+        client.eventually(lambda: a.command(v=0.5) or a.robot().pose.x > -1.5, "robot a drives")
+        assert b.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 1e-3
+        assert not client.robots
+    finally:
+        a.close()
+        b.close()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_cleanly(start, client: Client, number: signal.Signals) -> None:
+    node = start("simulation")
+    client.robot()
+    assert node.stop(number) == 0
+    assert "Traceback" not in node.output
+
+
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        ({"real_time_factor": -1.0}, "real_time_factor"),
+        ({"real_time_factor": "fast"}, "real_time_factor"),
+        ({"robot_start": "[1.0]"}, "robot_start: expected 3 items, got 1"),
+        ({"ball_start": "[0.0, 70.0]"}, "ball_start: |y|: expected a finite number"),
+    ],
+)
+def test_wrong_parameters_end_it_with_one_line(start, parameters: dict[str, object], expected: str) -> None:
+    node = start("simulation", **parameters)
+    assert node.wait() == 1
+    assert expected in node.output
+    assert "Traceback" not in node.output
