@@ -81,9 +81,12 @@ def situation_of(task: Task, robot: Robot) -> Situation:
 
 def execute(task: Task) -> Outcome:
     """Execute one task in a world of its own."""
-    robot = load_robot()
-    situation = situation_of(task, robot)
-    with PioneerSimulation(robot) as simulation:
+    return execute_situation(situation_of(task, load_robot()), task)
+
+
+def execute_situation(situation: Situation, task: Task) -> Outcome:
+    """Execute `situation` with the action set of `task` in a world of its own."""
+    with PioneerSimulation(load_robot()) as simulation:
         return _execute(simulation, situation, task)
 
 

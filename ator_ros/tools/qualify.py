@@ -16,6 +16,7 @@ from tqdm import tqdm
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experiments.action_quality import KINDS, Outcome, Task, execute, regularity, summary, tasks
+from ator_ros.experiments.action_slices import draw_slices
 from ator_ros.files import write_text
 from ator_ros.robot import load_robot
 
@@ -39,6 +40,7 @@ def arguments() -> argparse.ArgumentParser:
         help="folder for the ruler: pairs_KIND.json is written there, and optimal_KIND.json (the times in s "
         "that benchmarks/time_optimal.py prints for it) is read where it exists",
     )  # fmt: skip
+    parser.add_argument("--slices", type=Path, metavar="PNG", help="also draw duration against start heading")
     return parser
 
 
@@ -56,6 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     }
     write_text(options.out, json.dumps(result, indent=1) + "\n")
     print(json.dumps(rows, indent=1))
+    if options.slices is not None:
+        draw_slices(options.slices, options.action_set, options.jobs)
     print(f"written to {options.out}")
     return 0
 
