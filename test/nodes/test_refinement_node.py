@@ -1,0 +1,191 @@
+"""The node `refinement`, used through ROS."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from experience_rows import made_up_experience
+from ros_client import Client
+from visualization_msgs.msg import MarkerArray
+
+from ator_interfaces.msg import TopCall
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.node_support import RESULTS
+from ator_ros.performance.model_file import save_model
+from ator_ros.performance.training import train
+from ator_ros.robot import load_robot
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a folder with small performance models, learned from made-up experience."""
+    folder = tmp_path_factory.mktemp("models")
+    robot = load_robot()
+    for action in ("goToPose", "dribbleBall", "shoot"):
+        save_model(folder / f"{action}.json", train(action, made_up_experience(action), robot))
+    return folder
+
+
+def call(top: str, pose: Pose, *, bound: tuple[str, ...] = ("x", "y", "yaw", "speed")) -> TopCall:
+    message = TopCall(top=top, bound=list(bound))
+    message.goal.pose = pose_of(pose)
+    return message
+
+
+def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:
+    """Ask for the angle at which the ball is approached before it is dribbled; `yaw` is preliminary."""
+    request = RefineSubgoal.Request(want_curve=True)
+    request.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
+    request.situation.ball_known = True
+    request.chain.calls = [
+        call("goToBall", Pose(0.0, 0.0, yaw), bound=("x", "y", "speed")),
+        call("dribbleBall", Pose(0.5, 2.0, 1.5)),
+    ]
+    return request
+
+
+def refine(client: Client, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
+    return client.call(RefineSubgoal, "refine_subgoal", request)
+
+
+def test_the_free_angle_is_refined(start, client: Client, models: Path) -> None:
+    start("refinement", models=models)
+    response = refine(client, request_of_the_paper(yaw=3.0))
+    assert response.accepted
+    assert response.refined
+    assert [(free.subgoal, free.name) for free in response.free] == [(0, "yaw")]
+    assert response.free[0].before == pytest.approx(3.0)
+    assert response.cost_after == pytest.approx(response.after.duration)
+    assert response.after.duration < response.before.duration
+    assert response.after.duration == pytest.approx(sum(a.duration for a in response.after_actions))
+    assert response.chain.calls[0].goal.pose != response.original.calls[0].goal.pose
+    assert response.chain.calls[1] == response.original.calls[1]
+    (curve,) = response.curves
+    assert list(curve.variables) == ["yaw"]
+    assert len(curve.values) == len(curve.totals) > 100
+    assert min(curve.totals) >= response.cost_after - 1e-9
+
+
+def test_an_open_angle_is_compared_with_the_fastest_approach(start, client: Client, models: Path) -> None:
+    start("refinement", models=models)
+    request = request_of_the_paper()
+    request.chain.calls[0].open = ["yaw"]
+    response = refine(client, request)
+    assert response.accepted
+    assert not response.original.calls[0].open
+    assert response.after.duration <= response.before.duration
+
+
+def test_a_bound_chain_is_left_alone_with_the_reason(start, client: Client, models: Path) -> None:
+    start("refinement", models=models)
+    request = request_of_the_paper()
+    request.chain.calls[0].bound = ["x", "y", "yaw", "speed"]
+    response = refine(client, request)
+    assert response.accepted
+    assert not response.refined
+    assert "yaw of subgoal 1 (goToBall) is bound by the plan" in response.reason
+    assert math.isnan(response.before.duration)
+    assert not response.curves
+
+
+def nan_position(request: RefineSubgoal.Request) -> None:
+    request.situation.robot.position.x = math.nan
+
+
+def zero_quaternion(request: RefineSubgoal.Request) -> None:
+    request.chain.calls[1].goal.pose.orientation.w = 0.0
+    request.chain.calls[1].goal.pose.orientation.z = 0.0
+
+
+def unknown_top(request: RefineSubgoal.Request) -> None:
+    request.chain.calls[0].top = "fly"
+
+
+def wrong_frame(request: RefineSubgoal.Request) -> None:
+    request.chain.calls[0].goal.header.frame_id = "moon"
+
+
+def empty_chain(request: RefineSubgoal.Request) -> None:
+    request.chain.calls = []
+
+
+def enormous_chain(request: RefineSubgoal.Request) -> None:
+    request.chain.calls = [call("goToPose", Pose(0.0, 0.0, 0.0))] * 5000
+
+
+def negative_weight(request: RefineSubgoal.Request) -> None:
+    request.objective.success = -1.0
+
+
+def no_weight(request: RefineSubgoal.Request) -> None:
+    request.objective.duration = 0.0
+
+
+def unknown_set(request: RefineSubgoal.Request) -> None:
+    request.chain.action_set = "../../etc"
+
+
+def open_and_bound(request: RefineSubgoal.Request) -> None:
+    request.chain.calls[0].open = ["x"]
+
+
+NONSENSE = {
+    nan_position: "situation.robot.position.x: expected a finite number from -1000 to 1000 m, got nan",
+    zero_quaternion: "chain.calls[1].goal.pose.orientation: expected a quaternion (x, y, z, w) of length 1",
+    unknown_top: "chain.calls[0].top: expected one of ['dribbleBall', 'goToBall', ",
+    wrong_frame: "chain.calls[0].goal.header.frame_id: expected the frame 'odom', got 'moon'",
+    empty_chain: "chain.calls: expected 1 to 32 items, got 0",
+    enormous_chain: "chain.calls: expected 1 to 32 items, got 5000",
+    negative_weight: "objective: expected a weight of success that is not negative, got -1.0",
+    no_weight: "objective: expected at least one weight above 0, got none",
+    unknown_set: "chain.action_set: expected one of",
+    open_and_bound: "chain.calls[0].open, of those not bound: expected names of ['yaw'], each once",
+}
+
+
+def test_nonsense_is_refused_and_the_node_goes_on(start, client: Client, models: Path) -> None:
+    node = start("refinement", models=models)
+    for change, expected in NONSENSE.items():
+        request = request_of_the_paper()
+        change(request)
+        response = refine(client, request)
+        assert not response.accepted
+        assert not response.refined
+        assert expected in response.reason
+        assert len(response.chain.calls) == len(request.chain.calls)
+    assert refine(client, request_of_the_paper(yaw=3.0)).accepted
+    assert "Traceback" not in node.output
+
+
+def test_without_models_it_says_so_and_goes_on(start, client: Client, tmp_path: Path) -> None:
+    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    node = start("refinement", models=tmp_path)
+    response = refine(client, request_of_the_paper())
+    assert not response.accepted
+    assert str(tmp_path) in response.reason
+    client.eventually(lambda: health and health[-1].status[0].level == DiagnosticStatus.ERROR, "an error")
+    assert node.stop() == 0
+
+
+def test_a_damaged_model_is_named(start, client: Client, models: Path, tmp_path: Path) -> None:
+    text = (models / "shoot.json").read_text(encoding="utf-8")
+    (tmp_path / "shoot.json").write_text(text[: len(text) // 2], encoding="utf-8")
+    node = start("refinement", models=tmp_path)
+    response = refine(client, request_of_the_paper())
+    assert not response.accepted
+    assert "shoot.json" in response.reason
+    assert "Traceback" not in node.output
+
+
+def test_markers_show_the_search_to_who_listens(start, client: Client, models: Path) -> None:
+    start("refinement", models=models)
+    heard = client.listen(MarkerArray, "refinement_markers", RESULTS)
+    client.eventually(lambda: refine(client, request_of_the_paper()) and heard, "markers")
+    markers = heard[0].markers
+    assert any(len(marker.points) == len(marker.colors) > 200 for marker in markers)
+    assert all(marker.header.frame_id == "odom" for marker in markers)
