@@ -12,7 +12,7 @@ from experience_rows import made_up_experience
 from refinement_fakes import ROBOT
 
 from ator_ros.experience.table import Experience, join, write_experience
-from ator_ros.experiments.evaluation import Settings
+from ator_ros.experiments.evaluation import Settings, evaluate_trial
 from ator_ros.experiments.running import run_situations
 from ator_ros.experiments.storage import PARTIAL, to_records
 from ator_ros.experiments.toolset import ACTIONS, BASELINES, GATE, ToolsetSource
@@ -23,6 +23,7 @@ from ator_ros.refinement.gate_file import load_gate, save_gate
 from ator_ros.tools.evaluate import main
 from ator_ros.tools.gate import main as gate_main
 
+ORACLE = ("--oracle", "4", "--oracle-speeds", "0.4")
 POLICIES = ["naive", "face_goal", "refined", "gated"]
 
 
@@ -46,7 +47,7 @@ def evaluate(models: Path, out: Path, *words: str, situations: int = 3, workers:
 @pytest.fixture(scope="module")
 def finished(models: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     out = tmp_path_factory.mktemp("out")
-    return out, evaluate(models, out, "--oracle", "4", "--oracle-speeds", "0.4")
+    return out, evaluate(models, out, *ORACLE)
 
 
 def test_summary_has_every_field_of_every_policy(finished: tuple[Path, dict[str, Any]]) -> None:
@@ -88,7 +89,7 @@ def test_report_is_one_file_without_network_or_scripts(finished: tuple[Path, dic
 def test_result_is_the_same_for_any_number_of_workers(
     models: Path, finished: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
-    again = evaluate(models, tmp_path, "--oracle", "4", "--oracle-speeds", "0.4", workers=2)
+    again = evaluate(models, tmp_path, *ORACLE, workers=2)
     assert again["runs"] == finished[1]["runs"]
     first = {name: row for name, row in finished[1]["summary"].items() if name != "command"}
     assert {name: row for name, row in again["summary"].items() if name != "command"} == first
@@ -142,3 +143,14 @@ def test_gate_is_learned_and_rulers_are_refitted(models: Path, tmp_path: Path) -
     finally:
         (models / GATE).write_text(before)
         (models / BASELINES).unlink(missing_ok=True)
+
+
+def test_oracle_leaves_out_only_what_is_predicted_far_behind(
+    models: Path, finished: tuple[Path, dict[str, Any]]
+) -> None:
+    whole = to_records(finished[1]["runs"], 3)[0]["oracle"]["durations"]
+    source = ToolsetSource(models=str(models))
+    settings = Settings(seed=405, policies=("naive",), oracle=4, oracle_margin=0.5, source=source)
+    pruned = evaluate_trial((settings, 0))["oracle"]["durations"]
+    assert [a for a, b in zip(pruned, whole, strict=True) if a != b] == [None] * pruned.count(None)
+    assert 0 < pruned.count(None) < 4

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from ator_ros.experiments.execution import Run, run_chain
 from ator_ros.experiments.policies import POLICIES, Choice, Toolset, naive
 from ator_ros.experiments.toolset import ToolsetSource, make_library, make_toolset
-from ator_ros.experiments.trials import Trial, open_speeds, random_trial, with_headings
+from ator_ros.experiments.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import wrap_angle
+from ator_ros.refinement.chain_model import ChainModel
 from ator_ros.refinement.gate import gate_features
+from ator_ros.refinement.objective import Objective
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 
@@ -37,6 +41,8 @@ class Settings:
     oracle : int
         How many headings of the first subgoal the oracle executes, evenly spaced from the naive one; 0: no
         oracle.
+    oracle_margin : float or None
+        The oracle leaves out what is predicted to take so many s longer than its best; None: nothing.
     oracle_speeds : tuple of float
         Arrival speeds in m/s that the oracle of heading and speed executes at each heading.
     source : ToolsetSource
@@ -47,6 +53,7 @@ class Settings:
     chain: str = "dribble"
     policies: tuple[str, ...] = tuple(POLICIES)
     oracle: int = 0
+    oracle_margin: float | None = None
     oracle_speeds: tuple[float, ...] = ()
     source: ToolsetSource = field(default_factory=ToolsetSource)
 
@@ -145,30 +152,47 @@ def _oracle(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, start: TopChain
 ) -> dict[str, Record]:
     """Execute evenly spaced headings of the first subgoal, the others as predicted best for each."""
-    refiner = tools.refiner()
     naive_heading = start.calls[0].goal.pose.yaw
     steps = (2.0 * math.pi * k / settings.oracle for k in range(settings.oracle))
     headings = [wrap_angle(naive_heading + step) for step in steps]
     chains = [with_headings(start, {0: yaw}) for yaw in headings]
     if len(start.calls) > 2:
         plans = [with_headings(trial.chain, {0: yaw}) for yaw in headings]
-        chains = [refiner.refine(trial.world, plan).chain for plan in plans] + [start]
-    runs = [execute(chain) for chain in chains]
-    best = min(runs, key=lambda run: run.duration)
+        chains = [tools.refiner().refine(trial.world, plan).chain for plan in plans]
+    runs = _executed(settings, tools, trial, execute, chains)
+    best = min([run for run in runs if run is not None] + [execute(start)], key=lambda run: run.duration)
     records: dict[str, Record] = {
         "oracle": {
             "headings": [round(yaw, 3) for yaw in headings],
-            "durations": [round(run.duration, 2) for run in runs],
+            "durations": [None if run is None else round(run.duration, 2) for run in runs],
             "best": round(best.duration, 3),
             "success": best.success,
         }
     }
     if settings.oracle_speeds:
-        opened = [open_speeds(chain) for chain in chains]
-        moving = [execute(_with_speed(chain, v)) for chain in opened for v in settings.oracle_speeds]
-        best = min([best, *moving], key=lambda run: run.duration)
+        moving = [_with_speed(chain, v) for chain in chains for v in settings.oracle_speeds]
+        moving_runs = [run for run in _executed(settings, tools, trial, execute, moving) if run is not None]
+        best = min([best, *moving_runs], key=lambda run: run.duration)
         records["oracle_speed"] = {"best": round(best.duration, 3), "success": best.success}
     return records
+
+
+def _executed(
+    settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chains: Sequence[TopChain]
+) -> list[Run | None]:
+    """Execute the chains that are predicted to come within the oracle's margin of the best of them."""
+    costs = [predicted_cost(tools, trial, chain) for chain in chains]
+    margin = settings.oracle_margin
+    bound = math.inf if margin is None else min(costs) + margin
+    return [execute(chain) if cost <= bound else None for chain, cost in zip(chains, costs, strict=True)]
+
+
+def predicted_cost(tools: Toolset, trial: Trial, chain: TopChain) -> float:
+    """Give the duration in s that the learned models predict for a chain as it is."""
+    model = ChainModel(
+        trial.world, chain, tools.robot, models=tools.models["learned"], free=(), objective=Objective()
+    )
+    return model.predict([np.zeros(0)] * len(chain.calls)).cost
 
 
 def _with_speed(chain: TopChain, speed: float) -> TopChain:

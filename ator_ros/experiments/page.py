@@ -23,7 +23,7 @@ th{font-weight:600;color:#434954;border-bottom:1px solid #b9bec6}
 tr.ours td{background:#eef4fb}
 tr.group td{font-weight:600;color:#434954;padding-top:12px}
 .row{display:flex;flex-wrap:wrap;gap:14px}
-.row figure{flex:1 1 300px}
+.row figure{flex:1 1 380px}
 figure{margin:8px 0}
 figure svg{max-width:100%;height:auto}
 figcaption{color:#5b616b;font-size:13px}

@@ -78,7 +78,7 @@ def _situations(records: Sequence[Record], summary: Mapping[str, Any]) -> str:
         for name, key in pairs
         if name in summary
     ]
-    if "oracle" in summary:
+    if "oracle" in summary and not any(None in record["oracle"]["durations"] for record in records):
         halves.append(figure(svg_text(charts.oracle_curve(records)), "What each executed heading costs."))
     return section("Where it pays", *figures, f'<div class="row">{"".join(halves)}</div>')
 

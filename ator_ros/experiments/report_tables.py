@@ -137,6 +137,8 @@ def policies(summary: Mapping[str, Any], settings: Settings) -> str:
         (name, MEANING[name]) for name, row in summary.items() if isinstance(row, Mapping) and name in MEANING
     ]
     oracle = f" The oracle executed {settings.oracle} headings." if settings.oracle else ""
+    if settings.oracle_margin is not None:
+        oracle += f" It left out headings predicted {settings.oracle_margin:g} s behind its best."
     if settings.oracle_speeds:
         oracle += (
             f" Its speeds at each heading: {', '.join(f'{v:g}' for v in (0.0, *settings.oracle_speeds))} m/s."

@@ -64,9 +64,10 @@ class PartialResults:
             file.write(json.dumps(record, separators=(",", ":")) + "\n")
         self.records[record["index"]] = record
 
-    def remove(self) -> None:
-        """Delete the file, once the finished results are written."""
-        self.path.unlink(missing_ok=True)
+    @staticmethod
+    def remove(folder: Path) -> None:
+        """Delete the partial results in `folder`, once the finished ones are written."""
+        (folder / PARTIAL).unlink(missing_ok=True)
 
 
 def write_result(folder: Path, result: Mapping[str, Any], records: Sequence[Record]) -> Path:

@@ -18,7 +18,7 @@ from ator_ros.experiments.evaluation import Record, Settings
 from ator_ros.experiments.policies import POLICIES
 from ator_ros.experiments.report import write_report
 from ator_ros.experiments.running import describe, run_situations, table_text
-from ator_ros.experiments.storage import write_result
+from ator_ros.experiments.storage import PartialResults, write_result
 from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
 from ator_ros.performance.model_file import ModelFileError
@@ -44,6 +44,12 @@ def arguments() -> argparse.ArgumentParser:
         default=[],
         metavar="V",
         help="also execute these arrival speeds in m/s at each of the K headings",
+    )
+    parser.add_argument(
+        "--oracle-margin",
+        type=float,
+        metavar="S",
+        help="leave out what is predicted to take S s longer than the best (default: execute all)",
     )
     parser.add_argument("--out", type=Path, default=Path("evaluation"), metavar="DIR")
     parser.add_argument("--chain", choices=list(CHAINS), default="dribble")
@@ -99,6 +105,7 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
         chain=options.chain,
         policies=tuple(name for name in POLICIES if name in {*wanted, "naive"}),
         oracle=options.oracle,
+        oracle_margin=options.oracle_margin,
         oracle_speeds=tuple(options.oracle_speeds),
         source=source,
     )
@@ -113,6 +120,7 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
     result = describe(settings, records, command)
     path = write_result(options.out, result, records)
     print(table_text(result["summary"]))
+    PartialResults.remove(options.out)
     report = write_report(options.out, result, records, settings, tools)
     print(f"wrote {path} and {report}")
     return 0
