@@ -51,7 +51,7 @@ def measure(learner: Any, data: dict[str, Any], **fit_options: Any) -> dict[str,
     }
 
 
-def median_time(function: Any, argument: Any, repeats: int = 51) -> float:
+def median_time(function: Any, argument: Any, repeats: int = 21) -> float:
     """Give the median time of a call in s, after one that doesn't count."""
     function(argument)
     times = []
