@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ator_ros.actions.base import Goal, Point
@@ -84,6 +84,7 @@ def same(one: FloatArray, two: FloatArray, unit: str) -> bool:
     return bool(np.mean(np.abs(difference) < 1e-6) > 0.97)
 
 
+@settings(deadline=None)
 @given(dx=st.floats(-3, 3), dy=st.floats(-3, 3), seed=st.integers(0, 1000))
 def test_translation_changes_the_positions_only(dx: float, dy: float, seed: int) -> None:
     direct = situations(seed)
@@ -93,6 +94,7 @@ def test_translation_changes_the_positions_only(dx: float, dy: float, seed: int)
             assert same(before[name], after[name], feature.unit), name
 
 
+@settings(deadline=None)
 @given(angle=st.floats(-3, 3), seed=st.integers(0, 1000))
 def test_rotation_changes_what_is_declared_only(angle: float, seed: int) -> None:
     direct = situations(seed)
@@ -102,6 +104,7 @@ def test_rotation_changes_what_is_declared_only(angle: float, seed: int) -> None
             assert same(before[name], after[name], feature.unit), name
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_mirror_keeps_even_features_and_negates_odd_ones(seed: int) -> None:
     direct = situations(seed)

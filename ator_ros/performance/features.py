@@ -14,7 +14,8 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import Direct, direct_arrays
-from ator_ros.performance.ideal_times import DRIBBLE, DRIVE, Paths, drive_time, fastest_paths, turn_time
+from ator_ros.performance.families import Family, approach_family, dribble_family, drive_family
+from ator_ros.performance.ideal_times import Ends, Motions, drive_time, fastest_motions, turn_time
 from ator_ros.robot import Robot
 
 Mirror = Literal["even", "odd"]
@@ -82,32 +83,33 @@ class Geometry:
         return np.where(self.to_dest >= 0.0, 1.0, -1.0)
 
     @cached_property
-    def _seen(self) -> tuple[FloatArray, FloatArray]:
-        cos, sin = np.cos(self.direct["yaw"]), np.sin(self.direct["yaw"])
-        return cos * self.dx + sin * self.dy, cos * self.dy - sin * self.dx
+    def _ends(self) -> Ends:
+        d = self.direct
+        cos, sin = np.cos(d["yaw"]), np.sin(d["yaw"])
+        ahead, left = cos * self.dx + sin * self.dy, cos * self.dy - sin * self.dx
+        return Ends(ahead, left, self.turn, d["v"], d["speedg"])
+
+    def _motions(self, family: Family) -> Motions:
+        return fastest_motions(self._ends, family, hold=self.robot.hold)
 
     @cached_property
-    def drive(self) -> Paths:
-        """The fastest ideal path without the ball, or up to it."""
-        d, (along, across) = self.direct, self._seen
-        return fastest_paths(
-            along,
-            across,
-            self.turn,
-            d["v"],
-            d["speedg"],
-            d["hold"],
-            self.robot.hold,
-            DRIVE,
-            self.robot.limits,
+    def drive(self) -> Motions:
+        """The fastest ideal motion without the ball, or up to it where the goal is to hold one."""
+        holding = self.direct["hold"] > 0.5
+        if holding.all():
+            return self._motions(approach_family(self.robot))
+        plain = self._motions(drive_family(self.robot))
+        if not holding.any():
+            return plain
+        approach = self._motions(approach_family(self.robot))
+        return Motions(
+            np.where(holding, approach.time, plain.time), np.where(holding, approach.turn, plain.turn)
         )
 
     @cached_property
-    def dribble(self) -> Paths:
-        """The fastest ideal path with the ball."""
-        d, (along, across) = self.direct, self._seen
-        limits, hold = self.robot.dribble_limits, self.robot.hold
-        return fastest_paths(along, across, self.turn, d["v"], d["speedg"], d["hold"], hold, DRIBBLE, limits)
+    def dribble(self) -> Motions:
+        """The fastest ideal motion with the ball."""
+        return self._motions(dribble_family(self.robot))
 
     def turn_drive_turn(self, *, reverse: bool = False) -> FloatArray:
         """Give the time in s of turning on the spot, driving, and turning again."""

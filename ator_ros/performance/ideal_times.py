@@ -1,7 +1,8 @@
 """How long ideal motions between two poses take: derived variables that grow with the work of an action.
 
 They come from the direct variables and the robot's limits alone. What an action plans is its own affair:
-these paths (an arc, a straight line, an arc, a straight run-in) only share the limits of the base with it.
+these motions (turn while gaining speed, drive straight, turn while losing speed, run straight to the goal)
+only share the limits of the base with it.
 """
 
 from __future__ import annotations
@@ -9,13 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.families import Family
 from ator_ros.robot import Limits
 
-_WAY_ROUND = 6.0  # s per m that a straight line passes too near the ball
-_IMPOSSIBLE = 50.0  # s added where two circles have no common tangent
+ITERATIONS = 3
+_STEP = 0.6  # rad by which an iteration changes the first turn at most
+_BACKWARD = 3.0  # s per m that the straight drive would have to go against its direction
+_MISSED = 3.0  # s per m by which a motion misses the goal sideways
+_WAY_ROUND = 6.0  # s per m that a straight drive passes too near the ball
 _FULL_TURN = 2.0 * np.pi
 
 
@@ -34,179 +38,176 @@ def drive_time(distance: FloatArray, before: FloatArray, after: FloatArray, limi
     """
     a, brake = limits.a, limits.brake
     before2, after2 = before * before, after * after
-    peak2 = (2.0 * a * brake * distance + brake * before2 + a * after2) / (a + brake)
+    peak2 = (2.0 * a * brake * distance + brake * before2 + a * after2) * (1.0 / (a + brake))
     peak2 = np.maximum(np.minimum(peak2, limits.v * limits.v), np.maximum(before2, after2))
     peak = np.sqrt(peak2)
     cruise = distance - (peak2 - before2) * (0.5 / a) - (peak2 - after2) * (0.5 / brake)
-    result: FloatArray = (peak - before) / a + (peak - after) / brake + np.maximum(cruise, 0.0) / limits.v
-    return result
-
-
-def _reached(speed: FloatArray, distance: FloatArray, bound: FloatArray, change: float) -> FloatArray:
-    """Give the speed in m/s after a `change` (m/s^2) over `distance` from `speed`, at most `bound`."""
-    result: FloatArray = np.minimum(np.sqrt(speed * speed + 2.0 * change * distance), bound)
+    ramps = (peak - before) * (1.0 / a) + (peak - after) * (1.0 / brake)
+    result: FloatArray = ramps + np.maximum(cruise, 0.0) * (1.0 / limits.v)
     return result
 
 
 @dataclass(frozen=True)
-class PathFamily:
-    """A family of paths: the radii in m of first and last arc, and whether they may be driven in reverse.
-
-    Attributes
-    ----------
-    first, last : tuple of float
-        Radii; 0 turns on the spot.
-    reverse : bool
-        Also drive backward up to the run-in.
-    run_in : float
-        Straight stretch in m at the end of an approach to the ball.
-    passing : float
-        Distance in m that a straight line keeps from the ball in an approach.
-    """
-
-    first: tuple[float, ...]
-    last: tuple[float, ...]
-    reverse: bool
-    run_in: float = 0.0
-    passing: float = 0.0
-
-    def variants(self) -> tuple[FloatArray, FloatArray, NDArray[np.float64]]:
-        """Give signed radii of both arcs (left positive) and directions, each of shape (variants, 1)."""
-        rows = [
-            (first, last, direction)
-            for direction in ((1.0, -1.0) if self.reverse else (1.0,))
-            for first in _signed(self.first)
-            for last in _signed(self.last if direction > 0.0 or not self.run_in else (0.0,))
-        ]
-        first, last, directions = np.array(rows).T[:, :, None]
-        return first, last, directions
-
-
-def _signed(radii: tuple[float, ...]) -> list[float]:
-    return [sign * radius for radius in radii for sign in ((1.0, -1.0) if radius else (1.0,))]
-
-
-DRIVE = PathFamily(first=(0.0, 0.3), last=(0.0, 0.3, 0.6), reverse=True, run_in=0.25, passing=0.4)
-"""Driving without the ball, or up to it."""
-
-DRIBBLE = PathFamily(first=(0.25, 0.5), last=(0.3, 0.6), reverse=False)
-"""Driving with the ball: forward only, and no turns on the spot."""
-
-
-@dataclass(frozen=True)
-class Paths:
-    """The fastest path of a family for each situation: arrays of shape (n,).
+class Motions:
+    """The fastest motion of a family in each situation: arrays of shape (n,).
 
     Attributes
     ----------
     time : ndarray
         In s.
     turn : ndarray
-        Sum of the angles of both arcs in rad.
+        Sum of the angles of both turns in rad.
     """
 
     time: FloatArray
     turn: FloatArray
 
 
-def fastest_paths(
-    along: FloatArray,
-    across: FloatArray,
-    turn: FloatArray,
-    speed: FloatArray,
-    arrival: FloatArray,
-    approach: FloatArray,
-    hold: float,
-    family: PathFamily,
-    limits: Limits,
-) -> Paths:
-    """Give the fastest path of `family` in each of n situations.
+@dataclass(frozen=True)
+class Ends:
+    """Both ends of motions, in the frame of the start: arrays of shape (n,).
+
+    Attributes
+    ----------
+    x, y : ndarray
+        Destination of the axle in m.
+    turn : ndarray
+        Heading there in rad.
+    speed, arrival : ndarray
+        Forward speeds at the start and at the destination in m/s.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    turn: FloatArray
+    speed: FloatArray
+    arrival: FloatArray
+
+
+def fastest_motions(ends: Ends, family: Family, *, hold: float) -> Motions:
+    """Give the fastest motion of `family` in each of n situations.
 
     Parameters
     ----------
-    along, across, turn : ndarray, shape (n,)
-        Destination of the axle as seen from the start: m forward, m to the left, rad.
-    speed, arrival : ndarray, shape (n,)
-        Forward speed at the start and at the destination in m/s.
-    approach : ndarray, shape (n,)
-        1 where a ball lies in front of the destination, else 0.
+    ends : Ends
+        Starts and destinations.
+    family : Family
+        Which motions there are.
     hold : float
-        Distance in m of that ball from the axle.
-    family : PathFamily
-        Which paths there are.
-    limits : Limits
-        Of speeds and accelerations.
+        Distance in m from the destination to the ball in front of it.
     """
-    first, last, direction = family.variants()
-    cos, sin = np.cos(turn), np.sin(turn)
-    run_in = family.run_in * approach
-    # Driving in reverse is driving forward with the world turned by half a turn about the start.
-    goal_x = direction * (along - run_in * cos)
-    goal_y = direction * (across - run_in * sin)
-    # From centre to centre of the circles; the tangent's heading follows without a further angle.
-    to_x = goal_x - last * sin
-    to_y = goal_y + last * cos - first
-    offset = last - first
-    square = np.maximum(to_x * to_x + to_y * to_y, 1e-9)
-    free = square - offset * offset
-    length = np.sqrt(np.maximum(free, 0.0))
-    heading_x = (to_x * length + to_y * offset) / square
-    heading_y = (to_y * length - to_x * offset) / square
-    heading = np.arctan2(heading_y, heading_x)
-    opening = _arc(heading, first)
-    closing = _arc(turn - heading, last)
-    time = _path_time(opening, length, closing, first, last, direction * speed, arrival, run_in, limits)
-    time += np.where(free < 0.0, _IMPOSSIBLE, 0.0)
-    if family.passing:
-        ball_x = direction * (along + hold * cos) - first * heading_y
-        ball_y = direction * (across + hold * sin) - first * (1.0 - heading_x)
-        beside = np.abs(ball_y * heading_x - ball_x * heading_y)
-        ahead = ball_x * heading_x + ball_y * heading_y
-        near = np.maximum(family.passing - beside, 0.0) * ((ahead > 0.0) & (ahead < length + 0.1))
-        time += _WAY_ROUND * near * approach
-    best = time.argmin(axis=0)
-    each = np.arange(len(turn))
-    return Paths(time[best, each], (opening + closing)[best, each])
+    search = _Search(ends, family, hold)
+    first, total = search.first_guess()
+    first = search.solve(first, total)
+    last = total - first
+    time = search.time(first, last)
+    best, each = time.argmin(axis=0), np.arange(time.shape[1])
+    return Motions(time[best, each], np.abs(first[best, each]) + np.abs(last[best, each]))
 
 
-def _arc(angle: FloatArray, radius: FloatArray) -> FloatArray:
-    """Give the angle (rad, 0 to 2 pi) to drive on a circle of signed radius; the shorter turn on the spot."""
-    turned = np.where(radius < 0.0, -angle, angle)
-    turned = turned - _FULL_TURN * np.floor(turned / _FULL_TURN)
-    return np.where(radius == 0.0, np.minimum(turned, _FULL_TURN - turned), turned)
+class _Search:
+    """The motions of a family in n situations; its arrays have the shape (kinds, n).
+
+    Parameters
+    ----------
+    ends, family, hold
+        As for `fastest_motions`.
+    """
+
+    def __init__(self, ends: Ends, family: Family, hold: float) -> None:
+        kinds = family.columns
+        self.ends, self.family, self.kinds, self.hold = ends, family, kinds, hold
+        self.limits, self.tables = family.limits, family.tables
+        self.cos, self.sin = np.cos(ends.turn), np.sin(ends.turn)
+        self.junction, self.run = self._before_run()
+        self.goal_x, self.goal_y = ends.x - self.run * self.cos, ends.y - self.run * self.sin
+        self.first_row = self.tables.rows(kinds.first_way, ends.speed)
+        self.last_row = self.tables.rows(kinds.last_way, self.junction)
+
+    def _before_run(self) -> tuple[FloatArray, FloatArray]:
+        """Give speed (m/s) and distance (m) to the goal where the straight run begins."""
+        limits, run, arrival, share = self.limits, self.family.run, self.ends.arrival, self.kinds.share
+        square = arrival * arrival
+        if run is None:
+            junction = share * limits.v + np.zeros_like(arrival)
+            change = junction * junction - square
+            return junction, np.maximum(change * (0.5 / limits.brake), change * (-0.5 / limits.a))
+        greatest = np.minimum(np.sqrt(square + 2.0 * limits.brake * run), limits.v)
+        least = np.sqrt(np.maximum(square - 2.0 * limits.a * run, 0.0))
+        return least + share * (greatest - least), np.full_like(arrival, run)
+
+    def first_guess(self) -> tuple[FloatArray, FloatArray]:
+        """Give the first turn and the sum of both turns (rad) where turns are arcs of circles."""
+        kinds, radius = self.kinds, self.family.radius
+        first_radius, last_radius = radius * kinds.first_side, radius * kinds.last_side
+        # From centre to centre; in reverse the world is seen turned by half a turn about the start.
+        to_x = kinds.direction * self.goal_x - last_radius * self.sin
+        to_y = kinds.direction * self.goal_y + last_radius * self.cos - first_radius
+        offset = last_radius - first_radius
+        tangent = np.sqrt(np.maximum(to_x * to_x + to_y * to_y - offset * offset, 0.0))
+        heading = np.arctan2(to_y * tangent - to_x * offset, to_x * tangent + to_y * offset)
+        first = kinds.first_side * _within_turn(kinds.first_side * heading)
+        return first, first + kinds.last_side * _within_turn(kinds.last_side * (self.ends.turn - heading))
+
+    def _drive(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, ...]:
+        """Give where the first turn ends, and the way from there to where the last one begins, in m."""
+        tables = self.tables
+        first_at, last_at = self.first_row + tables.columns(first), self.last_row + tables.columns(-last)
+        begin_x, begin_y = tables.ahead.take(first_at), tables.left.take(first_at)
+        back_x, back_y = tables.ahead.take(last_at), tables.left.take(last_at)
+        to_x = self.goal_x - begin_x - (self.cos * back_x - self.sin * back_y)
+        to_y = self.goal_y - begin_y - (self.sin * back_x + self.cos * back_y)
+        return begin_x, begin_y, to_x, to_y
+
+    def solve(self, first: FloatArray, total: FloatArray) -> FloatArray:
+        """Give the first turns (rad) whose drives meet the last turns, by the secant method."""
+        before = gap_before = first
+        for iteration in range(ITERATIONS):
+            _, _, to_x, to_y = self._drive(first, total - first)
+            cos, sin = np.cos(first), np.sin(first)
+            gap = cos * to_y - sin * to_x
+            if iteration == 0:
+                along = cos * to_x + sin * to_y
+                change = 0.5 * gap / np.where(along == 0.0, 1.0, along)
+            else:
+                slope = gap_before - gap
+                change = gap * (first - before) / np.where(slope == 0.0, 1.0, slope)
+            before, gap_before = first, gap
+            first = first + np.minimum(np.maximum(change, -_STEP), _STEP)
+        return first
+
+    def time(self, first: FloatArray, last: FloatArray) -> FloatArray:
+        """Give the times in s of motions with these turns (rad), and of what they lack, shape (kinds, n)."""
+        begin_x, begin_y, to_x, to_y = self._drive(first, last)
+        cos, sin = np.cos(first), np.sin(first)
+        length = cos * to_x + sin * to_y
+        result = self._moving_time(first, last, self.kinds.direction * length)
+        result += _MISSED * np.abs(cos * to_y - sin * to_x)
+        if self.family.passing:
+            x, y = self.ends.x + self.hold * self.cos - begin_x, self.ends.y + self.hold * self.sin - begin_y
+            along, beside = cos * x + sin * y, np.abs(cos * y - sin * x)
+            passes = (along > np.minimum(length, 0.0)) & (along < np.maximum(length, 0.0))
+            result += _WAY_ROUND * np.maximum(self.family.passing - beside, 0.0) * passes
+        return result
+
+    def _moving_time(self, first: FloatArray, last: FloatArray, length: FloatArray) -> FloatArray:
+        """Give the times in s of motions whose straight drive is `length` m long in its direction."""
+        limits, tables, kinds = self.limits, self.tables, self.kinds
+        first_time = tables.time.take(kinds.first_way * tables.angles + tables.columns(first))
+        last_time = tables.time.take(kinds.last_way * tables.angles + tables.columns(last))
+        before = kinds.direction * (self.ends.speed + kinds.first_change * first_time)
+        after = kinds.direction * (self.junction + kinds.last_change * last_time)
+        # Speeds against the direction of the drive have to be lost first.
+        wrong = np.minimum(before, 0.0) + np.minimum(after, 0.0)
+        before, after = (np.minimum(np.maximum(speed, 0.0), limits.v) for speed in (before, after))
+        driving = drive_time(np.maximum(length, 0.0), before, after, limits)
+        running = drive_time(self.run, self.junction, self.ends.arrival, limits)
+        result: FloatArray = first_time + last_time + driving + running
+        result -= wrong * (1.0 / limits.a) + _BACKWARD * np.minimum(length, 0.0)
+        return result
 
 
-def _path_time(
-    opening: FloatArray,
-    length: FloatArray,
-    closing: FloatArray,
-    first: FloatArray,
-    last: FloatArray,
-    speed: FloatArray,
-    arrival: FloatArray,
-    run_in: FloatArray,
-    limits: Limits,
-) -> FloatArray:
-    """Give the times in s of paths, shape (variants, n)."""
-    outer, inner = np.abs(first), np.abs(last)
-    turn_first, turn_last = turn_time(opening, limits), turn_time(closing, limits)
-    # The speed at which the arc's turn takes as long as its length: none on the spot.
-    bound_first = np.minimum(outer * opening / np.maximum(turn_first, 1e-6), limits.v)
-    bound_last = np.minimum(inner * closing / np.maximum(turn_last, 1e-6), limits.v)
-    bound_first = np.where((opening < 1e-3) & (outer > 0.0), limits.v, bound_first)
-    bound_last = np.where((closing < 1e-3), limits.v, bound_last)
-    start = np.minimum(np.maximum(speed, 0.0), bound_first)
-    stopping = (np.maximum(-speed, 0.0) + np.maximum(speed, 0.0) - start) / limits.a
-    end = np.minimum(_reached(arrival, run_in, bound_last, limits.brake), bound_last)
-    after = _reached(start, outer * opening, bound_first, limits.a)
-    before = _reached(end, inner * closing, bound_last, limits.brake)
-    time_first = np.maximum(2.0 * outer * opening / np.maximum(start + after, 0.05), turn_first)
-    time_last = np.maximum(2.0 * inner * closing / np.maximum(before + end, 0.05), turn_last)
-    result: FloatArray = (
-        stopping
-        + time_first
-        + drive_time(length, after, before, limits)
-        + time_last
-        + drive_time(run_in, end, arrival, limits)
-    )
+def _within_turn(angle: FloatArray) -> FloatArray:
+    """Give the same angle in [0, 2 pi)."""
+    result: FloatArray = angle - _FULL_TURN * np.floor(angle * (1.0 / _FULL_TURN))
     return result
