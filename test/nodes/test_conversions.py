@@ -1,0 +1,152 @@
+"""Messages to the core's types and back; whatever comes in, only MessageError comes out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import Quaternion, Twist
+from hypothesis import given
+from hypothesis import strategies as st
+from nav_msgs.msg import Odometry
+
+from ator_interfaces.msg import Objective, Situation, TopCall, TopChain
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.nodes import checks, conversions
+from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError
+from ator_ros.robot import load_robot
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.state import GOAL_VARIABLES
+from ator_ros.world import BallState, Command, RobotState, World
+
+LIBRARY = TopLibrary(load_robot())
+FRAME = "odom"
+
+places = st.floats(-FARTHEST, FARTHEST)
+speeds = st.floats(-FASTEST, FASTEST)
+angles = st.floats(-math.pi, math.pi, exclude_max=True)
+poses = st.builds(Pose, places, places, angles)
+balls = st.builds(BallState, places, places, speeds, speeds)
+worlds = st.builds(
+    World, st.floats(0.0, 1e6), st.builds(RobotState, poses, speeds, speeds), st.none() | balls
+)
+any_number = st.floats(allow_nan=True, allow_infinity=True)
+any_name = st.sampled_from([*GOAL_VARIABLES, *LIBRARY, FRAME, "default", "bezier"]) | st.text(max_size=8)
+
+
+def near(first: Pose, second: Pose) -> bool:
+    return first.distance(second) < 1e-9 and abs(wrap_angle(first.yaw - second.yaw)) < 1e-9
+
+
+@given(worlds)
+def test_a_world_survives_the_way_through_a_message(world: World) -> None:
+    back = conversions.world_from(conversions.situation_of(world, frame=FRAME), frame=FRAME)
+    assert back.time == pytest.approx(world.time, abs=1e-8)
+    assert near(back.robot.pose, world.robot.pose)
+    assert (back.robot.v, back.robot.w, back.ball) == (world.robot.v, world.robot.w, world.ball)
+
+
+@given(st.builds(RobotState, poses, speeds, speeds), balls)
+def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: BallState) -> None:
+    message = conversions.odometry_of(1.25, robot, frame=FRAME, child="base_link")
+    time, back = conversions.robot_from(message, frame=FRAME)
+    assert time == 1.25
+    assert near(back.pose, robot.pose)
+    assert (back.v, back.w) == (robot.v, robot.w)
+    message = conversions.ball_odometry_of(1.25, ball, frame=FRAME, height=0.1)
+    assert conversions.ball_from(message, frame=FRAME) == (1.25, ball)
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from(list(LIBRARY)), poses, st.floats(0.0, 2.0)), min_size=1, max_size=5)
+)
+def test_a_chain_survives_the_way_through_a_message(steps: list[tuple[str, Pose, float]]) -> None:
+    message = TopChain(calls=[TopCall(top=top, speed=speed, bound=["x", "y"]) for top, _, speed in steps])
+    for call, (_, pose, _) in zip(message.calls, steps, strict=True):
+        call.goal.pose = conversions.pose_of(pose)
+    chain = conversions.chain_from(message, LIBRARY, frame=FRAME)
+    again = conversions.chain_of(chain, action_set="default", frame=FRAME)
+    back = conversions.chain_from(again, LIBRARY, frame=FRAME)
+    for first, second, (top, pose, speed) in zip(chain.calls, back.calls, steps, strict=True):
+        assert first.top.name == second.top.name == top
+        assert near(first.goal.pose, pose)
+        assert near(second.goal.pose, pose)
+        assert first.goal.speed == second.goal.speed == speed
+        assert first.goal.point is LIBRARY[top].point
+        assert first.bound == second.bound == {"x", "y"}
+
+
+def test_open_variables_are_nan_for_refinement_and_as_given_otherwise() -> None:
+    message = TopChain(calls=[TopCall(top="goToBall", bound=["x", "y"], open=["yaw"])])
+    message.calls[0].goal.pose = conversions.pose_of(Pose(1.0, 2.0, 0.5))
+    given_goal = conversions.chain_from(message, LIBRARY, frame=FRAME).calls[0].goal
+    assert given_goal.pose.yaw == pytest.approx(0.5)
+    chain = conversions.chain_from(message, LIBRARY, frame=FRAME, keep_open=True)
+    assert math.isnan(chain.calls[0].goal.pose.yaw)
+    assert chain.calls[0].goal.speed == 0.0
+    assert list(conversions.chain_of(chain, action_set="default", frame=FRAME).calls[0].open) == ["yaw"]
+
+
+@given(st.floats(0.0, 2e9))
+def test_stamps_hold_nanoseconds(seconds: float) -> None:
+    assert conversions.seconds_from(conversions.stamp_of(seconds)) == pytest.approx(seconds, abs=1e-6)
+
+
+def scrambled(message: Any, draw: st.DrawFn) -> Any:
+    """Fill every field of a message, whatever its type, with anything that the type allows."""
+    for name, kind in message.get_fields_and_field_types().items():
+        value = getattr(message, name)
+        if kind == "double":
+            setattr(message, name, draw(any_number))
+        elif kind == "string":
+            setattr(message, name, draw(any_name))
+        elif kind == "sequence<string>":
+            setattr(message, name, draw(st.lists(any_name, max_size=3)))
+        elif hasattr(value, "get_fields_and_field_types"):
+            scrambled(value, draw)
+    return message
+
+
+@given(st.data())
+def test_whatever_comes_in_is_read_or_refused(data: st.DataObject) -> None:
+    chain = TopChain(calls=[scrambled(TopCall(), data.draw) for _ in range(data.draw(st.integers(0, 2)))])
+    readers = [
+        lambda: conversions.robot_from(scrambled(Odometry(), data.draw), frame=FRAME),
+        lambda: conversions.ball_from(scrambled(Odometry(), data.draw), frame=FRAME),
+        lambda: conversions.world_from(scrambled(Situation(ball_known=True), data.draw), frame=FRAME),
+        lambda: conversions.command_from(scrambled(Twist(), data.draw)),
+        lambda: conversions.objective_from(scrambled(Objective(), data.draw)),
+        lambda: conversions.chain_from(chain, LIBRARY, frame=FRAME),
+        lambda: conversions.action_set_from(chain, allowed={"default": None}),
+    ]
+    reason = "expected nothing else"
+    try:
+        data.draw(st.sampled_from(readers))()
+    except MessageError as error:
+        reason = str(error)
+    assert "expected" in reason
+
+
+@pytest.mark.parametrize(
+    "quaternion",
+    [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0), (0.0, 0.0, math.nan, 1.0), (0.7071068, 0.0, 0.0, 0.7071068)],
+)
+def test_quaternions_that_are_no_heading_are_refused(quaternion: tuple[float, ...]) -> None:
+    x, y, z, w = quaternion
+    with pytest.raises(MessageError, match=r"here: expected .* got"):
+        checks.planar_yaw(Quaternion(x=x, y=y, z=z, w=w), "here")
+
+
+def test_a_command_that_a_wheeled_robot_cannot_follow_is_refused() -> None:
+    message = conversions.twist_of(Command(0.5, 0.1))
+    assert conversions.command_from(message) == Command(0.5, 0.1)
+    message.linear.y = 0.2
+    with pytest.raises(MessageError, match=r"linear\.y.*expected 0"):
+        conversions.command_from(message)
+
+
+def test_unknown_performance_is_nan() -> None:
+    message = conversions.performance_of({"duration": 2.0, "of another measure": 1.0})
+    assert message.duration == 2.0
+    assert all(math.isnan(value) for value in (message.spread, message.success, message.accuracy))
