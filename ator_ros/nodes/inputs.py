@@ -1,0 +1,65 @@
+"""Odometry and ball, which come as messages of their own, joined to the state of the world (without ROS)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+
+from ator_ros.world import BallState, RobotState, World
+
+_BALLS_KEPT = 10
+
+
+class TimeWentBackError(ValueError):
+    """Odometry that is older than the last one, as after a reset; the message gives both times."""
+
+
+class Inputs:
+    """The newest state of the robot, with the ball of the same time.
+
+    Parameters
+    ----------
+    ball_timeout : float
+        Time in s, of the messages' stamps, after which a ball counts as unknown.
+    """
+
+    def __init__(self, ball_timeout: float) -> None:
+        self._ball_timeout = ball_timeout
+        self._balls: deque[tuple[float, BallState]] = deque(maxlen=_BALLS_KEPT)
+        self._time: float | None = None
+
+    @property
+    def time(self) -> float | None:
+        """Stamp of the newest odometry in s; None when there was none."""
+        return self._time
+
+    def ball(self, time: float, ball: BallState) -> None:
+        """Take a ball with its stamp in s."""
+        self._balls.append((time, ball))
+
+    def robot(self, time: float, robot: RobotState) -> World | None:
+        """Take the robot's state with its stamp in s; give the world of that time, None if no time has passed.
+
+        Raises
+        ------
+        TimeWentBackError
+            The stamp is older than the one before. What was known is forgotten: the next stamp counts.
+        """
+        last, self._time = self._time, time
+        if last is not None and time < last:
+            self._balls.clear()
+            raise TimeWentBackError(
+                f"expected odometry after {last:.2f} s, got {time:.2f} s: was there a reset?"
+            )
+        return None if time == last else World(time, robot, self._ball_at(time))
+
+    def _ball_at(self, time: float) -> BallState | None:
+        """Give the newest ball that is not newer than `time`, carried on to it by its velocity.
+
+        Two topics have no common order: the ball of the same tick may come after the odometry.
+        """
+        for stamp, ball in reversed(self._balls):
+            age = time - stamp
+            if 0.0 <= age <= self._ball_timeout:
+                return dataclasses.replace(ball, x=ball.x + age * ball.vx, y=ball.y + age * ball.vy)
+        return None

@@ -1,0 +1,43 @@
+"""What the performance models say of a chain that is executed as it is (without ROS)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ator_ros.refinement.chain_model import ChainModel, ChainPrediction
+from ator_ros.refinement.free_variables import PerformanceModel
+from ator_ros.refinement.objective import Objective
+from ator_ros.robot import Robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.world import World
+
+
+class Predictor:
+    """Predicts chains and their actions.
+
+    Parameters
+    ----------
+    robot : Robot
+        Sizes and limits.
+    models : mapping
+        Action name to performance model; chains with other actions are not predicted.
+    """
+
+    def __init__(self, robot: Robot, models: Mapping[str, PerformanceModel]) -> None:
+        self._robot = robot
+        self._models = models
+
+    def chain(self, world: World, chain: TopChain) -> ChainPrediction | None:
+        """Predict `chain` from the state `world`; None where an action has no model."""
+        if any(call.top.action not in self._models for call in chain.calls):
+            return None
+        model = ChainModel(world, chain, self._robot, models=self._models, free=(), objective=Objective())
+        nothing_free = [np.zeros(0) for _ in chain.calls]
+        return model.predict([nothing_free])[0]
+
+    def action(self, world: World, call: TopCall) -> Mapping[str, float] | None:
+        """Predict one action from the state `world`; None where it has no model."""
+        prediction = self.chain(world, TopChain((call,)))
+        return None if prediction is None else prediction.actions[0]
