@@ -201,3 +201,24 @@ def test_missing_and_odd_shapes_are_refused() -> None:
         direct_arrays({name: value for name, value in direct.items() if name != "hold"})
     with pytest.raises(ValueError, match=r"arrays of one shape \(n,\)"):
         direct_arrays({**direct, "x": np.zeros(4)})
+    with pytest.raises(ValueError, match="not finite: yaw, xg"):
+        direct_arrays({**direct, "yaw": np.array([0.0, np.nan, 0.0]), "xg": math.inf})
+
+
+@pytest.mark.parametrize("hold", [0.0, 1.0])
+@pytest.mark.parametrize("name", ["drive_time", "dribble_time"])
+def test_ideal_times_have_no_needles(name: str, hold: float) -> None:
+    angles = np.radians(np.arange(-180.0, 180.5, 0.5))
+    direct = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"xg": 2.0, "yg": 0.1, "yawg": angles, "hold": hold}
+    times = feature_table(direct, ROBOT, [name])[:, 0]
+    around = np.concatenate([times[-3:-1], times, times[1:3]])
+    needles = np.abs(times - np.median([around[k : len(times) + k] for k in range(5)], axis=0))
+    assert needles.max() < 0.1
+
+
+def test_ideal_times_hardly_depend_on_the_last_bit() -> None:
+    direct = situations(5, 400)
+    names = ["drive_time", "dribble_time"]
+    before = feature_table(direct, ROBOT, names)
+    after = feature_table({**direct, "xg": direct["xg"] + 1e-9}, ROBOT, names)
+    assert np.mean(np.abs(after - before) < 0.01) > 0.99

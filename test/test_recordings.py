@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from turning_action import TurnDriveTurn
 from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.geometry import Pose, quaternion_from_yaw
+from ator_ros.resources import share_folder
 from ator_ros.robot import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.world import STOP, Command, World
@@ -67,7 +69,7 @@ def record(folder: Path, *, topics: tuple[str, ...] = ("/robot/odom", "/robot/cm
     return durations
 
 
-def odometry(store: object, world: World) -> object:
+def odometry(store: Any, world: World) -> object:
     types = store.types
     robot, zeros = world.robot, np.zeros(36)
     vector, point = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Point"]
@@ -86,7 +88,7 @@ def odometry(store: object, world: World) -> object:
     )
 
 
-def twist(store: object, command: Command) -> object:
+def twist(store: Any, command: Command) -> object:
     vector = store.types["geometry_msgs/msg/Vector3"]
     return store.types["geometry_msgs/msg/Twist"](vector(command.v, 0.0, 0.0), vector(0.0, 0.0, command.w))
 
@@ -112,7 +114,7 @@ def test_a_single_file_can_be_given(tmp_path: Path) -> None:
 
 def test_a_recording_without_the_topics_is_refused(tmp_path: Path) -> None:
     record(tmp_path / "bag", topics=("/robot/odom",))
-    with pytest.raises(RecordingError, match="expected the topics odom and cmd_vel"):
+    with pytest.raises(RecordingError, match="expected the topic performance/action, or odom and cmd_vel"):
         read_recording(tmp_path / "bag", ROBOT)
 
 
@@ -127,3 +129,76 @@ def test_missing_rosbags_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, tm
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(RecordingError, match="pip install rosbags"):
         read_recording(tmp_path, ROBOT)
+
+
+def test_records_of_the_executor_are_taken_as_they_are(tmp_path: Path) -> None:
+    store = own_types()
+    record = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.25, code=1)
+    failed = action_performance(store, goal=Pose(2.5, 0.5, 0.7), speed=0.0, duration=9.0, code=2)
+    canceled = action_performance(store, goal=Pose(2.5, 0.5, 0.7), speed=0.0, duration=1.0, code=4)
+    write_records(tmp_path / "bag", store, [record, failed, canceled])
+    frame = read_recording(tmp_path / "bag", ROBOT).of("goToPose")
+    assert frame["duration"].tolist() == [3.25, 9.0]
+    assert frame["success"].tolist() == [True, False]
+    assert frame[["x", "y", "v", "xg", "yg", "speedg", "hold"]].iloc[0].tolist() == [
+        -1,
+        0.25,
+        0.1,
+        1.5,
+        0.5,
+        0.3,
+        1,
+    ]
+    assert frame["yawg"].iloc[0] == pytest.approx(0.7)
+    assert frame["position_error"].iloc[0] == 0.01
+
+
+def own_types() -> Any:
+    """Give a store with our interfaces, read from their files."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types: dict[str, Any] = {}
+    for file in sorted(share_folder().glob("ator_interfaces/msg/*.msg")):
+        types |= get_types_from_msg(file.read_text(), f"ator_interfaces/msg/{file.stem}")
+    store.register(types)
+    return store
+
+
+def action_performance(store: Any, *, goal: Pose, speed: float, duration: float, code: int) -> Any:
+    """Give the record of a goToBall from (-1, 0.25)."""
+    types = store.types
+    stamp = types["builtin_interfaces/msg/Time"](0, 0)
+    header = types["std_msgs/msg/Header"](stamp, "odom")
+    point, vector = types["geometry_msgs/msg/Point"], types["geometry_msgs/msg/Vector3"]
+
+    def pose(where: Pose) -> Any:
+        turn = types["geometry_msgs/msg/Quaternion"](*quaternion_from_yaw(where.yaw))
+        return types["geometry_msgs/msg/Pose"](point(where.x, where.y, 0.0), turn)
+
+    situation = types["ator_interfaces/msg/Situation"](
+        header=header, robot=pose(Pose(-1.0, 0.25, 0.1)), v=0.1, w=0.0, ball_known=True,
+        ball=point(goal.x, goal.y, 0.0), ball_velocity=vector(0.0, 0.0, 0.0),
+    )  # fmt: skip
+    call = types["ator_interfaces/msg/TopCall"](
+        top="goToBall", goal=types["geometry_msgs/msg/PoseStamped"](header, pose(goal)), speed=speed,
+        bound=[], open=[],
+    )  # fmt: skip
+    performance = types["ator_interfaces/msg/Performance"]
+    unknown = performance(duration=np.nan, spread=np.nan, success=np.nan, accuracy=np.nan)
+    actual = performance(duration=duration, spread=0.0, success=float(code == 1), accuracy=0.01)
+    return types["ator_interfaces/msg/ActionPerformance"](
+        header=header, chain_id="0", step=0, steps=1, action="goToPose", call=call, start=situation,
+        end=situation, predicted=unknown, actual=actual, heading_error=0.02,
+        outcome=types["ator_interfaces/msg/Outcome"](code=code, reason="so it went"),
+    )  # fmt: skip
+
+
+def write_records(folder: Path, store: Any, records: list[Any]) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    kind = "ator_interfaces/msg/ActionPerformance"
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        link = writer.add_connection("/performance/action", kind, typestore=store)
+        for number, record in enumerate(records):
+            writer.write(link, 1_000_000_000 * number, store.serialize_cdr(record, kind))

@@ -1,7 +1,7 @@
 """Experience from recordings (MCAP, made by ``ros2 bag record -s mcap``): a real robot has no other.
 
-From ``odom`` and ``cmd_vel`` (and ``ball`` where there is one), one drive is what lies between two pauses
-of the commands. Its goal is seen in hindsight: where the robot came to rest. A drive that ends with the
+The records that our executor publishes on ``performance/action`` are taken as they are. From ``odom`` and
+``cmd_vel`` (and ``ball`` where there is one), one drive is what lies between two pauses of the commands. Its goal is seen in hindsight: where the robot came to rest. A drive that ends with the
 ball held had the ball for its goal; with the ball held at both ends it was a dribble.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.experience.episode import HELD, Episode
+from ator_ros.experience.episode import HELD, SAMPLE_COLUMNS, Episode
 from ator_ros.experience.situations import Situation
 from ator_ros.experience.table import Experience, ExperienceError, episode_frame, join, library_versions
 from ator_ros.geometry import FloatArray, Pose, wrap_angle, yaw_from_quaternion
@@ -29,6 +29,8 @@ SHORTEST = 0.5  # s that a drive lasts at least
 STILL = (0.01, 0.02)  # m/s and rad/s up to which a command is one to stop
 PERIOD = 0.1  # s between examples, the paper's 10 Hz
 TOPICS = ("odom", "cmd_vel", "ball")
+RECORDS = "performance/action"
+SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 
 
 class RecordingError(ExperienceError):
@@ -37,11 +39,15 @@ class RecordingError(ExperienceError):
 
 @dataclass
 class _Streams:
-    """What one robot recorded: rows of odom (t, x, y, yaw, v, w), commands (t, v, w) and ball (t, x, y)."""
+    """What one robot recorded.
+
+    Rows of odom (t, x, y, yaw, v, w), commands (t, v, w) and ball (t, x, y), and the executor's records.
+    """
 
     odom: list[tuple[float, ...]] = field(default_factory=list)
     cmd_vel: list[tuple[float, ...]] = field(default_factory=list)
     ball: list[tuple[float, ...]] = field(default_factory=list)
+    records: list[Episode] = field(default_factory=list)
 
 
 def read_recording(path: Path | str, robot: Robot) -> Experience:
@@ -61,11 +67,13 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
     """
     file = Path(path)
     by_robot = _read(file)
-    episodes = [episode for streams in by_robot.values() for episode in _drives(streams, robot)]
+    episodes = [
+        episode for streams in by_robot.values() for episode in streams.records or _drives(streams, robot)
+    ]
     if not episodes:
         raise RecordingError(
-            f"{file}: expected the topics odom and cmd_vel with at least one drive of {SHORTEST} s "
-            f"between two stops; found {', '.join(by_robot) or 'no such topics'} without one"
+            f"{file}: expected the topic {RECORDS}, or odom and cmd_vel with at least one drive of "
+            f"{SHORTEST} s between two stops; found {', '.join(by_robot) or 'no such topics'} without one"
         )
     numbers: dict[str, int] = defaultdict(int)
     frames: list[pd.DataFrame] = []
@@ -93,15 +101,54 @@ def _read(file: Path) -> dict[str, _Streams]:
     by_robot: dict[str, _Streams] = defaultdict(_Streams)
     try:
         with AnyReader([file], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            wanted = [c for c in reader.connections if c.topic.rpartition("/")[2] in TOPICS]
+            wanted = [c for c in reader.connections if _kind(c.topic)]
             now: dict[str, float] = {}
             for connection, _, raw in reader.messages(connections=wanted):
-                namespace, _, topic = connection.topic.rpartition("/")
+                topic = _kind(connection.topic)
+                namespace = connection.topic[: -len(topic)] or "/"
                 message = reader.deserialize(raw, connection.msgtype)
-                _add(by_robot[namespace or "/"], topic, message, now, namespace)
+                if topic != RECORDS:
+                    _add(by_robot[namespace], topic, message, now, namespace)
+                elif message.outcome.code in (SUCCEEDED, FAILED):
+                    by_robot[namespace].records.append(_record(message))
     except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
         raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {error}") from error
     return by_robot
+
+
+def _kind(topic: str) -> str:
+    """Give which of the topics `topic` is, in whatever namespace; empty for none."""
+    return next((name for name in (RECORDS, *TOPICS) if f"/{topic}".endswith(f"/{name}")), "")
+
+
+def _record(message: Any) -> Episode:
+    """Give the episode that an ActionPerformance tells of."""
+    start, call = message.start, message.call
+    ball = (
+        BallState(start.ball.x, start.ball.y, start.ball_velocity.x, start.ball_velocity.y)
+        if start.ball_known
+        else None
+    )
+    point = Point.AXLE if call.top == "goToPose" else Point.HOLD
+    return Episode(
+        situation=Situation(
+            message.action,
+            RobotState(_pose_of(start.robot), start.v, start.w),
+            ball,
+            Goal(_pose_of(call.goal.pose), call.speed, point),
+        ),
+        samples=np.empty((0, len(SAMPLE_COLUMNS))),
+        duration=message.actual.duration,
+        success=message.outcome.code == SUCCEEDED,
+        reason=message.outcome.reason,
+        position_error=message.actual.accuracy,
+        heading_error=message.heading_error,
+    )
+
+
+def _pose_of(pose: Any) -> Pose:
+    q = pose.orientation
+    return Pose(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
 
 
 def _add(streams: _Streams, topic: str, message: Any, now: dict[str, float], namespace: str) -> None:
@@ -113,13 +160,12 @@ def _add(streams: _Streams, topic: str, message: Any, now: dict[str, float], nam
         return
     stamp = message.header.stamp
     time = stamp.sec + 1e-9 * stamp.nanosec
-    position, q, twist = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist
+    pose, twist = _pose_of(message.pose.pose), message.twist.twist
     if topic == "ball":
-        streams.ball.append((time, position.x, position.y))
+        streams.ball.append((time, pose.x, pose.y))
         return
     now[namespace] = time
-    yaw = yaw_from_quaternion(q.x, q.y, q.z, q.w)
-    streams.odom.append((time, position.x, position.y, yaw, twist.linear.x, twist.angular.z))
+    streams.odom.append((time, *pose, twist.linear.x, twist.angular.z))
 
 
 def _drives(streams: _Streams, robot: Robot) -> Iterator[Episode]:

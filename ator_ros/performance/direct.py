@@ -45,7 +45,7 @@ def direct_arrays(direct: Direct) -> Arrays:
     Raises
     ------
     ValueError
-        A variable is missing, or the shapes don't go together.
+        A variable is missing or not finite, or the shapes don't go together.
     """
     missing = [name for name in DIRECT_VARIABLES if name not in direct]
     if missing:
@@ -61,6 +61,11 @@ def direct_arrays(direct: Direct) -> Arrays:
     table = np.empty((len(given), count))
     for row, values in zip(table, given, strict=True):
         row[:] = values
+    if not np.isfinite(table).all():
+        wrong = [
+            name for name, row in zip(DIRECT_VARIABLES, table, strict=True) if not np.isfinite(row).all()
+        ]
+        raise ValueError(f"direct variables: expected finite numbers; not finite: {', '.join(wrong)}")
     return dict(zip(DIRECT_VARIABLES, table, strict=True))
 
 

@@ -17,6 +17,7 @@ from ator_ros.robot import Limits
 
 ITERATIONS = 3
 _STEP = 0.6  # rad by which an iteration changes the first turn at most
+_GRAIN = 0.02  # rad
 _BACKWARD = 3.0  # s per m that the straight drive would have to go against its direction
 _MISSED = 3.0  # s per m by which a motion misses the goal sideways
 _WAY_ROUND = 6.0  # s per m that a straight drive passes too near the ball
@@ -166,12 +167,15 @@ class _Search:
             _, _, to_x, to_y = self._drive(first, total - first)
             cos, sin = np.cos(first), np.sin(first)
             gap = cos * to_y - sin * to_x
+            along = cos * to_x + sin * to_y
+            change = gap / np.where(along == 0.0, 1.0, along)
             if iteration == 0:
-                along = cos * to_x + sin * to_y
-                change = 0.5 * gap / np.where(along == 0.0, 1.0, along)
+                change *= 0.5
             else:
-                slope = gap_before - gap
-                change = gap * (first - before) / np.where(slope == 0.0, 1.0, slope)
+                step, slope = first - before, gap_before - gap
+                # After a small step the tables' grain, not the geometry, would make the secant's slope.
+                steep = (np.abs(step) > _GRAIN) & (slope != 0.0)
+                change = np.where(steep, gap * step / np.where(steep, slope, 1.0), change)
             before, gap_before = first, gap
             first = first + np.minimum(np.maximum(change, -_STEP), _STEP)
         return first
