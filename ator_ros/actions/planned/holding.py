@@ -18,6 +18,7 @@ _ENTRY_SPEEDS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8)
 _ENTRY_CHANGES = (0.0, 0.2, 0.4, 0.6, 0.77)
 _EXIT_SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
 _EXIT_CHANGES = (0.0, 0.25, 0.45)
+_RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
 
 
 def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
@@ -45,6 +46,17 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
                 if push(robot, v, turn.turn_rate, change) >= MARGIN:
                     sides.append(Side(lead, speed, turn))
     return tuple(sides)
+
+
+@lru_cache(maxsize=256)
+def release_sides(robot: Robot, limits: Limits) -> tuple[Side, ...]:
+    """Give the ways to end at full speed with the ball: turn at a constant speed, then run up straight."""
+    turns = (Driving(v, 0.0, rate * limits.w) for v in _RELEASE_SPEEDS for rate in _RATES[::2])
+    return tuple(
+        Side(_straight(limits, turn.speed, limits.v), limits.v, turn)
+        for turn in turns
+        if push(robot, turn.speed, turn.turn_rate, 0.0) >= MARGIN
+    )
 
 
 @lru_cache(maxsize=256)

@@ -7,7 +7,7 @@ import math
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.actions.planned.clearance import Obstacles
-from ator_ros.actions.planned.holding import LOST, ball_offset, entry_sides, exit_sides
+from ator_ros.actions.planned.holding import LOST, ball_offset, entry_sides, release_sides
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.planned_action import PlannedAction
 from ator_ros.actions.planned.planner import fastest
@@ -47,7 +47,7 @@ class Shoot(PlannedAction):
         """Plan the fastest of a few run-ups that end in front of the goal at full speed."""
         robot, limits, start = self.robot, self.plan_limits, world.robot.pose
         entries = entry_sides(robot, limits, round(max(0.0, world.robot.v), 3))
-        exits = exit_sides(robot, limits, limits.v)
+        exits = release_sides(robot, limits)
         plans = []
         for release in self._releases():
             try:
