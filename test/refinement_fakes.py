@@ -8,12 +8,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.library import TopLibrary
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose, wrap_angles
 from ator_ros.robot import load_robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
 from ator_ros.world import BallState, RobotState, World
 
 ROBOT = load_robot()
@@ -49,7 +49,7 @@ def turning_time(direct: Mapping[str, Any]) -> Any:
     dx, dy = direct["xg"] - direct["x"], direct["yg"] - direct["y"]
     bearing = np.arctan2(dy, dx)
     turns = 1.3 * np.abs(wrap_angles(bearing - direct["yaw"])) + np.abs(wrap_angles(direct["yawg"] - bearing))
-    return np.hypot(dx, dy) + turns + (direct["v"] - 0.4) ** 2 + (direct["speedg"] - 0.5) ** 2
+    return np.hypot(dx, dy) + turns + np.square(direct["v"] - 0.4) + np.square(direct["speedg"] - 0.5)
 
 
 USED = frozenset({"x", "y", "yaw", "v", "xg", "yg", "yawg", "speedg", "hold"})

@@ -64,7 +64,7 @@ def test_last_subgoal_is_refined_where_the_plan_leaves_it_open() -> None:
     chain = TopChain((call("goToBall", 0.0, 0.0, 0.5, ANGLE_OPEN),))
     result = Refiner(ROBOT, models()).refine(world(), chain)
     assert result.refined
-    assert result.chain.calls[0].goal.pose.yaw == pytest.approx(0.0, abs=math.radians(3))
+    assert result.chain.calls[0].goal.pose.yaw == pytest.approx(0.0, abs=math.radians(5))
 
 
 def test_nothing_free_leaves_the_chain_and_says_why() -> None:
@@ -101,7 +101,7 @@ def test_committed_variables_stay_as_they_are() -> None:
 
 def test_naive_is_fastest_for_the_first_action_alone() -> None:
     chain = Refiner(ROBOT, models()).naive(world(), two_steps(BOTH_OPEN))
-    assert wrap_angle(chain.calls[0].goal.pose.yaw) == pytest.approx(0.0, abs=math.radians(3))
+    assert wrap_angle(chain.calls[0].goal.pose.yaw) == pytest.approx(0.0, abs=math.radians(5))
     assert chain.calls[0].goal.speed == 0.0
 
 
@@ -223,7 +223,7 @@ def test_wide_candidates_do_not_mix_up_rows() -> None:
     refiner = Refiner(ROBOT, models())
     result = refiner.refine(world(), two_steps())
     (curve,) = result.curves
-    for yaw, total in zip(curve.values[::30, 0], curve.totals[::30], strict=True):
+    for yaw, total in zip(curve.values[::12, 0], curve.totals[::12], strict=True):
         goal = dataclasses.replace(two_steps().calls[0].goal, pose=Pose(0.0, 0.0, float(yaw)))
         before = refiner.refine(world(), two_steps().with_goal(0, goal)).before
         assert before is not None

@@ -74,5 +74,5 @@ def test_answers_do_not_depend_on_where_the_origin_is(x: float, y: float, yaw: f
         assert result.after is not None
         return result.after.cost
 
-    # The grid of headings does not turn with the frame: its step of 3 degrees is what may differ.
-    assert math.isclose(refined(frame), refined(Pose(0.0, 0.0, 0.0)), abs_tol=0.12)
+    # The grid of headings does not turn with the frame: its step of 5 degrees is what may differ.
+    assert math.isclose(refined(frame), refined(Pose(0.0, 0.0, 0.0)), abs_tol=0.15)

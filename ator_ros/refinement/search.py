@@ -20,15 +20,15 @@ from ator_ros.refinement.free_variables import Domain
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
 """Gives the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
 
-SINGLE = 120
-"""Candidates for one free variable on its own: 3 degrees of an angle. Nothing finer is searched then."""
+SINGLE = 72
+"""Candidates for one free variable on its own: 5 degrees of an angle. Nothing finer is searched then."""
 ALONE = 216
 """First candidates of a subgoal with several free variables whose neighbours are fixed."""
 PAIRED = 24
 """First candidates per free variable of a subgoal whose neighbour has free variables too."""
 LEAST_STEPS = 4
-ZOOM_STEPS = 5
-ZOOM_LEVELS = 2
+ZOOM_STEPS = (7, 5, 3)
+"""Steps of a window in each direction, for one, two, and more free variables."""
 ZOOM_WINDOWS = 2
 
 
@@ -83,16 +83,14 @@ def search(
     values = [c[i] for c, i in zip(candidates, path, strict=True)]
     curves = tuple(Curve(grid, total[: len(grid)]) for grid, total in zip(grids, totals, strict=True))
     if sum(len(domains) for domains in axes) > 1:
-        for _ in range(ZOOM_LEVELS):
-            steps = [step * 2.0 / (ZOOM_STEPS - 1) for step in steps]
-            candidates = [
-                np.vstack([value, *(_window(best, step, domains) for best in _best_apart(c, t, step))])
-                if domains
-                else c
-                for value, c, t, step, domains in zip(values, candidates, totals, steps, axes, strict=True)
-            ]
-            path, cost, totals = _least_path(step_cost, candidates)
-            values = [c[i] for c, i in zip(candidates, path, strict=True)]
+        candidates = [
+            np.vstack([value, *(_window(best, step, domains) for best in _best_apart(c, t, step))])
+            if domains
+            else c
+            for value, c, t, step, domains in zip(values, candidates, totals, steps, axes, strict=True)
+        ]
+        path, cost, _ = _least_path(step_cost, candidates)
+        values = [c[i] for c, i in zip(candidates, path, strict=True)]
     return Optimum(tuple(values), cost, curves)
 
 
@@ -125,9 +123,9 @@ def _product(lines: Sequence[FloatArray]) -> FloatArray:
 
 
 def _window(centre: FloatArray, step: FloatArray, domains: Sequence[Domain]) -> FloatArray:
-    """Give the candidates around `centre`, shape (n, k), that lie `step` apart within the domains."""
-    reach = ZOOM_STEPS // 2
-    window = _product([c + s * np.arange(-reach, reach + 1) for c, s in zip(centre, step, strict=True)])
+    """Give candidates, shape (n, k), that divide the steps of the first grid around `centre`."""
+    count = ZOOM_STEPS[min(len(domains), len(ZOOM_STEPS)) - 1]
+    window = _product([c + s * np.linspace(-1.0, 1.0, count) for c, s in zip(centre, step, strict=True)])
     for column, domain in enumerate(domains):
         if domain.periodic:
             width = domain.high - domain.low
@@ -146,7 +144,7 @@ def _best_apart(candidates: FloatArray, totals: FloatArray, step: FloatArray) ->
         if not np.isfinite(left[index]):
             break
         chosen.append(candidates[index])
-        near = np.all(np.abs(candidates - candidates[index]) < step * ZOOM_STEPS, axis=1)
+        near = np.all(np.abs(candidates - candidates[index]) < 2.5 * step, axis=1)
         left[near] = np.inf
     return chosen
 
