@@ -1,8 +1,9 @@
 """Experience from recordings (MCAP, made by ``ros2 bag record -s mcap``): a real robot has no other.
 
 The records that our executor publishes on ``performance/action`` are taken as they are. From ``odom`` and
-``cmd_vel`` (and ``ball`` where there is one), one drive is what lies between two pauses of the commands. Its goal is seen in hindsight: where the robot came to rest. A drive that ends with the
-ball held had the ball for its goal; with the ball held at both ends it was a dribble.
+``cmd_vel`` (and ``ball`` where there is one), one drive is what lies between two pauses of the commands. Its
+goal is seen in hindsight: where the robot came to rest. A drive that ends with the ball held had the ball for
+its goal; with the ball held at both ends it was a dribble.
 """
 
 from __future__ import annotations

@@ -75,6 +75,8 @@ def ablation_table(
     yield "| action | candidates | leaves | features used | MAE (s) | RMSE (s) |"
     yield "| --- | --- | --- | --- | --- | --- |"
     for action, rows in experience.items():
+        if action not in fresh:
+            continue
         starts = fresh[action]
         starts = starts[(starts["t"] == 0.0) & (starts["v"] == 0.0)]
         for label, (features, how) in _candidates(action).items():

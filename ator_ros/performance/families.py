@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray
-from ator_ros.performance.turns import Indices, TurnTables, Way, turn_tables
+from ator_ros.performance.turns import Indices, RealArray, TurnTables, Way, turn_tables
 from ator_ros.robot import Limits, Robot
 
 RUN = 0.25  # m straight up to a ball, twice the length of the fins that catch it
@@ -47,12 +46,12 @@ class Columns(NamedTuple):
 
     first_way: Indices
     last_way: Indices
-    direction: FloatArray
-    first_change: FloatArray
-    last_change: FloatArray
-    share: FloatArray
-    first_side: FloatArray
-    last_side: FloatArray
+    direction: RealArray
+    first_change: RealArray
+    last_change: RealArray
+    share: RealArray
+    first_side: RealArray
+    last_side: RealArray
 
 
 @dataclass(frozen=True)
@@ -92,8 +91,8 @@ class Family:
     def columns(self) -> Columns:
         """The kinds as columns."""
 
-        def column(values: Iterable[float]) -> FloatArray:
-            return np.array([[value] for value in values], dtype=float)
+        def column(values: Iterable[float]) -> RealArray:
+            return np.array([[value] for value in values], dtype=np.float32)
 
         def ways(which: Iterable[Way]) -> Indices:
             return np.array([[self._ways.index(way)] for way in which], dtype=np.intp)

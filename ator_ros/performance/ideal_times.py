@@ -7,12 +7,14 @@ only share the limits of the base with it.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.families import Family
+from ator_ros.performance.turns import RealArray
 from ator_ros.robot import Limits
 
 ITERATIONS = 3
@@ -32,7 +34,7 @@ def turn_time(angle: FloatArray, limits: Limits) -> FloatArray:
     return result
 
 
-def drive_time(distance: FloatArray, before: FloatArray, after: FloatArray, limits: Limits) -> FloatArray:
+def drive_time(distance: RealArray, before: RealArray, after: RealArray, limits: Limits) -> RealArray:
     """Give the time in s of straight drives over `distance` (m) between two speeds (m/s).
 
     A distance too short for the change of speed takes the time of that change.
@@ -44,7 +46,7 @@ def drive_time(distance: FloatArray, before: FloatArray, after: FloatArray, limi
     peak = np.sqrt(peak2)
     cruise = distance - (peak2 - before2) * (0.5 / a) - (peak2 - after2) * (0.5 / brake)
     ramps = (peak - before) * (1.0 / a) + (peak - after) * (1.0 / brake)
-    result: FloatArray = ramps + np.maximum(cruise, 0.0) * (1.0 / limits.v)
+    result: RealArray = ramps + np.maximum(cruise, 0.0) * (1.0 / limits.v)
     return result
 
 
@@ -78,11 +80,11 @@ class Ends:
         Forward speeds at the start and at the destination in m/s.
     """
 
-    x: FloatArray
-    y: FloatArray
-    turn: FloatArray
-    speed: FloatArray
-    arrival: FloatArray
+    x: RealArray
+    y: RealArray
+    turn: RealArray
+    speed: RealArray
+    arrival: RealArray
 
 
 def fastest_motions(ends: Ends, family: Family, *, hold: float) -> Motions:
@@ -97,13 +99,15 @@ def fastest_motions(ends: Ends, family: Family, *, hold: float) -> Motions:
     hold : float
         Distance in m from the destination to the ball in front of it.
     """
-    search = _Search(ends, family, hold)
+    single = Ends(*(getattr(ends, field.name).astype(np.float32) for field in dataclasses.fields(Ends)))
+    search = _Search(single, family, hold)
     first, total = search.first_guess()
     first = search.solve(first, total)
     last = total - first
     time = search.time(first, last)
     best, each = time.argmin(axis=0), np.arange(time.shape[1])
-    return Motions(time[best, each], np.abs(first[best, each]) + np.abs(last[best, each]))
+    turn = np.abs(first[best, each]) + np.abs(last[best, each])
+    return Motions(time[best, each].astype(np.float64), turn.astype(np.float64))
 
 
 class _Search:
@@ -125,7 +129,7 @@ class _Search:
         self.first_row = self.tables.rows(kinds.first_way, ends.speed)
         self.last_row = self.tables.rows(kinds.last_way, self.junction)
 
-    def _before_run(self) -> tuple[FloatArray, FloatArray]:
+    def _before_run(self) -> tuple[RealArray, RealArray]:
         """Give speed (m/s) and distance (m) to the goal where the straight run begins."""
         limits, run, arrival, share = self.limits, self.family.run, self.ends.arrival, self.kinds.share
         square = arrival * arrival
@@ -137,7 +141,7 @@ class _Search:
         least = np.sqrt(np.maximum(square - 2.0 * limits.a * run, 0.0))
         return least + share * (greatest - least), np.full_like(arrival, run)
 
-    def first_guess(self) -> tuple[FloatArray, FloatArray]:
+    def first_guess(self) -> tuple[RealArray, RealArray]:
         """Give the first turn and the sum of both turns (rad) where turns are arcs of circles."""
         kinds, radius = self.kinds, self.family.radius
         first_radius, last_radius = radius * kinds.first_side, radius * kinds.last_side
@@ -150,7 +154,7 @@ class _Search:
         first = kinds.first_side * _within_turn(kinds.first_side * heading)
         return first, first + kinds.last_side * _within_turn(kinds.last_side * (self.ends.turn - heading))
 
-    def _drive(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, ...]:
+    def _drive(self, first: RealArray, last: RealArray) -> tuple[RealArray, ...]:
         """Give where the first turn ends, and the way from there to where the last one begins, in m."""
         tables = self.tables
         first_at, last_at = self.first_row + tables.columns(first), self.last_row + tables.columns(-last)
@@ -160,7 +164,7 @@ class _Search:
         to_y = self.goal_y - begin_y - (self.sin * back_x + self.cos * back_y)
         return begin_x, begin_y, to_x, to_y
 
-    def solve(self, first: FloatArray, total: FloatArray) -> FloatArray:
+    def solve(self, first: RealArray, total: RealArray) -> RealArray:
         """Give the first turns (rad) whose drives meet the last turns, by the secant method."""
         before = gap_before = first
         for iteration in range(ITERATIONS):
@@ -180,7 +184,7 @@ class _Search:
             first = first + np.minimum(np.maximum(change, -_STEP), _STEP)
         return first
 
-    def time(self, first: FloatArray, last: FloatArray) -> FloatArray:
+    def time(self, first: RealArray, last: RealArray) -> RealArray:
         """Give the times in s of motions with these turns (rad), and of what they lack, shape (kinds, n)."""
         begin_x, begin_y, to_x, to_y = self._drive(first, last)
         cos, sin = np.cos(first), np.sin(first)
@@ -194,7 +198,7 @@ class _Search:
             result += _WAY_ROUND * np.maximum(self.family.passing - beside, 0.0) * passes
         return result
 
-    def _moving_time(self, first: FloatArray, last: FloatArray, length: FloatArray) -> FloatArray:
+    def _moving_time(self, first: RealArray, last: RealArray, length: RealArray) -> RealArray:
         """Give the times in s of motions whose straight drive is `length` m long in its direction."""
         limits, tables, kinds = self.limits, self.tables, self.kinds
         first_time = tables.time.take(kinds.first_way * tables.angles + tables.columns(first))
@@ -206,12 +210,12 @@ class _Search:
         before, after = (np.minimum(np.maximum(speed, 0.0), limits.v) for speed in (before, after))
         driving = drive_time(np.maximum(length, 0.0), before, after, limits)
         running = drive_time(self.run, self.junction, self.ends.arrival, limits)
-        result: FloatArray = first_time + last_time + driving + running
+        result: RealArray = first_time + last_time + driving + running
         result -= wrong * (1.0 / limits.a) + _BACKWARD * np.minimum(length, 0.0)
         return result
 
 
-def _within_turn(angle: FloatArray) -> FloatArray:
+def _within_turn(angle: RealArray) -> RealArray:
     """Give the same angle in [0, 2 pi)."""
-    result: FloatArray = angle - _FULL_TURN * np.floor(angle * (1.0 / _FULL_TURN))
+    result: RealArray = angle - _FULL_TURN * np.floor(angle * (1.0 / _FULL_TURN))
     return result

@@ -34,7 +34,9 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "experience", nargs="*", type=Path, help="tables of collect, or recordings (.mcap or their folders)"
     )
-    parser.add_argument("--fresh", type=Path, help="table with other episodes, on which accuracy is measured")
+    parser.add_argument(
+        "--fresh", nargs="+", type=Path, default=[], help="other episodes, on which accuracy is measured"
+    )
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument("--action-set", help="that recordings were made with (tables know their own)")
     parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
@@ -77,14 +79,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
-    rows, source = _experience(options, robot)
-    fresh = read_experience(options.fresh) if options.fresh else None
+    rows, source = _experience(options.experience, robot)
+    fresh, fresh_source = _experience(options.fresh, robot) if options.fresh else (rows[:0], {})
     by_action = dict(iter(rows.groupby("action", sort=False)))
     for action, examples in by_action.items():
         model = train(action, examples, robot)
         measured: dict[str, Any] = {}
-        if fresh is not None:
-            measured = _measure(model, examples, fresh.of(action), fresh.metadata["seed"])
+        tests = fresh[fresh["action"] == action]
+        if len(tests):
+            measured = _measure(model, examples, tests, fresh_source["seed"])
         training = {
             **{name: source.get(name) for name in ("seed", "command")},
             "digest": digest(examples),
@@ -92,7 +95,7 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
             "examples": len(examples),
             "train_command": command,
         }
-        action_set = source.get("action_set", "default")
+        action_set = options.action_set or source.get("action_set", "default")
         metadata = {
             "action_set": action_set,
             "training": training,
@@ -102,17 +105,18 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
         file = folder / model_path(action, action_set)
         save_model(file, dataclasses.replace(model, metadata=metadata))
         print(f"{file}: {_summary(model, measured)}")
-    if options.ablation and fresh is not None:
-        tests = {action: fresh.of(action) for action in by_action}
-        lines = ablation_table(by_action, tests, robot, seed=fresh.metadata["seed"])
+    if options.ablation and len(fresh):
+        lines = ablation_table(
+            by_action, dict(iter(fresh.groupby("action"))), robot, seed=fresh_source["seed"]
+        )
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
 
 
-def _experience(options: argparse.Namespace, robot: Robot) -> tuple[pd.DataFrame, dict[str, Any]]:
+def _experience(paths: Sequence[Path], robot: Robot) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Read and join all sources; episodes keep apart, and the first table's metadata count."""
     frames: list[pd.DataFrame] = []
     sources: list[dict[str, Any]] = []
-    for path in options.experience:
+    for path in paths:
         table = read_experience(path) if path.suffix == ".parquet" else read_recording(path, robot)
         if table.metadata.get("robot_digest", robot.digest()) != robot.digest():
             raise ExperienceError(
@@ -122,10 +126,7 @@ def _experience(options: argparse.Namespace, robot: Robot) -> tuple[pd.DataFrame
         shift = max((int(frame["episode"].max()) + 1 for frame in frames if len(frame)), default=0)
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
         sources.append(table.metadata)
-    source = dict(sources[0])
-    if options.action_set:
-        source["action_set"] = options.action_set
-    return join(frames), source
+    return join(frames), sources[0]
 
 
 def _measure(model: PerformanceModel, rows: pd.DataFrame, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
