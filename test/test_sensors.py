@@ -26,6 +26,12 @@ def drive(ticks: int, *, ball: BallState | None = None, start: float = 0.0) -> l
 def test_perfect_sensors_tell_the_truth() -> None:
     sensors = Sensors(SensorConfig())
     for world in drive(50, ball=BallState(1.0, 2.0, 0.5, -0.5)):
+        assert sensors.observe(world) == world
+
+
+def test_the_ball_is_seen_from_where_the_robot_is() -> None:
+    sensors = Sensors(SensorConfig(ball_dropouts=1e-12))
+    for world in drive(50, ball=BallState(1.0, 2.0, 0.5, -0.5)):
         seen = sensors.observe(world)
         assert seen.time == world.time
         assert seen.robot.pose == pytest.approx(world.robot.pose)

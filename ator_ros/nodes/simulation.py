@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from typing import Any
@@ -28,10 +29,11 @@ from ator_ros.nodes.node_support import (
     declare_parameters,
     run_node,
 )
+from ator_ros.nodes.simulated_world import SimulatedWorld
 from ator_ros.robot import ConfigError, load_robot
-from ator_ros.simulation.base_controller import COMMAND_TIMEOUT
 from ator_ros.simulation.bodies import robot_urdf
-from ator_ros.simulation.pioneer import TICK, PioneerSimulation
+from ator_ros.simulation.pioneer import TICK
+from ator_ros.simulation.sensors import SensorConfig, Sensors
 
 PARAMETERS = (
     Parameter("frame", "odom", "frame of poses and of the ball"),
@@ -44,6 +46,13 @@ PARAMETERS = (
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
     Parameter("robot_start", [-2.0, 0.0, 0.0], "pose of the robot after a reset: x, y in m, yaw in rad"),
     Parameter("ball_start", [0.0, 0.0], "position of the ball after a reset: x, y in m"),
+    Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
+    Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
+    Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
+    Parameter("ball_noise", 0.0, "error of the ball's coordinates in m", 0.0, 1.0),
+    Parameter("ball_velocity_noise", 0.0, "error of the ball's velocity in m/s", 0.0, 1.0),
+    Parameter("ball_delay", 0.0, "age of what is known of the ball in simulated s", 0.0, 5.0),
+    Parameter("ball_dropouts", 0.0, "probability that the ball is not seen in a tick", 0.0, 0.99),
 )
 
 _FASTEST_PERIOD = 0.0005
@@ -59,7 +68,7 @@ class SimulationNode(Node):
     Subscribes to
         cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
         after the last command the robot stops.
-    Publishes, every tick, stamped with simulated time
+    Publishes, every tick, as the sensors see it, stamped with simulated time
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         ball (nav_msgs/Odometry): position and velocity, both in the header's frame; nothing without a ball.
         /clock (rosgraph_msgs/Clock), when `publish_clock`.
@@ -80,49 +89,35 @@ class SimulationNode(Node):
         self._settings = declare_parameters(self, PARAMETERS)
         try:
             self._robot = load_robot()
-            self._start, self._ball_start = self._read_start()
-        except (ConfigError, MessageError) as error:
+            self._world = self._make_world()
+        except (ConfigError, ValueError) as error:
             raise SetupError(str(error)) from error
         self._paused = False
+        self._deadline = 0.0
         self._rejected = ""
-        self._simulation: PioneerSimulation | None = None
-        self._make_world()
         self._offer_topics()
         self._offer_services()
         factor = self._settings["real_time_factor"]
-        self._ran, self._ran_ticks, self._ticks, self._achieved = time.monotonic(), 0, 0, 0.0
-        self._timer = self.create_timer(
-            TICK / factor if factor else _FASTEST_PERIOD, self._tick, clock=STEADY
-        )
+        self._ticks, self._counted = 0, (time.monotonic(), 0)
+        period = TICK / factor if factor else _FASTEST_PERIOD
+        self._timer = self.create_timer(period, self._tick, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health)
-        self.get_logger().info(
-            f"simulating {self._robot.name} at {factor:g} times real time (0: as fast as possible)"
-        )
+        speed = f"at {factor:g} times real time" if factor else "as fast as possible"
+        self.get_logger().info(f"simulating {self._robot.name} {speed}")
 
-    def _read_start(self) -> tuple[Pose, tuple[float, float]]:
+    def _make_world(self) -> SimulatedWorld:
         robot, ball = self._settings["robot_start"], self._settings["ball_start"]
         checks.count(robot, "parameter robot_start", least=3, most=3)
         checks.count(ball, "parameter ball_start", least=2, most=2)
-        self._check_inside(robot[0], robot[1], "parameter robot_start")
-        self._check_inside(ball[0], ball[1], "parameter ball_start")
-        return Pose(robot[0], robot[1], checks.position(robot[2], "parameter robot_start: yaw")), (
-            ball[0],
-            ball[1],
+        yaw = checks.position(robot[2], "parameter robot_start: yaw")
+        names = (field.name for field in dataclasses.fields(SensorConfig))
+        config = SensorConfig(**{name: self._settings[name] for name in names})
+        return SimulatedWorld(
+            self._robot,
+            Sensors(config, self._settings["seed"]),
+            robot_start=Pose(robot[0], robot[1], yaw),
+            ball_start=(ball[0], ball[1]),
         )
-
-    def _check_inside(self, x: float, y: float, where: str) -> None:
-        field = self._robot.field
-        checks.number(abs(x), f"{where}: |x|", low=0.0, high=field.length / 2 + field.margin, unit="m")
-        checks.number(abs(y), f"{where}: |y|", low=0.0, high=field.width / 2 + field.margin, unit="m")
-
-    def _make_world(self) -> None:
-        if self._simulation is not None:
-            self._simulation.close()
-        self._simulation = PioneerSimulation(self._robot)
-        self._simulation.place_robot(self._start)
-        self._simulation.place_ball(*self._ball_start)
-        self._commanded = -COMMAND_TIMEOUT  # simulated time of the last command
-        self._deadline = 0.0
 
     def _offer_topics(self) -> None:
         self._odom = self.create_publisher(Odometry, "odom", SENSOR_DATA)
@@ -144,53 +139,43 @@ class SimulationNode(Node):
     # Time
 
     def _tick(self) -> None:
-        assert self._simulation is not None
         now = time.monotonic()
-        if self._paused:
-            if now >= self._deadline:
-                self._deadline = now + _PAUSED_PERIOD
-                self._publish()
-            return
         if now < self._deadline:
             return
-        self._simulation.tick()
-        self._ticks += 1
-        if self._settings["real_time_factor"] == 0.0 and self._steered():
-            self._deadline = now + self._settings["command_wait"]
+        if self._paused:
+            self._deadline = now + _PAUSED_PERIOD
+        else:
+            self._world.tick()
+            self._ticks += 1
+            if self._settings["real_time_factor"] == 0.0 and self._world.steered:
+                self._deadline = now + self._settings["command_wait"]
         self._publish()
 
-    def _steered(self) -> bool:
-        assert self._simulation is not None
-        return self._simulation.time - self._commanded < COMMAND_TIMEOUT
-
     def _publish(self) -> None:
-        assert self._simulation is not None
-        world, frame = self._simulation.world(), self._settings["frame"]
+        world, frame = self._world.observed, self._settings["frame"]
         if self._clock_publisher is not None:
             self._clock_publisher.publish(Clock(clock=conversions.stamp_of(world.time)))
+        # The ball comes first, so that who acts on odom has the ball of the same tick.
         if world.ball is not None:
             height = self._robot.ball.radius
-            self._ball.publish(
-                conversions.ball_odometry_of(world.time, world.ball, frame=frame, height=height)
-            )
+            ball = conversions.ball_odometry_of(world.time, world.ball, frame=frame, height=height)
+            self._ball.publish(ball)
         robot_frame = self._settings["robot_frame"]
-        # The ball comes first, so that who acts on odom has the ball of the same tick.
-        self._odom.publish(conversions.odometry_of(world.time, world.robot, frame=frame, child=robot_frame))
+        odometry = conversions.odometry_of(world.time, world.robot, frame=frame, child=robot_frame)
+        self._odom.publish(odometry)
 
     # What comes in
 
     def _command(self, message: Twist | TwistStamped) -> None:
-        assert self._simulation is not None
         try:
             if isinstance(message, TwistStamped):
                 expected = self._settings["robot_frame"]
                 checks.frame(message.header.frame_id, "cmd_vel.header.frame_id", expected=expected)
                 message = message.twist
-            self._simulation.command(conversions.command_from(message))
+            self._world.command(conversions.command_from(message))
         except MessageError as error:
             self._reject(str(error))
             return
-        self._commanded = self._simulation.time
         if not self._paused:
             self._deadline = 0.0
 
@@ -215,35 +200,25 @@ class SimulationNode(Node):
         return serve
 
     def _place_robot(self, request: PlaceRobot.Request) -> str:
-        assert self._simulation is not None
-        checks.frame(request.pose.header.frame_id, "pose.header.frame_id", expected=self._settings["frame"])
+        frame = self._settings["frame"]
+        checks.frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
         pose = conversions.pose_from(request.pose.pose, "pose.pose")
-        self._check_inside(pose.x, pose.y, "pose.pose.position")
-        limits = self._robot.limits
-        v = checks.number(request.v, "v", low=-limits.v, high=limits.v, unit="m/s")
-        w = checks.number(request.w, "w", low=-limits.w, high=limits.w, unit="rad/s")
-        self._simulation.place_robot(pose, v=v, w=w)
+        self._world.place_robot(pose, v=request.v, w=request.w)
         return f"robot at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
 
     def _place_ball(self, request: PlaceBall.Request) -> str:
-        assert self._simulation is not None
         if request.remove:
-            self._simulation.remove_ball()
+            self._world.remove_ball()
             return "ball removed"
-        checks.frame(
-            request.position.header.frame_id, "position.header.frame_id", expected=self._settings["frame"]
-        )
-        x, y = request.position.point.x, request.position.point.y
-        self._check_inside(x, y, "position.point")
-        vx, vy = (
-            checks.number(v, "velocity", low=-10.0, high=10.0, unit="m/s")
-            for v in (request.velocity.x, request.velocity.y)
-        )
-        self._simulation.place_ball(x, y, vx=vx, vy=vy)
-        return f"ball at x {x:.3f} m, y {y:.3f} m"
+        frame = self._settings["frame"]
+        checks.frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
+        point, velocity = request.position.point, request.velocity
+        self._world.place_ball(point.x, point.y, vx=velocity.x, vy=velocity.y)
+        return f"ball at x {point.x:.3f} m, y {point.y:.3f} m"
 
     def _reset(self, _: Trigger.Request) -> str:
-        self._make_world()
+        self._world.reset()
+        self._deadline = 0.0
         return "a new world, simulated time 0"
 
     def _pause(self, request: SetBool.Request) -> str:
@@ -251,22 +226,19 @@ class SimulationNode(Node):
         return "paused" if self._paused else "running"
 
     def _health(self) -> Health:
-        assert self._simulation is not None
-        now = time.monotonic()
-        self._achieved = (self._ticks - self._ran_ticks) * TICK / (now - self._ran)
-        self._ran, self._ran_ticks = now, self._ticks
-        wanted = self._settings["real_time_factor"]
-        slow = wanted > 0.0 and not self._paused and self._achieved < 0.9 * wanted
+        now, wanted = time.monotonic(), self._settings["real_time_factor"]
+        since, ticks = self._counted
+        factor = (self._ticks - ticks) * TICK / (now - since)
+        self._counted = (now, self._ticks)
+        slow = not self._paused and factor < 0.9 * wanted
         return Health(
-            f"slower than asked for: {self._achieved:.2f} instead of {wanted:g} times real time"
-            if slow
-            else "",
+            f"expected {wanted:g} times real time, it is {factor:.2f}" if slow else "",
             values={
-                "simulated time (s)": f"{self._simulation.time:.2f}",
-                "real-time factor": f"{self._achieved:.2f}",
+                "simulated time (s)": f"{self._world.time:.2f}",
+                "real-time factor": f"{factor:.2f}",
                 "paused": self._paused,
-                "commands": "coming" if self._steered() else "none",
-                "last rejected": self._rejected,
+                "commands": "coming" if self._world.steered else "none",
+                "last ignored": self._rejected,
                 "robot digest": self._robot.digest(),
             },
         )

@@ -1,0 +1,124 @@
+"""The world that the node `simulation` keeps: simulator, sensors, start, and what may be placed where."""
+
+from __future__ import annotations
+
+import math
+
+from ator_ros.geometry import Pose
+from ator_ros.nodes import checks
+from ator_ros.robot import Robot
+from ator_ros.simulation.base_controller import COMMAND_TIMEOUT
+from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.sensors import Sensors
+from ator_ros.world import Command, World
+
+_FASTEST_BALL = 10.0
+
+
+class SimulatedWorld:
+    """One world that can be reset; every wish is checked before anything changes.
+
+    Parameters
+    ----------
+    robot : Robot
+        Shape, masses, limits, with ball and field.
+    sensors : Sensors
+        What is observed of the world.
+    robot_start : Pose
+        Of the robot, at the start and after a reset.
+    ball_start : tuple of float
+        Position of the ball (x, y) in m then.
+
+    Raises
+    ------
+    MessageError
+        A start outside the floor.
+    """
+
+    def __init__(
+        self, robot: Robot, sensors: Sensors, *, robot_start: Pose, ball_start: tuple[float, float]
+    ) -> None:
+        self._robot = robot
+        self._sensors = sensors
+        self._robot_start = robot_start
+        self._ball_start = ball_start
+        self._check_inside(robot_start.x, robot_start.y, "robot_start")
+        self._check_inside(*ball_start, "ball_start")
+        self._simulation = PioneerSimulation(robot)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._simulation.place_robot(self._robot_start)
+        self._simulation.place_ball(*self._ball_start)
+        self._commanded = -math.inf
+        self._changed()
+
+    def _changed(self) -> None:
+        self._sensors.reset()
+        self.observed: World = self._sensors.observe(self._simulation.world())
+
+    @property
+    def time(self) -> float:
+        """Simulated time in s since the start or the last reset."""
+        return self._simulation.time
+
+    @property
+    def steered(self) -> bool:
+        """Whether a command holds."""
+        return self.time - self._commanded < COMMAND_TIMEOUT
+
+    def tick(self) -> None:
+        """Advance by one control tick."""
+        self._simulation.tick()
+        self.observed = self._sensors.observe(self._simulation.world())
+
+    def command(self, command: Command) -> None:
+        """Give the base a velocity command."""
+        self._simulation.command(command)
+        self._commanded = self.time
+
+    def reset(self) -> None:
+        """Make a new world; its time starts at 0."""
+        self._simulation.close()
+        self._simulation = PioneerSimulation(self._robot)
+        self._begin()
+
+    def place_robot(self, pose: Pose, *, v: float, w: float) -> None:
+        """Put the robot's axle at `pose`, moving at v (m/s) and w (rad/s).
+
+        Raises
+        ------
+        MessageError
+            Outside the floor, or faster than the robot's limits.
+        """
+        limits = self._robot.limits
+        self._check_inside(pose.x, pose.y, "pose.pose.position")
+        checks.number(v, "v", low=-limits.v, high=limits.v, unit="m/s")
+        checks.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
+        self._simulation.place_robot(pose, v=v, w=w)
+        self._changed()
+
+    def place_ball(self, x: float, y: float, *, vx: float, vy: float) -> None:
+        """Put the ball on the floor at (x, y) m, rolling at (vx, vy) m/s.
+
+        Raises
+        ------
+        MessageError
+            Outside the floor, or faster than 10 m/s.
+        """
+        self._check_inside(x, y, "position.point")
+        for name, value in (("x", vx), ("y", vy)):
+            checks.number(value, f"velocity.{name}", low=-_FASTEST_BALL, high=_FASTEST_BALL, unit="m/s")
+        self._simulation.place_ball(x, y, vx=vx, vy=vy)
+        self._changed()
+
+    def remove_ball(self) -> None:
+        """Take the ball off the field."""
+        self._simulation.remove_ball()
+        self._changed()
+
+    def _check_inside(self, x: float, y: float, where: str) -> None:
+        field = self._robot.field
+        x_most, y_most = field.length / 2 + field.margin, field.width / 2 + field.margin
+        checks.number(x, f"{where}.x", low=-x_most, high=x_most, unit="m")
+        checks.number(y, f"{where}.y", low=-y_most, high=y_most, unit="m")
