@@ -45,7 +45,7 @@ class Phase(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Deadlines:
-    """Times in s: real time without newer odometry, real time for refinement, the odometry's time per action."""
+    """Times in s: real time without newer odometry and for refinement, the odometry's time for an action."""
 
     odom: float = 0.3
     refinement: float = 0.5

@@ -38,7 +38,7 @@ class Inputs:
         self._balls.append((time, ball))
 
     def robot(self, time: float, robot: RobotState) -> World | None:
-        """Take the robot's state with its stamp in s; give the world of that time, None if no time has passed.
+        """Take the robot's state with its stamp in s; give the world, or None if no time has passed.
 
         Raises
         ------

@@ -34,8 +34,7 @@ class Predictor:
         if any(call.top.action not in self._models for call in chain.calls):
             return None
         model = ChainModel(world, chain, self._robot, models=self._models, free=(), objective=Objective())
-        nothing_free = [np.zeros(0) for _ in chain.calls]
-        return model.predict([nothing_free])[0]
+        return model.predict([np.zeros(0) for _ in chain.calls])
 
     def action(self, world: World, call: TopCall) -> Mapping[str, float] | None:
         """Predict one action from the state `world`; None where it has no model."""

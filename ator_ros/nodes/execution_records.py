@@ -1,0 +1,72 @@
+"""What an execution came to, as messages."""
+
+from __future__ import annotations
+
+import math
+
+from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
+from ator_ros.actions.base import Status
+from ator_ros.nodes.conversions import call_of, chain_of, performance_of, situation_of
+from ator_ros.nodes.execution import Ending, Execution
+from ator_ros.nodes.refinement_answers import chain_performance_of
+from ator_ros.tops.executor import ActionRecord
+from ator_ros.world import World
+
+
+def outcome_of(ending: Ending, reason: str) -> Outcome:
+    """Write how something ended."""
+    return Outcome(code=ending.value, reason=reason)
+
+
+def action_record_of(
+    record: ActionRecord, end: World, execution: Execution, *, chain_id: str, frame: str
+) -> ActionPerformance:
+    """Write how one action of a chain went, which ended in the state `end`."""
+    ending = Ending.SUCCEEDED if record.outcome is Status.SUCCEEDED else Ending.FAILED
+    message = ActionPerformance(
+        chain_id=chain_id,
+        step=record.index,
+        steps=len(execution.chain),
+        action=record.action,
+        call=call_of(execution.chain.calls[record.index], frame=frame),
+        start=situation_of(record.start, frame=frame),
+        end=situation_of(end, frame=frame),
+        predicted=performance_of(record.predicted),
+        actual=actual(record.duration, ending, record.position_error),
+        heading_error=float(record.heading_error),
+        outcome=outcome_of(ending, record.reason),
+    )
+    message.header = message.end.header
+    return message
+
+
+def chain_record_of(
+    execution: Execution,
+    actions: list[ActionPerformance],
+    *,
+    end: World,
+    chain_id: str,
+    action_set: str,
+    frame: str,
+) -> ChainPerformance:
+    """Write how the execution of a chain went; `end` is the last state known."""
+    ending = execution.ending or Ending.FAILED
+    message = ChainPerformance(
+        chain_id=chain_id,
+        chain=chain_of(execution.chain, action_set=action_set, frame=frame),
+        start=situation_of(execution.start or end, frame=frame),
+        refined=execution.refined,
+        refinement=execution.refinement,
+        predicted=chain_performance_of(execution.predicted),
+        actual=actual(execution.elapsed, ending),
+        actions=actions,
+        outcome=outcome_of(ending, execution.reason),
+    )
+    message.header = situation_of(end, frame=frame).header
+    return message
+
+
+def actual(duration: float, ending: Ending, accuracy: float = math.nan) -> Performance:
+    """Write an actual performance."""
+    success = float(ending is Ending.SUCCEEDED)
+    return performance_of({"duration": duration, "spread": 0.0, "success": success, "accuracy": accuracy})

@@ -1,0 +1,255 @@
+"""The node `executor`: executes chains of TOPs on the robot (paper, section 2.2)."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.action import CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ActionPerformance, ChainPerformance
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.nodes import conversions
+from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.deferred_action import DeferredActionServer
+from ator_ros.nodes.execution import Deadlines, Ending
+from ator_ros.nodes.goal_run import GoalRun, refusal
+from ator_ros.nodes.inputs import Inputs, TimeWentBackError
+from ator_ros.nodes.node_support import (
+    COMMANDS,
+    LATCHED,
+    RESULTS,
+    SENSOR_DATA,
+    STEADY,
+    Diagnostics,
+    Health,
+    Parameter,
+    SetupError,
+    declare_parameters,
+    run_node,
+)
+from ator_ros.nodes.predictions import Predictor
+from ator_ros.performance.model_file import ModelFileError, load_models
+from ator_ros.resources import ResourceError, resource_path
+from ator_ros.robot import ConfigError, Robot, load_robot
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world import STOP, Command, World
+
+PARAMETERS = (
+    Parameter("frame", "odom", "frame of odom, ball and the goals of chains"),
+    Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands"),
+    Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
+    Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
+    Parameter("odom_timeout", 0.3, "real s without newer odometry before the robot is stopped", 0.05, 60.0),
+    Parameter("ball_timeout", 0.3, "s, by the stamps, that a ball may be older than odometry", 0.05, 60.0),
+    Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
+    Parameter("action_timeout", 30.0, "s, by the stamps, that one action may take", 1.0, 3600.0),
+)
+
+_WATCH_PERIOD = 0.05
+_WARNING_PERIOD = 2.0
+
+
+class ExecutorNode(Node):
+    """Executes one chain at a time; each odometry message is answered by one velocity command.
+
+    Parameters: see `PARAMETERS`; all are read at the start only.
+
+    Action server
+        execute_chain (ator_interfaces/ExecuteChain): a newer goal preempts the running one. The robot stands
+        before a goal ends, and the result says in words why it ended.
+    Subscribes to
+        odom, ball (nav_msgs/Odometry): their stamps are the time of the control programs.
+    Publishes
+        cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active.
+        performance/action (ator_interfaces/ActionPerformance): after each action.
+        performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
+        /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
+    Calls
+        refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("executor")
+        self._settings = declare_parameters(self, PARAMETERS)
+        try:
+            robot = load_robot()
+        except ConfigError as error:
+            raise SetupError(str(error)) from error
+        self._libraries = {name: TopLibrary(robot, name) for name in ACTION_SETS}
+        self._missing: dict[str, str] = {}
+        self._predictors = {name: self._predictor(robot, name) for name in ACTION_SETS}
+        self._inputs = Inputs(self._settings["ball_timeout"])
+        self._world: World | None = None
+        self._run: GoalRun | None = None
+        self._heard = self._latest_tick = 0.0
+        self._last_error, self._goals = "", 0
+        self._offer()
+        self._diagnostics = Diagnostics(self, self._health)
+        self.get_logger().info("ready for chains")
+
+    def _predictor(self, robot: Robot, action_set: str) -> Predictor:
+        try:
+            folder = Path(self._settings["models"] or resource_path("models"))
+            return Predictor(robot, load_models(robot, action_set=action_set, folder=folder))
+        except (ModelFileError, ResourceError) as error:
+            self._missing[action_set] = str(error)
+            self.get_logger().warning(f"action set {action_set}: no predictions: {error}")
+            return Predictor(robot, {})
+
+    def _offer(self) -> None:
+        kind = TwistStamped if self._settings["stamped_commands"] else Twist
+        self._commands = self.create_publisher(kind, "cmd_vel", COMMANDS)
+        self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
+        self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
+        self._refinement = self.create_client(RefineSubgoal, "refine_subgoal")
+        # In this order: of messages that have both come, the ball is then taken first.
+        self.create_subscription(Odometry, "ball", self._take_ball, SENSOR_DATA)
+        self.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
+        self._server = DeferredActionServer(
+            self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
+        )
+        self._watchdog = self.create_timer(_WATCH_PERIOD, self._watch, clock=STEADY)
+
+    # Inputs
+
+    def _take_ball(self, message: Odometry) -> None:
+        try:
+            self._inputs.ball(*conversions.ball_from(message, frame=self._settings["frame"]))
+        except MessageError as error:
+            self._note(f"ignored: {error}")
+
+    def _take_odom(self, message: Odometry) -> None:
+        now = time.monotonic()
+        try:
+            world = self._inputs.robot(*conversions.robot_from(message, frame=self._settings["frame"]))
+        except MessageError as error:
+            self._note(f"ignored: {error}")
+            return
+        except TimeWentBackError as error:
+            self._note(str(error))
+            self._end(Ending.INPUT_LOST, f"time went back: {error}")
+            return
+        if world is None:
+            return
+        self._world, self._heard = world, now
+        if self._run is not None:
+            self._send(self._run.execution.tick(world, now))
+            self._latest_tick = max(self._latest_tick, time.monotonic() - now)
+            self._follow(self._run)
+
+    def _watch(self) -> None:
+        if self._run is not None:
+            self._run.execution.watch(time.monotonic())
+            self._follow(self._run)
+
+    # Goals
+
+    def _accept(self, handle: ServerGoalHandle) -> None:
+        self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
+        self._goals += 1
+        frame = self._settings["frame"]
+        deadlines = Deadlines(
+            self._settings["odom_timeout"],
+            self._settings["refinement_timeout"],
+            self._settings["action_timeout"],
+        )
+        try:
+            action_set = conversions.action_set_from(handle.request.chain, allowed=self._libraries)
+            self._run = GoalRun(
+                handle,
+                self._libraries[action_set],
+                self._predictors[action_set],
+                self._refinement,
+                deadlines=deadlines,
+                frame=frame,
+            )
+        except MessageError as error:
+            self._note(f"refused: {error}")
+            result = refusal(handle, str(error), frame=frame)
+            self._chains.publish(result.record)
+            handle.abort()
+            self._server.finish(handle, result)
+
+    def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        if self._run is None or self._run.handle is not handle:
+            return CancelResponse.REJECT
+        self._run.execution.end(Ending.CANCELED, "canceled by the client")
+        self._send(STOP)
+        return CancelResponse.ACCEPT
+
+    def _end(self, ending: Ending, reason: str, *, at_once: bool = False) -> None:
+        """End the running goal, if there is one; `at_once` does not wait until the robot stands."""
+        if self._run is None:
+            return
+        self._run.execution.end(ending, reason)
+        self._send(STOP)
+        self._follow(self._run, at_once=at_once)
+
+    def _follow(self, run: GoalRun, *, at_once: bool = False) -> None:
+        """Tell the world what is new about a goal, and answer it when it has ended."""
+        for record in run.new_records():
+            self._actions.publish(record)
+        run.request_refinement()
+        run.publish_feedback()
+        if not (run.ended or at_once):
+            return
+        self._run = None
+        self._send(STOP)
+        result = run.result(self._world)
+        self._chains.publish(result.record)
+        self._server.finish(run.handle, result)
+        if run.execution.ending is not Ending.SUCCEEDED:
+            self._last_error = run.execution.reason
+        self.get_logger().info(f"goal ended: {run.summary}")
+
+    # Outputs
+
+    def _send(self, command: Command) -> None:
+        twist = conversions.twist_of(command)
+        if not self._settings["stamped_commands"]:
+            self._commands.publish(twist)
+            return
+        message = TwistStamped(twist=twist)
+        message.header.stamp = conversions.stamp_of(self._inputs.time or 0.0)
+        message.header.frame_id = self._settings["robot_frame"]
+        self._commands.publish(message)
+
+    def _note(self, error: str) -> None:
+        self._last_error = error
+        self.get_logger().warning(error, throttle_duration_sec=_WARNING_PERIOD)
+
+    def _health(self) -> Health:
+        silence = time.monotonic() - self._heard if self._heard else None
+        stale = silence is None or silence > self._settings["odom_timeout"]
+        latest, self._latest_tick = self._latest_tick, 0.0
+        values: dict[str, object] = {
+            "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
+            "ball": "known" if self._world is not None and self._world.ball is not None else "unknown",
+            "longest tick (ms)": f"{1000.0 * latest:.1f}",
+            "goal": "none" if self._run is None else self._run.execution.phase.value,
+            "goals": self._goals,
+            "last error": self._last_error,
+        }
+        values |= {f"models of {name}": error for name, error in self._missing.items()}
+        return Health("odom is missing" if stale else "", error=self._run is not None, values=values)
+
+    def stop(self) -> None:
+        """Stop the robot and end the running goal, before the node ends."""
+        self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
+        self._send(STOP)
+        executor: Any = self.executor
+        for _ in range(5):  # so that the answer leaves
+            executor.spin_once(timeout_sec=0.01)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run_node(ExecutorNode, args)

@@ -1,0 +1,198 @@
+"""One goal of execute_chain: its execution, its action handle, and its call of refinement."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rclpy.action.server import ServerGoalHandle
+from rclpy.client import Client
+from rclpy.task import Future
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ActionPerformance, ChainPerformance
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.nodes import conversions
+from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.execution import Deadlines, Ending, Execution, Phase
+from ator_ros.nodes.execution_records import action_record_of, actual, chain_record_of, outcome_of
+from ator_ros.nodes.predictions import Predictor
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world import World
+
+_FEEDBACK_PERIOD = 0.1
+
+
+class GoalRun:
+    """An accepted goal while it is executed.
+
+    Parameters
+    ----------
+    handle : ServerGoalHandle
+        The goal.
+    library, predictor
+        Of the action set that the goal names.
+    refinement : Client
+        Of the service refine_subgoal.
+    deadlines : Deadlines
+        When to give up waiting.
+    frame : str
+        The frame of all poses.
+
+    Raises
+    ------
+    MessageError
+        The goal cannot be used.
+    """
+
+    def __init__(
+        self,
+        handle: ServerGoalHandle,
+        library: TopLibrary,
+        predictor: Predictor,
+        refinement: Client,
+        *,
+        deadlines: Deadlines,
+        frame: str,
+    ) -> None:
+        goal = handle.request
+        chain = conversions.chain_from(goal.chain, library, frame=frame)
+        if goal.refine:
+            conversions.objective_from(goal.objective)
+        self.handle = handle
+        self.execution = Execution(
+            library,
+            chain,
+            refine=goal.refine,
+            now=time.monotonic(),
+            predictor=predictor,
+            deadlines=deadlines,
+        )
+        self._library, self._refinement, self._frame = library, refinement, frame
+        self._chain_id = id_of(handle)
+        self._records: list[ActionPerformance] = []
+        self._request: Future | None = None
+        self._told = ("", 0.0)
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is nothing more to do."""
+        return self.execution.phase is Phase.ENDED
+
+    @property
+    def summary(self) -> str:
+        """How it ended, in one line."""
+        execution = self.execution
+        name = execution.ending.name.lower() if execution.ending else "running"
+        refinement = "refined" if execution.refined else execution.refinement
+        return f"{name} after {execution.elapsed:.2f} s: {execution.reason} ({refinement})"
+
+    def new_records(self) -> list[ActionPerformance]:
+        """Give the records of the actions that have ended since the last call."""
+        new = [
+            action_record_of(record, end, self.execution, chain_id=self._chain_id, frame=self._frame)
+            for record, end in self.execution.records[len(self._records) :]
+        ]
+        self._records += new
+        return new
+
+    def publish_feedback(self) -> None:
+        """Publish how it stands: when that is something new, and now and then."""
+        execution = self.execution
+        now = execution.elapsed + (execution.start.time if execution.start else 0.0)
+        told, when = self._told
+        status = f"{execution.step} {execution.phase.value}"
+        if not self.handle.is_active or (status == told and abs(now - when) < _FEEDBACK_PERIOD):
+            return
+        self._told = (status, now)
+        feedback = ExecuteChain.Feedback(
+            chain_id=self._chain_id,
+            step=execution.step,
+            steps=len(execution.chain),
+            top=execution.top.name,
+            status=f"{execution.phase.value}: {execution.reason} ({execution.refinement})",
+            elapsed=execution.elapsed,
+            predicted_remaining=execution.predicted_remaining(now),
+        )
+        self.handle.publish_feedback(feedback)
+
+    # Refinement; asking again when the ball has moved would start here.
+
+    def request_refinement(self) -> None:
+        """Call refinement when the execution waits for it and the service is there; forget a late answer."""
+        execution = self.execution
+        if execution.phase is not Phase.REFINING:
+            if self._request is not None and not self._request.done():
+                self._refinement.remove_pending_request(self._request)
+            self._request = None
+        elif self._request is None and self._refinement.service_is_ready():
+            assert execution.start is not None
+            goal = self.handle.request
+            request = RefineSubgoal.Request(chain=goal.chain, objective=goal.objective)
+            request.situation = conversions.situation_of(execution.start, frame=self._frame)
+            self._request = self._refinement.call_async(request)
+            self._request.add_done_callback(self._take_answer)
+
+    def _take_answer(self, future: Future) -> None:
+        answer = future.result()
+        if answer is None:  # withdrawn
+            return
+        if not answer.accepted:
+            self.execution.unrefined(answer.reason)
+            return
+        try:
+            chain = conversions.chain_from(
+                answer.chain, self._library, frame=self._frame, where="refined chain"
+            )
+        except MessageError as error:
+            self.execution.unrefined(str(error))
+        else:
+            self.execution.refined_to(chain, answer.refined, answer.reason)
+
+    # The end
+
+    def result(self, world: World | None) -> Any:
+        """Put the goal into its final state and give its result; `world` is the last state known."""
+        ending = self.execution.ending or Ending.FAILED
+        if ending is Ending.SUCCEEDED:
+            self.handle.succeed()
+        elif ending is Ending.CANCELED:
+            self.handle.canceled()
+        else:
+            self.handle.abort()
+        outcome = outcome_of(ending, self.execution.reason)
+        if world is None:
+            return refusal_with(self.handle, outcome, frame=self._frame)
+        record = chain_record_of(
+            self.execution,
+            self._records,
+            end=world,
+            chain_id=self._chain_id,
+            action_set=self._library.action_set,
+            frame=self._frame,
+        )
+        return ExecuteChain.Result(outcome=outcome, record=record)
+
+
+def id_of(handle: ServerGoalHandle) -> str:
+    """Give the goal's UUID as 32 hexadecimal digits."""
+    return bytes(handle.goal_id.uuid).hex()
+
+
+def refusal(handle: ServerGoalHandle, reason: str, *, frame: str) -> Any:
+    """Write the result for a goal that cannot be used."""
+    return refusal_with(handle, outcome_of(Ending.REFUSED, reason), frame=frame)
+
+
+def refusal_with(handle: ServerGoalHandle, outcome: Any, *, frame: str) -> Any:
+    """Write the result for a goal that ended before any state was known."""
+    record = ChainPerformance(
+        chain_id=id_of(handle),
+        chain=handle.request.chain,
+        refinement="never came to that",
+        predicted=conversions.performance_of(),
+        actual=actual(0.0, Ending.REFUSED),
+        outcome=outcome,
+    )
+    record.header.frame_id = frame
+    return ExecuteChain.Result(outcome=outcome, record=record)
