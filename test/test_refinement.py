@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from ator_ros.tops.chain import TopChain
 from refinement_fakes import (
     ALL,
     ANGLE_OPEN,
@@ -32,6 +31,7 @@ from ator_ros.refinement.free_variables import DOMAINS, Domain, analyse
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.objective import MEASURES, Measure, Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
+from ator_ros.tops.chain import TopChain
 from ator_ros.world import RobotState, World
 
 
