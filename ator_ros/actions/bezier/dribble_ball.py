@@ -1,4 +1,4 @@
-"""dribbleBall: the same curves, deceleration and rotation restricted so as not to lose the ball (section 3)."""
+"""dribbleBall: the same curves, restricted so as not to lose the ball (paper, section 3)."""
 
 from __future__ import annotations
 
