@@ -86,6 +86,14 @@ def test_the_ball_comes_late() -> None:
         assert seen.x == pytest.approx(0.1 * max(0, tick - 2))
 
 
+def test_a_late_ball_is_carried_on_by_its_velocity() -> None:
+    sensors = Sensors(SensorConfig(ball_delay=0.1, ball_dropouts=0.3), seed=2)
+    for tick in range(40):
+        ball = BallState(0.5 * tick * TICK, 0.0, 0.5, 0.0)
+        seen = sensors.observe(World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), ball)).ball
+        assert seen is None or seen.x == pytest.approx(ball.x)
+
+
 def test_a_ball_that_is_not_seen_stays_where_it_was_seen() -> None:
     sensors = Sensors(SensorConfig(ball_dropouts=0.5), seed=3)
     places = []

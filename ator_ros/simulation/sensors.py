@@ -30,9 +30,9 @@ class SensorConfig:
     ball_velocity_noise : float
         Standard deviation in m/s of each component of the ball's velocity.
     ball_delay : float
-        Age in s of what is known of the ball, rounded up to a tick.
+        Time in s from seeing the ball to knowing it, rounded up to a tick.
     ball_dropouts : float
-        Probability in [0, 1) that the ball is not seen in a tick; what was seen last then still counts.
+        Probability in [0, 1) that the ball is not seen in a tick.
     """
 
     drift: float = 0.0
@@ -67,7 +67,8 @@ REALISTIC = SensorConfig(
 class Sensors:
     """Observes a world, once per control tick.
 
-    The ball is seen from the robot, so that what is believed of it drifts with the odometry.
+    The ball is seen from the robot, so that what is believed of it drifts with the odometry. From where it was
+    seen last it is believed to have gone on at the velocity seen.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ class Sensors:
         self._true: Pose | None = None
         self._believed = Pose(0.0, 0.0, 0.0)
         self._seen: deque[tuple[float, BallState]] = deque()
-        self._ball: BallState | None = None
+        self._known: tuple[float, BallState] | None = None
 
     def observe(self, world: World) -> World:
         """Give what is believed of `world`, with the same time.
@@ -118,15 +119,19 @@ class Sensors:
         missed = self._rng.random() < config.ball_dropouts
         if world.ball is None:
             self._seen.clear()
-            self._ball = None
+            self._known = None
             return None
         if not missed:
             self._seen.append((world.time, self._measured(world, world.ball, numbers.tolist())))
         while self._seen and world.time - self._seen[0][0] >= config.ball_delay - 1e-9:
-            self._ball = self._seen.popleft()[1]
-        if self._ball is None and self._seen:
-            self._ball = self._seen[0][1]
-        return self._ball
+            self._known = self._seen.popleft()
+        if self._known is None and self._seen:
+            self._known = self._seen[0]  # better than nothing, just after the ball has appeared
+        if self._known is None:
+            return None
+        time, ball = self._known
+        age = world.time - time
+        return dataclasses.replace(ball, x=ball.x + age * ball.vx, y=ball.y + age * ball.vy)
 
     def _measured(self, world: World, ball: BallState, numbers: list[float]) -> BallState:
         """Give the ball in the frame of the believed pose, with noise."""
