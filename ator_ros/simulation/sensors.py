@@ -67,8 +67,8 @@ REALISTIC = SensorConfig(
 class Sensors:
     """Observes a world, once per control tick.
 
-    The ball is seen from the robot, so that what is believed of it drifts with the odometry. From where it was
-    seen last it is believed to have gone on at the velocity seen.
+    The ball is seen from the robot, so that what is believed of it drifts with the odometry. From where it
+    was seen last it is believed to have gone on at the velocity seen.
 
     Parameters
     ----------
