@@ -1,11 +1,12 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and say how they were made."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 
@@ -32,6 +33,11 @@ def write_text(path: Path | str, text: str) -> None:
     """Write `text` as UTF-8 to `path`, whole or not at all."""
     with replaced(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def portable_command(name: str, words: Sequence[str]) -> str:
+    """Give a command line as it is to be recorded: files without the folders of this machine."""
+    return shlex.join([name, *(Path(word).name if "/" in word else word for word in words)])
 
 
 def _umask() -> int:

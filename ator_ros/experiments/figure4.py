@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def figure4(model: PerformanceModel, *, hold: bool = True) -> Any:
     _polar(upper.add_subplot(1, 2, 2, projection="polar"), angles, prediction.duration, changes)
     rule = model.explain(situations(model.robot, np.array([EXAMPLE]), hold=hold)).splitlines()[0]
     lower.text(0.02, 0.9, f"rule at {math.degrees(EXAMPLE):.0f}°:", fontsize=7, va="top", color=GREY)
-    lower.text(0.02, 0.72, _wrapped(rule), fontsize=6.5, va="top", family="DejaVu Sans Mono")
+    lower.text(0.02, 0.72, textwrap.fill(rule, 118), fontsize=6.5, va="top", family="DejaVu Sans Mono")
     kind = "the ball" if hold else "a pose"
     figure.suptitle(f"{model.action} to {kind}: dist = {DISTANCE:g} m, angle_to_dest = 0°", fontsize=10)
     return figure
@@ -88,24 +89,6 @@ def _polar(axes: Any, angles: FloatArray, times: FloatArray, changes: Any) -> No
     axes.set_theta_zero_location("E")
     axes.set_rlim(0.0, float(times.max()) * 1.08)
     axes.tick_params(labelsize=7)
-
-
-def _wrapped(rule: str) -> str:
-    """Break a rule before `then` and after some terms, so that it fits the figure."""
-    condition, then, formula = rule.partition(" then ")
-    if not then:
-        condition, formula = "", rule
-    lines: list[str] = []
-    for text, separator in ((condition, " & "), (then.strip() + " " + formula, " + ")):
-        line = ""
-        for part in text.split(separator):
-            piece = f"{separator.strip()} {part}" if line or (lines and part is not text) else part
-            if len(line) + len(piece) > 120:
-                lines.append(line)
-                line = "    "
-            line += (" " if line.strip() else "") + piece
-        lines.append(line)
-    return "\n".join(line for line in lines if line.strip())
 
 
 def main(argv: Sequence[str] | None = None) -> int:

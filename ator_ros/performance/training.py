@@ -17,7 +17,7 @@ from ator_ros.performance.tree import ModelTree
 from ator_ros.robot import Robot
 
 GENERAL = (*names_of(PAPER_3), *names_of(SIGNED))
-DRIVING = (*GENERAL, "turn_drive_turn", "reverse_turn_drive_turn", "drive_time", "drive_turn")
+DRIVING = (*names_of(PAPER_3), "drive_time", "drive_turn", "v", "w_by_turn", "speedg", "hold")
 DRIBBLING = (*(name for name in GENERAL if name != "hold"), "dribble_time", "dribble_turn")
 CHOSEN: dict[str, tuple[str, ...]] = {
     "goToPose": DRIVING,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +22,7 @@ from ator_ros.experience.table import (
     require_pyarrow,
     write_experience,
 )
+from ator_ros.files import portable_command
 from ator_ros.robot import ConfigError, load_robot
 
 INTERRUPTED = 130
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     options = arguments().parse_args(words)
     try:
-        return _collect(options, shlex.join(["collect", *words]))
+        return _collect(options, portable_command("collect", words))
     except (BackendError, ConfigError, ExperienceError) as error:
         print(f"collect: {error}", file=sys.stderr)
         return 1

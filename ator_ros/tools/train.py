@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ import pandas as pd
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.experience.table import ExperienceError, join, library_versions, read_experience
 from ator_ros.experiments.accuracy_tables import ablation_table, accuracy_table, success_table
-from ator_ros.files import write_text
+from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
@@ -69,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(_rules(options, robot, folder))
             return 0
         if options.experience:
-            _train(options, robot, folder, shlex.join(["train", *words]))
+            _train(options, robot, folder, portable_command("train", words))
         if options.report:
             _report(options.report, robot, folder)
     except ERRORS as error:
@@ -89,7 +88,8 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
         if len(tests):
             measured = _measure(model, examples, tests, fresh_source["seed"])
         training = {
-            **{name: source.get(name) for name in ("seed", "command")},
+            "seed": source.get("seed"),
+            "command": source.get("command"),
             "digest": digest(examples),
             "episodes": int(examples["episode"].nunique()),
             "examples": len(examples),
