@@ -6,6 +6,7 @@ import math
 import sys
 from pathlib import Path
 
+import distributed
 import numpy as np
 import pandas as pd
 import pytest
@@ -152,7 +153,6 @@ def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame
 
 
 def test_dask_cluster_gives_the_same_table(robot: Robot, frame: pd.DataFrame) -> None:
-    distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None

@@ -18,8 +18,6 @@ from ator_ros.robot import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.world import STOP, Command, World
 
-pytest.importorskip("rosbags")
-
 ROBOT = load_robot()
 GOALS = (Pose(1.0, 0.5, 1.0), Pose(-0.5, 0.5, 3.0))
 

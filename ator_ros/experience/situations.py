@@ -13,7 +13,8 @@ from ator_ros.geometry import Pose
 from ator_ros.robot import Robot
 from ator_ros.world import BallState, RobotState
 
-END_MARGIN, SIDE_MARGIN = 0.9, 0.4  # m that starts and goals keep from the goal lines (their posts) and from the side lines
+END_MARGIN = 0.9  # m that starts and goals keep from the goal lines, where the goals' posts are
+SIDE_MARGIN = 0.4  # m that they keep from the side lines
 CLEARANCE = 0.6  # m between the axle at the start and the ball, so that the two don't touch
 SHORTEST = 0.5  # m between start and goal
 SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line when a shot starts
