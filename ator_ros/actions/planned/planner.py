@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
@@ -11,7 +12,7 @@ import numpy as np
 from ator_ros.actions.base import ActionError
 from ator_ros.actions.planned.clearance import Obstacles, is_clear
 from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side, closed
-from ator_ros.actions.planned.search import find_candidates
+from ator_ros.actions.planned.search import Candidates, find_candidates
 from ator_ros.actions.planned.turns import Driving
 from ator_ros.geometry import Pose
 from ator_ros.robot import Limits, Robot
@@ -19,7 +20,6 @@ from ator_ros.robot import Limits, Robot
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 _RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
-_TRIES = 3000
 _SURPRISE = 0.03  # s
 # Where the robot must not come back on its way: room for what closing a candidate changes, in m.
 _SLACK = 0.01
@@ -55,15 +55,17 @@ def fastest(
     obstacles: Obstacles,
     *,
     forward_only: bool = False,
+    tries: int = 3000,
 ) -> Manoeuvre:
-    """Give the fastest allowed manoeuvre.
+    """Give the fastest allowed manoeuvre among the `tries` fastest ones.
 
     Raises
     ------
     ActionError
         No manoeuvre between the poses is clear of the obstacles.
     """
-    for manoeuvre in _in_order(start, goal, entries, exits, limits, forward_only):
+    candidates = find_candidates(start, goal, entries, exits, limits)
+    for manoeuvre in itertools.islice(_in_order(candidates, forward_only), tries):
         if is_clear(manoeuvre, obstacles, robot):
             return manoeuvre
     raise ActionError(
@@ -72,17 +74,9 @@ def fastest(
     )
 
 
-def _in_order(
-    start: Pose,
-    goal: Pose,
-    entries: Sequence[Side],
-    exits: Sequence[Side],
-    limits: Limits,
-    forward_only: bool,
-) -> Iterator[Manoeuvre]:
-    candidates = find_candidates(start, goal, entries, exits, limits)
+def _in_order(candidates: Candidates, forward_only: bool) -> Iterator[Manoeuvre]:
     allowed = np.flatnonzero(candidates.slack >= _SLACK) if forward_only else range(len(candidates))
-    for index in allowed[:_TRIES]:
+    for index in allowed:
         manoeuvre = closed(candidates[index])
         if manoeuvre is None or (forward_only and not manoeuvre.is_forward()):
             continue

@@ -20,6 +20,7 @@ RELEASE = 0.33
 _AIMS = (-0.4, 0.0, 0.4)  # shares of half the goal's width
 _HEADINGS = tuple(math.radians(angle) for angle in (-35.0, 0.0, 35.0))
 _PATIENCE = 2.0
+_TRIES = 40  # for each way to release: where the posts block so many, another release is better
 
 
 class Shoot(PlannedAction):
@@ -52,7 +53,17 @@ class Shoot(PlannedAction):
         for release in self._releases():
             try:
                 plans.append(
-                    fastest(robot, start, release, entries, exits, limits, Obstacles(), forward_only=True)
+                    fastest(
+                        robot,
+                        start,
+                        release,
+                        entries,
+                        exits,
+                        limits,
+                        Obstacles(),
+                        forward_only=True,
+                        tries=_TRIES,
+                    )  # fmt: skip
                 )
             except ActionError:
                 continue
