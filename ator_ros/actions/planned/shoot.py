@@ -63,7 +63,7 @@ class Shoot(PlannedAction):
                         Obstacles(),
                         forward_only=True,
                         tries=_TRIES,
-                    )  # fmt: skip
+                    )
                 )
             except ActionError:
                 continue
