@@ -1,0 +1,95 @@
+"""A client of execute_chain, for tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from geometry_msgs.msg import Twist
+from rclpy.action import ActionClient
+from ros_client import PATIENCE, Client
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.node_support import LATCHED, RESULTS, SENSOR_DATA
+
+COMMITTED = ("x", "y", "yaw", "speed")
+
+
+def call(top: str, pose: Pose, *, bound: tuple[str, ...] = COMMITTED) -> TopCall:
+    """Write one step of a chain."""
+    message = TopCall(top=top, bound=list(bound))
+    message.goal.pose = pose_of(pose)
+    return message
+
+
+def chain_of_the_paper() -> list[TopCall]:
+    """Give the chain goToBall, dribbleBall, shoot for a ball at (0, 0); the angle at the ball is free."""
+    return [
+        call("goToBall", Pose(0.0, 0.0, 0.5), bound=("x", "y", "speed")),
+        call("dribbleBall", Pose(2.4, 0.3, -0.1)),
+        call("shoot", Pose(4.0, 0.0, 0.0)),
+    ]
+
+
+class Sent:
+    """A goal that was accepted, with what was heard of it."""
+
+    def __init__(self, client: Client, handle: Any, feedback: list[Any]) -> None:
+        self._client, self.handle, self.feedback = client, handle, feedback
+        self._future = handle.get_result_async()
+
+    def cancel(self) -> None:
+        """Ask for its end."""
+        future = self.handle.cancel_goal_async()
+        self._client.eventually(future.done, "an answer to cancel")
+        assert future.result().goals_canceling
+
+    def result(self, patience: float = 2 * PATIENCE) -> ExecuteChain.Result:
+        """Wait for its end."""
+        self._client.eventually(self._future.done, "the goal's end", patience)
+        return self._future.result().result
+
+    def outcome(self) -> Outcome:
+        """Wait for its end and say how it ended."""
+        return self.result().outcome
+
+
+class ChainClient:
+    """Sends chains and listens to what the executor says.
+
+    Parameters
+    ----------
+    client : Client
+        On the domain of the executor.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self.ros = client
+        self.actions: list[ActionPerformance] = client.listen(
+            ActionPerformance, "performance/action", RESULTS
+        )
+        self.chains: list[ChainPerformance] = client.listen(ChainPerformance, "performance/chain", LATCHED)
+        self.commands: list[Twist] = client.listen(Twist, "cmd_vel", SENSOR_DATA)
+        self._server = ActionClient(client.node, ExecuteChain, "execute_chain")
+
+    def send(self, calls: list[TopCall], **options: Any) -> Sent:
+        """Send a chain; options are fields of the goal."""
+        assert self._server.wait_for_server(timeout_sec=PATIENCE), "execute_chain is missing"
+        goal = ExecuteChain.Goal(**options)
+        goal.chain.calls = calls
+        feedback: list[Any] = []
+        future = self._server.send_goal_async(goal, lambda message: feedback.append(message.feedback))
+        self.ros.eventually(future.done, "the goal's acceptance")
+        assert future.result().accepted
+        return Sent(self.ros, future.result(), feedback)
+
+    def standing(self) -> bool:
+        """Say whether the robot stands."""
+        robot = self.ros.robot()
+        return abs(robot.v) < 0.03 and abs(robot.w) < 0.06
+
+    def until_moving(self) -> None:
+        """Wait until the robot drives."""
+        self.ros.eventually(lambda: self.ros.robot().v > 0.2, "the robot drives")

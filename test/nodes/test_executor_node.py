@@ -1,0 +1,230 @@
+"""The node `executor`, used through ROS as its users do; one set of processes for all tests here."""
+
+from __future__ import annotations
+
+import math
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import domain_coordinator
+import pytest
+from chain_client import ChainClient, call, chain_of_the_paper
+from diagnostic_msgs.msg import DiagnosticArray
+from ros_client import Client, Process
+from std_srvs.srv import SetBool, Trigger
+
+from ator_interfaces.msg import Outcome
+from ator_interfaces.srv import PlaceBall
+from ator_ros.geometry import Pose
+from ator_ros.nodes.node_support import LATCHED, RESULTS
+
+pytestmark = pytest.mark.node
+
+FAR = call("goToPose", Pose(2.5, 1.5, 0.0))
+SETTINGS = {
+    # Generous, since the machine may be busy with other tests.
+    "executor": {"odom_timeout": 1.5, "refinement_timeout": 1.0},
+    "simulation": {"real_time_factor": 5.0},
+}
+
+
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Callable[[str], Process], Client]]:
+    """Give a function that starts a node, and a client, on a domain of their own."""
+    processes: list[Process] = []
+    folder = tmp_path_factory.mktemp("logs")
+    with domain_coordinator.domain_id() as domain:
+
+        def start(name: str) -> Process:
+            arguments = ["--ros-args"]
+            for parameter, value in SETTINGS.get(name, {}).items():
+                arguments += ["-p", f"{parameter}:={value}"]
+            processes.append(Process(name, folder / f"{name}{len(processes)}.log", domain, arguments))
+            return processes[-1]
+
+        client = Client(domain)
+        yield start, client
+        client.close()
+        for process in processes:
+            process.kill()
+
+
+@pytest.fixture(scope="module")
+def simulation(graph) -> Process:
+    return graph[0]("simulation")
+
+
+@pytest.fixture(scope="module")
+def executor(graph, simulation: Process) -> Process:
+    return graph[0]("executor")
+
+
+@pytest.fixture(scope="module")
+def chains(graph, executor: Process) -> ChainClient:
+    return ChainClient(graph[1])
+
+
+@pytest.fixture(autouse=True)
+def placed(chains: ChainClient) -> None:
+    """Start every test with robot and ball at rest where the chains expect them."""
+    chains.ros.place(robot=Pose(-2.0, 0.0, 0.0), ball=(0.0, 0.0))
+    chains.ros.eventually(
+        lambda: chains.standing() and chains.ros.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.01
+        and math.hypot(chains.ros.ball().x, chains.ros.ball().y) < 0.01,
+        "robot and ball are placed",
+    )  # fmt: skip
+
+
+def test_a_chain_runs_to_its_end_and_is_recorded(chains: ChainClient) -> None:
+    before = len(chains.actions)
+    sent = chains.send(chain_of_the_paper())
+    result = sent.result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert chains.ros.ball().x > 4.0 - 0.7
+    chains.ros.eventually(lambda: len(chains.actions) == before + 3, "three records")
+    records = chains.actions[before:]
+    assert [record.action for record in records] == ["goToPose", "dribbleBall", "shoot"]
+    assert [record.step for record in records] == [0, 1, 2]
+    assert all(record.outcome.code == Outcome.SUCCEEDED for record in records)
+    assert sum(record.actual.duration for record in records) == pytest.approx(result.record.actual.duration)
+    assert records[1].start == records[0].end
+    assert result.record.actions == records
+    chains.ros.eventually(lambda: chains.chains and chains.chains[-1] == result.record, "the chain's record")
+    assert sent.feedback[0].steps == 3
+    assert [message.elapsed for message in sent.feedback] == sorted(
+        message.elapsed for message in sent.feedback
+    )
+    assert {message.top for message in sent.feedback} == {"goToBall", "dribbleBall", "shoot"}
+    assert all(message.status for message in sent.feedback)
+
+
+def test_a_late_listener_gets_the_last_record(chains: ChainClient) -> None:
+    result = chains.send([call("goToPose", Pose(-1.5, 0.0, 0.0))]).result()
+    late = chains.ros.listen(type(result.record), "performance/chain", LATCHED)
+    chains.ros.eventually(lambda: late, "the last record")
+    assert late[0].chain_id == result.record.chain_id
+
+
+def test_cancel_stops_the_robot(chains: ChainClient) -> None:
+    sent = chains.send([FAR])
+    chains.until_moving()
+    sent.cancel()
+    assert sent.outcome().code == Outcome.CANCELED
+    chains.ros.eventually(chains.standing, "the robot stands")
+    pose = chains.ros.robot().pose
+    time = chains.ros.time()
+    chains.ros.eventually(lambda: chains.ros.time() > time + 2.0, "two seconds pass")
+    assert chains.ros.robot().pose.distance(pose) < 0.03
+    assert pose.distance(Pose(2.5, 1.5, 0.0)) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("calls", "expected"),
+    [
+        ([call("dribbleBall", Pose(2.0, 0.0, 0.0))], "pre-condition of step 1 (dribbleBall) now"),
+        ([call("goToPose", Pose(1.0, 0.0, 0.0)), call("shoot", Pose(4.0, 0.0, 0.0))], "step 2 (shoot)"),
+        ([], "chain.calls: expected 1 to 32 items, got 0"),
+        ([call("fly", Pose(0.0, 0.0, 0.0))], "chain.calls[0].top: expected one of"),
+        ([call("goToPose", Pose(math.nan, 0.0, 0.0))], "expected a finite number"),
+    ],
+)
+def test_an_impossible_chain_is_refused_in_words(chains: ChainClient, calls: list, expected: str) -> None:
+    result = chains.send(calls).result()
+    assert result.outcome.code == result.record.outcome.code == Outcome.REFUSED
+    assert expected in result.outcome.reason
+    assert not result.record.actions
+    assert chains.ros.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
+
+
+def test_a_newer_goal_preempts(chains: ChainClient) -> None:
+    older = chains.send([FAR])
+    chains.until_moving()
+    newer = chains.send([call("goToPose", Pose(-0.5, -1.0, 0.0))])
+    assert older.outcome().code == Outcome.PREEMPTED
+    assert newer.outcome().code == Outcome.SUCCEEDED
+    assert chains.ros.robot().pose.distance(Pose(-0.5, -1.0, 0.0)) < 0.06
+
+
+def test_a_missing_refinement_node_is_survived(chains: ChainClient) -> None:
+    result = chains.send([call("goToPose", Pose(-1.5, 0.0, 0.0))], refine=True).result()
+    assert result.outcome.code == Outcome.SUCCEEDED
+    assert not result.record.refined
+    assert "executed as sent, refinement failed: no answer within 1 s" in result.record.refinement
+
+
+def test_a_frozen_and_a_killed_refinement_node_are_survived(chains: ChainClient, graph) -> None:
+    node = graph[0]("refinement")
+    chains.ros.eventually(lambda: "refining chains" in node.output, "the refinement node")
+    for end in (signal.SIGSTOP, signal.SIGKILL):
+        node.send(end)
+        result = chains.send([call("goToPose", Pose(-1.5, 0.0, 0.0))], refine=True).result()
+        assert result.outcome.code == Outcome.SUCCEEDED
+        assert "refinement failed" in result.record.refinement
+
+
+def test_silence_of_odom_stops_the_robot_and_a_new_goal_works(
+    chains: ChainClient, simulation: Process
+) -> None:
+    sent = chains.send([FAR])
+    chains.until_moving()
+    simulation.send(signal.SIGSTOP)
+    try:
+        outcome = sent.outcome()
+    finally:
+        simulation.send(signal.SIGCONT)
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "odom is missing" in outcome.reason
+    chains.ros.eventually(lambda: chains.commands[-1].linear.x == 0.0, "a stop")
+    chains.ros.eventually(chains.standing, "the robot stands")
+    assert chains.send([call("goToPose", Pose(-1.0, 0.5, 0.0))]).outcome().code == Outcome.SUCCEEDED
+
+
+def test_a_paused_world_is_no_news(chains: ChainClient) -> None:
+    sent = chains.send([FAR])
+    chains.until_moving()
+    chains.ros.call(SetBool, "pause", SetBool.Request(data=True))
+    try:
+        assert sent.outcome().code == Outcome.INPUT_LOST
+    finally:
+        chains.ros.call(SetBool, "pause", SetBool.Request(data=False))
+    chains.ros.eventually(chains.standing, "the robot stands")
+
+
+def test_a_reset_ends_the_goal(chains: ChainClient) -> None:
+    sent = chains.send([FAR])
+    chains.until_moving()
+    assert chains.ros.call(Trigger, "reset").success
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "time went back" in outcome.reason
+    chains.ros.eventually(chains.standing, "the robot stands")
+
+
+def test_a_ball_that_vanishes_is_named(chains: ChainClient) -> None:
+    sent = chains.send(chain_of_the_paper())
+    chains.until_moving()
+    assert chains.ros.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "ball is missing: goToBall needs it" in outcome.reason
+
+
+def test_health_is_published(chains: ChainClient) -> None:
+    health = chains.ros.listen(DiagnosticArray, "/diagnostics", RESULTS)
+
+    def known() -> bool:
+        status = [message.status[0] for message in health if message.status[0].name == "/executor"]
+        return bool(status) and any(value.key == "last error" and value.value for value in status[-1].values)
+
+    chains.ros.eventually(known, "diagnostics with the last error")
+
+
+def test_shutdown_stops_the_robot_and_ends_cleanly(chains: ChainClient, executor: Process) -> None:
+    sent = chains.send([FAR])
+    chains.until_moving()
+    assert executor.stop(signal.SIGTERM) == 0
+    assert "Traceback" not in executor.output
+    assert sent.outcome().code == Outcome.SHUTDOWN
+    chains.ros.eventually(lambda: chains.commands[-1].linear.x == 0.0, "a stop")
+    chains.ros.eventually(chains.standing, "the robot stands")
