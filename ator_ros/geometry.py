@@ -43,9 +43,7 @@ class Pose(NamedTuple):
 
     def ahead(self, distance: float) -> Pose:
         """Give this pose moved `distance` m along its own heading (negative: backward)."""
-        return Pose(
-            self.x + distance * math.cos(self.yaw), self.y + distance * math.sin(self.yaw), self.yaw
-        )
+        return Pose(self.x + distance * math.cos(self.yaw), self.y + distance * math.sin(self.yaw), self.yaw)
 
     def distance(self, other: Pose) -> float:
         """Give the distance in m between the two positions."""
