@@ -67,7 +67,7 @@ def test_the_free_angle_is_refined(start, client: Client, models: Path) -> None:
     assert response.chain.calls[1] == response.original.calls[1]
     (curve,) = response.curves
     assert list(curve.variables) == ["yaw"]
-    assert len(curve.values) == len(curve.totals) > 100
+    assert len(curve.values) == len(curve.totals) >= 36
     assert min(curve.totals) >= response.cost_after - 1e-9
 
 
@@ -187,5 +187,5 @@ def test_markers_show_the_search_to_who_listens(start, client: Client, models: P
     heard = client.listen(MarkerArray, "refinement_markers", RESULTS)
     client.eventually(lambda: refine(client, request_of_the_paper()) and heard, "markers")
     markers = heard[0].markers
-    assert any(len(marker.points) == len(marker.colors) > 200 for marker in markers)
+    assert any(len(marker.points) == len(marker.colors) >= 72 for marker in markers)
     assert all(marker.header.frame_id == "odom" for marker in markers)
