@@ -1,0 +1,139 @@
+"""Play the paper's chain (go to the ball, dribble it, shoot) naive and refined, over ROS (paper, Figure 1)."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from ator_ros.experiments.trials import Trial, open_speeds, random_trial
+from ator_ros.refinement.free_variables import goal_values, with_values
+from ator_ros.robot import Robot, load_robot
+from ator_ros.tools.demo_report import DemoSituation, save_picture, table
+from ator_ros.tools.processes import NodeEndedError, NodeProcesses
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+
+INTERRUPTED = 130
+_FRAME = "odom"
+_DOMAINS = 100
+_LONGEST_DEMO = 200
+# The robot stops when no odometry has come for so long: more than on a robot, for machines that are busy.
+_ODOM_TIMEOUT = 2.0
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Give the command line of `demo`."""
+    parser = argparse.ArgumentParser(prog="demo", description=__doc__)
+    parser.add_argument("--situations", type=_count, default=6, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=int, default=401, help="of the situations (default: %(default)s)")
+    parser.add_argument(
+        "--real-time-factor",
+        type=float,
+        default=0.0,
+        metavar="F",
+        help="simulated per real seconds; 0 (default): as fast as the robot is steered",
+    )
+    parser.add_argument("--models", default="", metavar="DIR", help="of other performance models")
+    parser.add_argument("--out", type=Path, default=Path("build/demo.png"), metavar="FILE.png")
+    return parser
+
+
+def _count(text: str) -> int:
+    if not (text.isdecimal() and 1 <= int(text) <= _LONGEST_DEMO):
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1 to {_LONGEST_DEMO}, got {text!r}")
+    return int(text)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; give the exit code."""
+    options = arguments().parse_args(argv)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        from ament_index_python.packages import get_package_prefix
+
+        from ator_ros.tools.demo_client import DemoError
+    except ImportError as error:
+        print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
+        return 1
+    robot = load_robot()
+    played: list[DemoSituation] = []
+    code = 0
+    try:
+        folder = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
+        played.extend(_play(options, robot, folder))
+    except KeyboardInterrupt:
+        print("interrupted")
+        code = INTERRUPTED
+    except (DemoError, NodeEndedError) as error:
+        print(f"demo: {error}", file=sys.stderr)
+        code = 1
+    if played:
+        print(f"\n{table(played)}")
+        save_picture(options.out, robot, played)
+        print(f"\npaths: {options.out.resolve()}")
+    return code
+
+
+def _play(options: argparse.Namespace, robot: Robot, folder: Path) -> Iterator[DemoSituation]:
+    """Start the nodes and play the situations one by one."""
+    from ator_ros.tools.demo_client import DemoClient
+
+    domain = 1 + os.getpid() % _DOMAINS
+    library = TopLibrary(robot)
+    models = {"models": options.models} if options.models else {}
+    with NodeProcesses(folder, domain) as nodes:
+        nodes.start("simulation", {"real_time_factor": float(options.real_time_factor)})
+        nodes.start("refinement", models)
+        nodes.start("executor", {**models, "odom_timeout": _ODOM_TIMEOUT, "refinement_timeout": 2.0})
+        print(f"three nodes start on ROS domain {domain} …", flush=True)
+        # The client's threads listen on this machine only, as the nodes do.
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        with DemoClient(domain, nodes.check) as client:
+            client.ready()
+            for index in range(options.situations):
+                trial = random_trial(options.seed, index, "shoot", robot, library)
+                yield _both(client, trial, f"situation {index + 1} of {options.situations}")
+
+
+def _both(client: object, trial: Trial, name: str) -> DemoSituation:
+    """Play one situation naive and refined."""
+    from ator_ros.nodes.conversions import chain_of
+    from ator_ros.tools.demo_client import DemoClient
+
+    assert isinstance(client, DemoClient)
+    chain = opened(open_speeds(trial.chain))
+    message = chain_of(chain, action_set="", frame=_FRAME)
+    answer = client.refine(trial.world, message)
+    client.place(trial.world)
+    print(f"{name}: naive ", end="", flush=True)
+    naive = client.execute(answer.original, refine=False)
+    client.place(trial.world)
+    print(f"{naive.total[1]:.2f} s, refined ", end="", flush=True)
+    refined = client.execute(message, refine=True)
+    print(f"{refined.total[1]:.2f} s", flush=True)
+    return DemoSituation(trial.world, chain, naive, refined)
+
+
+def opened(chain: TopChain) -> TopChain:
+    """Give the chain with every goal variable that the plan does not commit to left open (NaN)."""
+    return TopChain(
+        tuple(
+            dataclasses.replace(
+                call,
+                goal=with_values(
+                    call.goal, dict.fromkeys(set(goal_values(call.goal)) - call.bound, math.nan)
+                ),
+            )
+            for call in chain.calls
+        )
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

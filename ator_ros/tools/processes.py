@@ -1,0 +1,101 @@
+"""Our nodes as processes on a ROS domain of their own, which leave nothing behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+
+_PATIENCE = 5.0
+
+
+class NodeEndedError(RuntimeError):
+    """A node that has ended by itself; the message holds the end of its output."""
+
+
+class NodeProcesses:
+    """Starts nodes; as a context manager it ends all of them when the block ends, whatever the reason.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the executables lie, lib/ator_ros of an installation.
+    domain : int
+        ROS domain.
+    """
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        self._folder = folder
+        self._environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "PYTHONUNBUFFERED": "1",
+        }
+        self._logs = tempfile.TemporaryDirectory(prefix="ator_ros_")
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, parameters: Mapping[str, object]) -> None:
+        """Start the executable `name` with these ROS parameters."""
+        arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+        with self._log(name).open("wb") as log:
+            self._processes[name] = subprocess.Popen(
+                [str(self._folder / name), *(["--ros-args", *arguments] if arguments else [])],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=self._environment,
+                # Ctrl-C is for us: the nodes are ended in order.
+                start_new_session=True,
+            )
+
+    def check(self) -> None:
+        """Make sure that all are running.
+
+        Raises
+        ------
+        NodeEndedError
+            One is not.
+        """
+        for name, process in self._processes.items():
+            if process.poll() is not None:
+                lines = self._log(name).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+                raise NodeEndedError(
+                    f"the node {name} ended with exit code {process.returncode}: {' | '.join(lines[-5:])}"
+                )
+
+    def stop(self) -> None:
+        """End all: the last one started first, as Ctrl-C would, and by force what does not listen."""
+        running = [process for process in reversed(self._processes.values()) if process.poll() is None]
+        for process in running:
+            process.send_signal(signal.SIGINT)
+        end = time.monotonic() + _PATIENCE
+        for process in running:
+            try:
+                process.wait(timeout=max(0.0, end - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._processes.clear()
+
+    def _log(self, name: str) -> Path:
+        return Path(self._logs.name, f"{name}.log")
+
+    def __enter__(self) -> NodeProcesses:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # A second Ctrl-C must not leave a node behind.
+        previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            self.stop()
+            self._logs.cleanup()
+        finally:
+            signal.signal(signal.SIGINT, previous)
