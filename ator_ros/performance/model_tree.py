@@ -49,10 +49,10 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         How far to grow before pruning, best split first.
     candidates : int, default=15
         How many thresholds to try per feature and node, at quantiles.
-    term_cost : float, default=1.5
+    term_cost : float, default=2.0
         How much each term of a model counts in v of the corrected error: more gives smaller trees, 0 leaves
-        the tree as it grew. Quinlan's 1 does not count the choice of the split and keeps a fifth more leaves
-        without being more accurate.
+        the tree as it grew. Quinlan's 1 does not count the choice of the split and keeps half as many leaves
+        again without being more accurate.
     smoothing : float, default=15.0
         How many samples the model of the node above counts for (M5's k); 0 for none.
     extrapolation : float or None, default=1.0
@@ -76,7 +76,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         max_depth: int | None = None,
         max_leaves: int = 500,
         candidates: int = 15,
-        term_cost: float = 1.5,
+        term_cost: float = 2.0,
         smoothing: float = 15.0,
         extrapolation: float | None = 1.0,
     ) -> None:
