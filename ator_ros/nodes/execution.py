@@ -129,6 +129,10 @@ class Execution:
             self._settle(world)
         return STOP
 
+    def listening(self, now: float) -> None:
+        """Listen again from `now` on: odometry that came while a tick was computed is not overdue."""
+        self._heard = now
+
     def watch(self, now: float) -> None:
         """Look whether something is overdue."""
         if self.phase is Phase.REFINING and now - self._asked > self._deadlines.refinement:

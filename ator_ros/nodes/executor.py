@@ -142,7 +142,9 @@ class ExecutorNode(Node):
         self._world, self._heard = world, now
         if self._run is not None:
             self._send(self._run.execution.tick(world, now))
-            self._latest_tick = max(self._latest_tick, time.monotonic() - now)
+            done = time.monotonic()
+            self._latest_tick = max(self._latest_tick, done - now)
+            self._run.execution.listening(done)
             self._follow(self._run)
 
     def _watch(self) -> None:
