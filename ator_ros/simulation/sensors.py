@@ -116,7 +116,7 @@ class Sensors:
     def _see(self, world: World) -> BallState | None:
         config = self.config
         numbers = self._rng.normal(size=4)
-        missed = self._rng.random() < config.ball_dropouts
+        missed = self._rng.random() < config.ball_dropouts and self._known is not None
         if world.ball is None:
             self._seen.clear()
             self._known = None
