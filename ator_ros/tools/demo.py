@@ -88,7 +88,9 @@ def _play(options: argparse.Namespace, robot: Robot, folder: Path) -> Iterator[D
     library = TopLibrary(robot)
     models = {"models": options.models} if options.models else {}
     with NodeProcesses(folder, domain) as nodes:
-        nodes.start("simulation", {"real_time_factor": float(options.real_time_factor)})
+        nodes.start(
+            "simulation", {"real_time_factor": float(options.real_time_factor), "command_wait": 1.0}
+        )
         nodes.start("refinement", models)
         nodes.start("executor", {**models, "odom_timeout": _ODOM_TIMEOUT, "refinement_timeout": 2.0})
         print(f"three nodes start on ROS domain {domain} …", flush=True)

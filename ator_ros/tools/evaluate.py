@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -21,6 +20,7 @@ from ator_ros.experiments.running import describe, run_situations, table_text
 from ator_ros.experiments.storage import PartialResults, write_result
 from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
+from ator_ros.files import portable_command
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.resources import ResourceError
@@ -57,7 +57,11 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--policies", nargs="+", choices=list(POLICIES), help="default: all that can be run")
     parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")
     parser.add_argument(
-        "--experience", default="", metavar="FILE", help="table from collect, for hist_gradient_boosting"
+        "--experience",
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="tables from collect, for the policy hist_gradient_boosting",
     )
     parser.add_argument("--workers", type=int, default=-1, help="processes (default: one per core)")
     parser.add_argument("--backend", choices=BACKENDS, default="loky")
@@ -71,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = arguments().parse_args(words)
     try:
         with cluster(options.cluster):
-            return _evaluate(options, shlex.join(["evaluate", *words]))
+            return _evaluate(options, portable_command("evaluate", words))
     except KeyboardInterrupt:
         print("evaluate: interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
@@ -91,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _evaluate(options: argparse.Namespace, command: str) -> int:
     if options.situations < 1:
         raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
-    source = ToolsetSource(options.action_set, options.models, options.experience)
+    source = ToolsetSource(options.action_set, options.models, tuple(options.experience))
     tools = make_toolset(source)  # before anything is executed: a damaged file shall be told at once
     policies, missing = available_policies(source)
     for name, why in missing.items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,13 +12,14 @@ from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
-from ator_ros.experience.table import ExperienceError, read_experience
+from ator_ros.experience.table import ExperienceError
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Settings
 from ator_ros.experiments.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
 from ator_ros.experiments.heuristics import save_baselines
 from ator_ros.experiments.running import run_situations
-from ator_ros.experiments.toolset import ACTIONS, BASELINES, GATE, ToolsetSource
+from ator_ros.experiments.toolset import BASELINES, GATE, ToolsetSource, read_rows
+from ator_ros.files import portable_command
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.resources import ResourceError
@@ -39,7 +39,10 @@ def arguments() -> argparse.ArgumentParser:
         "--models", default="", metavar="DIR", help="folder of the models (default: as shipped)"
     )
     parser.add_argument(
-        "--experience", type=Path, metavar="FILE", help="refit the rulers' models to this table"
+        "--experience",
+        nargs="+",
+        metavar="FILE",
+        help="tables from collect: refit the rulers' models to them",
     )
     parser.add_argument("--work", type=Path, default=Path("gate"), metavar="DIR", help="for partial results")
     parser.add_argument("--workers", type=int, default=-1, help="processes (default: one per core)")
@@ -54,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = arguments().parse_args(words)
     try:
         with cluster(options.cluster):
-            return _learn(options, shlex.join(["gate", *words]))
+            return _learn(options, portable_command("gate", words))
     except KeyboardInterrupt:
         print("gate: interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
@@ -102,13 +105,10 @@ def _learn(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
-def refit_rulers(source: ToolsetSource, experience: Path) -> None:
+def refit_rulers(source: ToolsetSource, experience: Sequence[str]) -> None:
     """Refit the rulers' time models to the starts of successful episodes, and write them to the models."""
-    table = read_experience(experience)
-    starts = {}
-    for action in ACTIONS:
-        rows = table.of(action)
-        starts[action] = rows[(rows["t"] == 0.0) & rows["success"]]
+    tables = read_rows(experience)
+    starts = {action: rows[(rows["t"] == 0.0) & rows["success"]] for action, rows in tables.items()}
     save_baselines(source.folder() / BASELINES, starts, load_robot())
 
 
