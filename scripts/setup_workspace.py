@@ -217,9 +217,12 @@ def build(package: str, sources: str, *, fresh: bool) -> None:
     if fresh:
         remove_generated(package)
     colcon = [str(PYTHON), "-m", "colcon", "--log-base", "log", "build", "--packages-select", package]
+    # All cores; colcon's own choice also says -l, which starves the build on a busy machine. The outer
+    # make's variables (ARGS=…) must not reach the inner one.
     done = subprocess.run(
         ["scripts/run", *colcon, "--event-handlers", "console_direct-"],
-        cwd=ROOT, capture_output=True, text=True, check=False,
+        cwd=ROOT, env=os.environ | {"MAKEFLAGS": f"-j{os.cpu_count()}"},
+        capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode:
         print(done.stdout + done.stderr, file=sys.stderr)
