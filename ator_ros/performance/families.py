@@ -29,6 +29,8 @@ class Kind(NamedTuple):
     share : float
         Speed between last turn and run: between the least (0) and greatest (1) from which the run can end as
         it shall, or, where the run is as long as that needs, a share of the limit.
+    entry : float
+        Speed in m/s to gain in a straight lead before the first turn; with more, it begins at once.
     first_side, last_side : float
         Which way the turns go: 1 left, -1 right.
     """
@@ -37,6 +39,7 @@ class Kind(NamedTuple):
     first: Way
     last: Way
     share: float
+    entry: float
     first_side: float
     last_side: float
 
@@ -50,6 +53,7 @@ class Columns(NamedTuple):
     first_change: RealArray
     last_change: RealArray
     share: RealArray
+    entry: RealArray
     first_side: RealArray
     last_side: RealArray
 
@@ -105,12 +109,13 @@ class Family:
             column(kind.first.change for kind in kinds),
             column(kind.last.change for kind in kinds),
             column(kind.share for kind in kinds),
+            column(kind.entry for kind in kinds),
             column(kind.first_side for kind in kinds),
             column(kind.last_side for kind in kinds),
         )
 
 
-def _to_all_sides(rows: Iterable[tuple[float, Way, Way, float]]) -> tuple[Kind, ...]:
+def _to_all_sides(rows: Iterable[tuple[float, Way, Way, float, float]]) -> tuple[Kind, ...]:
     sides = list(itertools.product((1.0, -1.0), repeat=2))
     return tuple(Kind(*row, *side) for row in rows for side in sides)
 
@@ -119,8 +124,8 @@ def _to_all_sides(rows: Iterable[tuple[float, Way, Way, float]]) -> tuple[Kind, 
 def drive_family(robot: Robot) -> Family:
     """Give the motions without a ball: forward or in reverse, at the limits throughout."""
     limits = robot.limits
-    forward = (1.0, Way(limits.a, limits.w), Way(limits.brake, limits.w), 0.0)
-    reverse = (-1.0, Way(-limits.a, limits.w), Way(-limits.brake, limits.w), 0.0)
+    forward = (1.0, Way(limits.a, limits.w), Way(limits.brake, limits.w), 0.0, -limits.v)
+    reverse = (-1.0, Way(-limits.a, limits.w), Way(-limits.brake, limits.w), 0.0, -limits.v)
     return Family(limits, _to_all_sides((forward, reverse)), radius=0.2)
 
 
@@ -130,7 +135,12 @@ def approach_family(robot: Robot) -> Family:
     limits = robot.limits
     gain, lose = Way(limits.a, limits.w), Way(limits.brake, limits.w)
     back, back_lose = Way(-limits.a, limits.w), Way(-limits.brake, limits.w)
-    rows = ((1.0, gain, lose, 1.0), (1.0, gain, lose, 0.5), (-1.0, back, back_lose, 0.2))
+    at_once = -limits.v
+    rows = (
+        (1.0, gain, lose, 1.0, at_once),
+        (1.0, gain, lose, 0.5, at_once),
+        (-1.0, back, back_lose, 0.2, at_once),
+    )
     return Family(limits, _to_all_sides(rows), radius=0.2, run=RUN, passing=PASSING)
 
 
@@ -138,7 +148,16 @@ def approach_family(robot: Robot) -> Family:
 def dribble_family(robot: Robot) -> Family:
     """Give the motions with the ball: forward only; the more speed a last turn loses, the wider it is."""
     limits = robot.dribble_limits
-    first = Way(limits.a, limits.w)
-    ends = ((0.5, 0.0, 1.0), (0.3, 0.5, 0.65), (0.6, 0.9, 0.5), (0.95, 0.5, 0.83))
-    rows = ((1.0, first, Way(brake * limits.brake, rate * limits.w), speed) for speed, brake, rate in ends)
+    wide, tight = (Way(limits.a, limits.w), 0.0), (Way(0.25 * limits.a, limits.w), 0.2 * limits.v)
+    # Speed before the straight run, braking and rate of the turn before it, as shares of the limits.
+    short, curve, fast = (0.3, 0.0, 0.83), (0.5, 0.0, 1.0), (0.95, 0.5, 0.83)
+    slow, slower = (0.6, 0.9, 0.5), (0.3, 0.5, 0.65)
+    rows = [
+        (1.0, first, Way(brake * limits.brake, rate * limits.w), speed, entry)
+        for (first, entry), ends in (
+            (wide, (short, curve, fast, slow, slower)),
+            (tight, (short, curve, slower)),
+        )
+        for speed, brake, rate in ends
+    ]
     return Family(limits, _to_all_sides(rows), radius=0.3, run=None)

@@ -19,6 +19,7 @@ from ator_ros.performance.ideal_times import Ends, Motions, drive_time, fastest_
 from ator_ros.robot import Robot
 
 Mirror = Literal["even", "odd"]
+RELEASE = 0.4  # m before the goal at which a ball is let go
 
 
 class Geometry:
@@ -140,6 +141,19 @@ class Geometry:
         dx, dy = self._from_hold
         return np.arctan2(dy, dx)
 
+    @cached_property
+    def shot(self) -> Motions:
+        """The fastest ideal motion with the ball to a run straight at the goal, at full speed."""
+        d, heading, limits = self.direct, self.hold_bearing, self.robot.dribble_limits
+        back = RELEASE + self.robot.hold
+        dx = d["xg"] - back * np.cos(heading) - d["x"]
+        dy = d["yg"] - back * np.sin(heading) - d["y"]
+        cos, sin = np.cos(d["yaw"]), np.sin(d["yaw"])
+        turn = wrap_angles(heading - d["yaw"])
+        full = np.full_like(turn, limits.v)
+        ends = Ends(cos * dx + sin * dy, cos * dy - sin * dx, turn, d["v"], full)
+        return fastest_motions(ends, dribble_family(self.robot), hold=self.robot.hold)
+
 
 @dataclass(frozen=True)
 class Feature:
@@ -223,6 +237,7 @@ IDEAL = (
 SHOT = (
     Feature("hold_dist", "m", _SHOT, lambda g: g.hold_dist),
     Feature("hold_angle", "rad", _SHOT, lambda g: np.abs(wrap_angles(g.hold_bearing - g.direct["yaw"]))),
+    Feature("shot_time", "s", _SHOT | {"v"}, lambda g: g.shot.time),
     Feature("hold_off_axis", "rad", _SHOT, lambda g: np.abs(g.hold_bearing), rotation=False),
     Feature(
         "heading_off_axis", "rad", _of("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"])), rotation=False

@@ -20,8 +20,8 @@ from ator_ros.robot import Limits
 ITERATIONS = 3
 _STEP = 0.6  # rad by which an iteration changes the first turn at most
 _GRAIN = 0.02  # rad
-_BACKWARD = 3.0  # s per m that the straight drive would have to go against its direction
-_MISSED = 3.0  # s per m by which a motion misses the goal sideways
+_BACKWARD = 5.0  # s per m that the straight drive would have to go against its direction
+_MISSED = 5.0  # s per m by which a motion misses the goal sideways
 _WAY_ROUND = 6.0  # s per m that a straight drive passes too near the ball
 _FULL_TURN = 2.0 * np.pi
 
@@ -125,8 +125,11 @@ class _Search:
         self.limits, self.tables = family.limits, family.tables
         self.cos, self.sin = np.cos(ends.turn), np.sin(ends.turn)
         self.junction, self.run = self._before_run()
-        self.goal_x, self.goal_y = ends.x - self.run * self.cos, ends.y - self.run * self.sin
-        self.first_row = self.tables.rows(kinds.first_way, ends.speed)
+        self.speed = np.maximum(ends.speed, kinds.entry)
+        lead = (self.speed - ends.speed) * (self.speed + ends.speed) * (0.5 / self.limits.a)
+        # All is seen from where the first turn begins.
+        self.goal_x, self.goal_y = ends.x - lead - self.run * self.cos, ends.y - self.run * self.sin
+        self.first_row = self.tables.rows(kinds.first_way, self.speed)
         self.last_row = self.tables.rows(kinds.last_way, self.junction)
 
     def _before_run(self) -> tuple[RealArray, RealArray]:
@@ -203,14 +206,15 @@ class _Search:
         limits, tables, kinds = self.limits, self.tables, self.kinds
         first_time = tables.time.take(kinds.first_way * tables.angles + tables.columns(first))
         last_time = tables.time.take(kinds.last_way * tables.angles + tables.columns(last))
-        before = kinds.direction * (self.ends.speed + kinds.first_change * first_time)
+        before = kinds.direction * (self.speed + kinds.first_change * first_time)
         after = kinds.direction * (self.junction + kinds.last_change * last_time)
         # Speeds against the direction of the drive have to be lost first.
         wrong = np.minimum(before, 0.0) + np.minimum(after, 0.0)
         before, after = (np.minimum(np.maximum(speed, 0.0), limits.v) for speed in (before, after))
         driving = drive_time(np.maximum(length, 0.0), before, after, limits)
         running = drive_time(self.run, self.junction, self.ends.arrival, limits)
-        result: RealArray = first_time + last_time + driving + running
+        leading = (self.speed - self.ends.speed) * (1.0 / limits.a)
+        result: RealArray = leading + first_time + last_time + driving + running
         result -= wrong * (1.0 / limits.a) + _BACKWARD * np.minimum(length, 0.0)
         return result
 

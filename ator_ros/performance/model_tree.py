@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.linear_models import Standardised, corrected_error, fit_node_models, squared_error
 from ator_ros.performance.partition import GrownNode, GrowthLimits, Partition
-from ator_ros.performance.pruning import prune, smooth
+from ator_ros.performance.pruning import drop_traces, prune, smooth
 from ator_ros.performance.tree import BoolArray, IntArray, ModelTree
 
 try:
@@ -171,7 +171,8 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         weight = moments[:, 0, 0]
         fitted = fit_node_models(moments, samples, term_cost=self.term_cost)
         is_leaf = prune(children, fitted.error, weight)
-        models = smooth(children, fitted.models, samples, smoothing=self.smoothing)
+        smoothed = smooth(children, fitted.models, samples, smoothing=self.smoothing)
+        models = drop_traces(smoothed, moments, np.sqrt(squared_error(smoothed, moments) / weight))
         terms = self.term_cost * np.count_nonzero(fitted.models, axis=1).clip(1)
         squared = squared_error(models, moments)
         spread = corrected_error(squared, weight, samples, terms)

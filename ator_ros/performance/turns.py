@@ -18,7 +18,7 @@ RealArray = NDArray[np.floating[Any]]
 
 ANGLE_STEP = 0.01  # rad; entries are looked up, not interpolated: half a step is 2 mm or 2 ms
 SPEED_STEP = 0.02  # m/s
-LARGEST = 8.5  # rad either way: a full turn and what a search for the right one adds
+LARGEST = 9.5  # rad either way: a full turn and what a search for the right one adds
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
 
@@ -32,7 +32,7 @@ class Way(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TurnTables:
-    """Displacements and durations of turns by angles from -8.5 to 8.5 rad, for some ways to drive them.
+    """Displacements and durations of turns by angles from -9.5 to 9.5 rad, for some ways to drive them.
 
     Attributes
     ----------
