@@ -88,6 +88,15 @@ class Objective:
         return tuple(dict.fromkeys(fields))
 
     def cost(self, prediction: Any) -> FloatArray:
-        """Give the weighted cost, shape (n,), of a prediction for n candidates."""
+        """Give the weighted cost, shape (n,), of a prediction for n candidates.
+
+        Raises
+        ------
+        RefinementError
+            The performance model does not predict a measure that has a weight.
+        """
+        missing = [need for need in self.needs() if getattr(prediction, need, None) is None]
+        if missing:
+            raise RefinementError(f"objective: expected models that predict {', '.join(missing)}, got none")
         terms = [w * self.measures[name].cost(prediction) for name, w in self.weights.items() if w]
         return np.asarray(sum(terms[1:], start=terms[0]), dtype=float)

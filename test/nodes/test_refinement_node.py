@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -160,6 +161,19 @@ def test_nonsense_is_refused_and_the_node_goes_on(start, client: Client, models:
         assert len(response.chain.calls) == len(request.chain.calls)
     assert refine(client, request_of_the_paper(yaw=3.0)).accepted
     assert "Traceback" not in node.output
+
+
+def test_a_weight_without_a_model_is_refused(start, client: Client, models: Path, tmp_path: Path) -> None:
+    for file in models.glob("*.json"):
+        data = json.loads(file.read_text(encoding="utf-8"))
+        data["trees"] = {"duration": data["trees"]["duration"]}
+        (tmp_path / file.name).write_text(json.dumps(data), encoding="utf-8")
+    start("refinement", models=tmp_path)
+    request = request_of_the_paper(yaw=3.0)
+    request.objective.success = 1.0
+    response = refine(client, request)
+    assert not response.accepted
+    assert "expected models that predict success" in response.reason
 
 
 def test_without_models_it_says_so_and_goes_on(start, client: Client, tmp_path: Path) -> None:
