@@ -28,7 +28,7 @@ from ator_ros.world import BallState, RobotState, World
 # As in the paper's Figure 1: the robot drives away from the goal to get to the ball.
 START = Pose(1.5, 0.6, math.pi)
 BALL = Pose(-0.5, 0.0, 0.0)
-GOAL = Pose(2.0, -1.2, 0.0)
+GOAL = Pose(2.2, 0.0, 0.0)
 CANDIDATES = 180
 
 

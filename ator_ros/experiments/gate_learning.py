@@ -17,7 +17,7 @@ from ator_ros.refinement.gate import FEATURES, ThresholdGate, TreeGate
 LearnedGate = ThresholdGate | TreeGate
 GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
-HARM = 1.0
+HARM = 3.0
 """What a run made worse by more than 2 % weighs, in s, beside the time it loses."""
 FOLDS = 10
 TREE_DEPTH = 3

@@ -71,12 +71,20 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
             row["prediction"] = mean_absolute_error(records, name)
     return {
         "summary": summary,
-        "settings": asdict(settings),
+        "settings": _portable(asdict(settings)),
         "executed": sum(record["executed"] for record in records),
         "digest": settings.source.digest(),
         "versions": library_versions(),
         "machine": platform.platform(),
     }
+
+
+def _portable(settings: dict[str, Any]) -> dict[str, Any]:
+    """Leave out the folders of this machine."""
+    source = settings["source"]
+    source["models"] = Path(source["models"]).name
+    source["experience"] = [Path(table).name for table in source["experience"]]
+    return settings
 
 
 def table_text(summary: Mapping[str, Any]) -> str:

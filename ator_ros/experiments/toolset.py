@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ator_ros.experience.table import read_experience
+import pandas as pd
+
+from ator_ros.experience.table import join, read_experience
 from ator_ros.experiments.ceiling import BoostedTime, IdealTime
 from ator_ros.experiments.heuristics import bitbots, booster, load_baselines
 from ator_ros.experiments.policies import POLICIES, Models, Toolset
@@ -32,13 +35,13 @@ class ToolsetSource:
         "default" or "bezier".
     models : str
         Folder of the models, laid out as the shipped models/; empty: that one.
-    experience : str
-        Table that the model with gradient boosting is fitted to; empty: there is no such model.
+    experience : tuple of str
+        Tables that the models with gradient boosting are fitted to; empty: there are none.
     """
 
     action_set: str = "default"
     models: str = ""
-    experience: str = ""
+    experience: tuple[str, ...] = ()
 
     def folder(self) -> Path:
         """Give the folder of the model files."""
@@ -50,9 +53,21 @@ class ToolsetSource:
         sha = hashlib.sha256(load_robot().digest().encode())
         names = (*(f"{action}.json" for action in ACTIONS), GATE, BASELINES)
         files = [self.folder() / name for name in names]
-        for file in [*files, *([Path(self.experience)] if self.experience else [])]:
+        for file in [*files, *map(Path, self.experience)]:
             sha.update(file.read_bytes() if file.exists() else b"none")
         return sha.hexdigest()[:16]
+
+
+def read_rows(tables: Iterable[Path | str]) -> dict[str, pd.DataFrame]:
+    """Read tables of experience; give the rows of each action in them.
+
+    Raises
+    ------
+    ExperienceError
+        A table cannot be used.
+    """
+    frame = join(read_experience(table).frame for table in tables)
+    return {str(action): rows for action, rows in frame.groupby("action", sort=False)}
 
 
 def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str, str]]:
@@ -92,9 +107,8 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     if (folder / BASELINES).exists():
         models |= load_baselines(folder / BASELINES, robot)
     if source.experience:
-        experience = read_experience(source.experience)
         models["hist_gradient_boosting"] = {
-            action: BoostedTime(robot).fit(experience.of(action)) for action in ACTIONS
+            action: BoostedTime(robot).fit(rows) for action, rows in read_rows(source.experience).items()
         }
     gate = load_gate(folder / GATE) if (folder / GATE).exists() else OpenGate()
     return Toolset(robot, models, gate)

@@ -42,7 +42,7 @@ def arguments() -> argparse.ArgumentParser:
         "--experience",
         nargs="+",
         metavar="FILE",
-        help="tables from collect: refit the rulers' models to them",
+        help="tables: refit the rulers' models to them",
     )
     parser.add_argument("--work", type=Path, default=Path("gate"), metavar="DIR", help="for partial results")
     parser.add_argument("--workers", type=int, default=-1, help="processes (default: one per core)")
