@@ -19,7 +19,7 @@ from ator_ros.performance.linear_models import (
     squared_error,
 )
 from ator_ros.performance.model_tree import ModelTreeRegressor
-from ator_ros.performance.pruning import prune, smooth
+from ator_ros.performance.pruning import drop_traces, prune, smooth
 
 Array = NDArray[np.float64]
 
@@ -266,6 +266,13 @@ def test_pruning_cuts_where_the_nodes_own_model_is_no_worse():
         True,
     ]
     assert prune(children, np.array([0.5, 0.6, 0.5, 0.2, 0.9]), weight)[0]
+
+
+def test_traces_are_dropped_and_leave_their_mean_behind():
+    X = np.column_stack([np.linspace(0, 1, 50), np.linspace(5, 6, 50)])
+    moments = normal_equations(np.column_stack([np.ones(50), X, X[:, 0]]), np.ones(50))
+    kept = drop_traces(np.array([[1.0, 2.0, 1e-4]]), moments[None], np.array([0.1]))
+    np.testing.assert_allclose(kept, [[1.0 + 5.5e-4, 2.0, 0.0]])
 
 
 def test_smoothing_is_m5s_filter_on_the_way_to_the_root():

@@ -70,9 +70,9 @@ def smooth(children: Children, models: FloatArray, samples: FloatArray, *, smoot
 def drop_traces(models: FloatArray, moments: FloatArray, error: FloatArray) -> FloatArray:
     """Drop terms that move a node's prediction by next to nothing.
 
-    Smoothing leaves traces of the terms of all models above, which would clutter the rules and count as features
-    that influence performance (paper, section 4.2). A term goes if its deviation over the node's rows is less
-    than a hundredth of the error; the constant takes over its mean.
+    Smoothing leaves traces of the terms of all models above. They would clutter the rules and count as
+    features that influence performance (paper, section 4.2). A term goes if its deviation over the node's rows
+    is less than a hundredth of the error; the constant takes over its mean.
 
     Parameters
     ----------
