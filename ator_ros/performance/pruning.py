@@ -71,7 +71,7 @@ def drop_traces(models: FloatArray, moments: FloatArray, error: FloatArray) -> F
     """Drop terms that move a node's prediction by next to nothing.
 
     Smoothing leaves traces of the terms of all models above. They would clutter the rules and count as
-    features that influence performance (paper, section 4.2). A term goes if its deviation over the node's rows
+    features that influence performance (paper, section 4.2). A term goes if its deviation over a node's rows
     is less than a hundredth of the error; the constant takes over its mean.
 
     Parameters
