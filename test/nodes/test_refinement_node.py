@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from experience_rows import made_up_experience
+from fuzz_refinement import fuzz
 from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
@@ -17,8 +18,9 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.node_support import RESULTS
-from ator_ros.performance.model_file import save_model
+from ator_ros.performance.model_file import load_models, save_model
 from ator_ros.performance.training import train
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import load_robot
 
 
@@ -161,6 +163,13 @@ def test_nonsense_is_refused_and_the_node_goes_on(start, client: Client, models:
         assert len(response.chain.calls) == len(request.chain.calls)
     assert refine(client, request_of_the_paper(yaw=3.0)).accepted
     assert "Traceback" not in node.output
+
+
+def test_generated_requests_are_answered_or_refused(models: Path) -> None:
+    robot = load_robot()
+    counts = fuzz(2000, 502, Refiner(robot, load_models(robot, folder=models)))
+    assert set(counts) == {"answered", "refused"}
+    assert min(counts.values()) > 200
 
 
 def test_a_weight_without_a_model_is_refused(start, client: Client, models: Path, tmp_path: Path) -> None:
