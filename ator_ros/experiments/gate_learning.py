@@ -19,6 +19,8 @@ GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
 HARM = 3.0
 """What a run made worse by more than 2 % weighs, in s, beside the time it loses."""
+NEAR = 0.01
+"""Share of the best utility that is given up for refining less often."""
 FOLDS = 10
 TREE_DEPTH = 3
 TREE_LEAF = 10
@@ -62,10 +64,14 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
 
 
 def fit_threshold(examples: GateExamples) -> ThresholdGate:
-    """Give the threshold of the predicted gain with the greatest utility on the examples."""
+    """Give the most cautious threshold of the predicted gain whose utility is near the best."""
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
-    return max(gates, key=lambda gate: _utility(examples, gain > gate.gain + gate.spread_factor * spread))
+    refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
+    utility = np.array([_utility(examples, rows) for rows in refine])
+    cautious = [int(rows.sum()) for rows in refine]
+    near = np.flatnonzero(utility >= utility.max() - NEAR * abs(utility.max()))
+    return gates[min(near, key=lambda index: (cautious[index], -utility[index]))]
 
 
 def fit_tree(examples: GateExamples) -> TreeGate:

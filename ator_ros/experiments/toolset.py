@@ -48,12 +48,13 @@ class ToolsetSource:
         top = Path(self.models) if self.models else resource_path("models")
         return (top / model_path(GATE, self.action_set)).parent
 
-    def digest(self) -> str:
-        """Give a digest of the robot's description and of all files that results depend on."""
+    def digest(self, policies: Iterable[str]) -> str:
+        """Give a digest of the robot's description and of all files that the policies' choices depend on."""
         sha = hashlib.sha256(load_robot().digest().encode())
-        names = (*(f"{action}.json" for action in ACTIONS), GATE, BASELINES)
-        files = [self.folder() / name for name in names]
-        for file in [*files, *map(Path, self.experience)]:
+        names = [f"{action}.json" for action in ACTIONS]
+        names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
+        names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []
+        for file in [*(self.folder() / name for name in names), *map(Path, self.experience)]:
             sha.update(file.read_bytes() if file.exists() else b"none")
         return sha.hexdigest()[:16]
 
