@@ -1,4 +1,4 @@
-"""Play the paper's chain (go to the ball, dribble it, shoot) naive and refined, over ROS (paper, Figure 1)."""
+"""Play the paper's chain (go to the ball, dribble, shoot) naive and refined, over ROS (paper, Figure 1)."""
 
 from __future__ import annotations
 
@@ -88,9 +88,7 @@ def _play(options: argparse.Namespace, robot: Robot, folder: Path) -> Iterator[D
     library = TopLibrary(robot)
     models = {"models": options.models} if options.models else {}
     with NodeProcesses(folder, domain) as nodes:
-        nodes.start(
-            "simulation", {"real_time_factor": float(options.real_time_factor), "command_wait": 1.0}
-        )
+        nodes.start("simulation", {"real_time_factor": float(options.real_time_factor), "command_wait": 1.0})
         nodes.start("refinement", models)
         nodes.start("executor", {**models, "odom_timeout": _ODOM_TIMEOUT, "refinement_timeout": 2.0})
         print(f"three nodes start on ROS domain {domain} …", flush=True)

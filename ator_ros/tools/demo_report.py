@@ -78,7 +78,7 @@ def table(situations: Sequence[DemoSituation]) -> str:
         rows.append([str(number), "naive", *_cells(situation.naive, len(tops)), ""])
         gain = situation.gain
         percent = 100.0 * gain / situation.naive.total[1]
-        saved = "–" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"
+        saved = "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"
         kind = "refined" if situation.refined.refined else "left alone"
         rows.append(["", kind, *_cells(situation.refined, len(tops)), saved])
     widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
@@ -94,7 +94,7 @@ def _cells(run: DemoRun, steps: int) -> list[str]:
 
 
 def _pair(predicted: float, actual: float) -> str:
-    return " / ".join("–" if math.isnan(value) else f"{value:.2f}" for value in (predicted, actual))
+    return " / ".join("-" if math.isnan(value) else f"{value:.2f}" for value in (predicted, actual))
 
 
 def summary(situations: Sequence[DemoSituation]) -> str:

@@ -5,15 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.robot import Robot
+from ator_ros.world import Field
 
 SAMPLES = 25
-_RUN_IN_SAMPLES = 5
+TAIL_SAMPLES = 6
+"""Points of the way from the end of a curve to the goal."""
+
 _T = np.linspace(0.0, 1.0, SAMPLES)
 # Bernstein polynomials of the cubic, and of the middle control point that the bump adds in degree four.
 _CUBIC = np.stack([(1 - _T) ** 3, 3 * _T * (1 - _T) ** 2, 3 * _T**2 * (1 - _T), _T**3], axis=1)
+_BODY = 0.36
+_WALL_ROOM = 0.08
 _BUMP = 6 * _T**2 * (1 - _T) ** 2
 
 
@@ -52,9 +58,10 @@ def bezier_paths(
     ends: FloatArray,
     handles: FloatArray,
     bumps: FloatArray,
-    run_in: float,
+    tails: FloatArray,
+    yaw: FloatArray,
 ) -> Paths:
-    """Lay a Bezier curve from each start to `run_in` m before its end, then a straight line to the end.
+    """Lay a Bezier curve from each start to its end, and its tail behind it.
 
     Parameters
     ----------
@@ -64,23 +71,22 @@ def bezier_paths(
         Distance in m from the first control point to the second, and from the third to the last.
     bumps : array, shape (n,)
         How far in m a further control point pulls the curve's middle to the left of start to end.
-    run_in : float
-        Length in m of the straight line.
+    tails : array, shape (n, TAIL_SAMPLES, 2)
+        Points in m that lead from each end to the goal, the end itself excluded.
+    yaw : array, shape (n,)
+        Heading at the goal in rad.
     """
     out, into = _directions(starts[:, 2]), _directions(ends[:, 2])
-    first, goal = starts[:, :2], ends[:, :2]
-    last = goal - run_in * into
+    first, last = starts[:, :2], ends[:, :2]
     second = first + handles[:, :1] * out
     third = last - handles[:, 1:] * into
     points = np.einsum("tk,nkd->ntd", _CUBIC, np.stack([first, second, third, last], axis=1))
     points += _BUMP[None, :, None] * bumps[:, None, None] * left_of(last - first, into)[:, None, :]
-    if run_in > 0.0:
-        along = np.linspace(0.0, 1.0, _RUN_IN_SAMPLES + 1)[None, 1:, None]
-        points = np.concatenate([points, last[:, None, :] + along * (goal - last)[:, None, :]], axis=1)
+    points = np.concatenate([points, tails], axis=1)
     steps = np.diff(points, axis=1)
     headings = np.arctan2(steps[..., 1], steps[..., 0])
     turns = wrap_angles(np.diff(headings, axis=1, prepend=starts[:, 2:]))
-    last_turn = wrap_angles(ends[:, 2] - headings[:, -1])
+    last_turn = wrap_angles(yaw - headings[:, -1])
     return Paths(points, np.hypot(steps[..., 0], steps[..., 1]), headings, turns, last_turn)
 
 
@@ -111,20 +117,34 @@ def sharpness(paths: Paths, *, radius: float) -> FloatArray:
     return np.asarray(np.maximum(np.abs(paths.turns[:, 1:]) - room, 0.0).sum(axis=1))
 
 
-def length_outside(paths: Paths, robot: Robot) -> FloatArray:
-    """Give the length in m of each path, shape (n,), that is too near to a goal's wall or off the floor."""
+def length_outside(paths: Paths, robot: Robot, *, with_ball: bool) -> FloatArray:
+    """Give the length in m of each path, shape (n,), that is off the floor or too near to a goal's walls.
+
+    Parameters
+    ----------
+    paths : Paths
+        Paths of the axle, driven forward.
+    robot : Robot
+        The shape that moves, and the field.
+    with_ball : bool
+        Whether a ball lies in front, which must not meet a wall either.
+    """
     field = robot.field
-    x, y = np.abs(paths.points[:, 1:, 0]), np.abs(paths.points[:, 1:, 1])
-    beside = y > field.goal_width / 2 + robot.rear + 0.1
-    in_mouth = y < field.goal_width / 2 - robot.rear - 0.1
-    line = field.length / 2
-    x_most = np.where(
-        beside,
-        line + field.margin - robot.rear,
-        np.where(in_mouth, line, line - robot.hold - robot.ball.radius),
-    )
-    outside = (x > x_most) | (y > field.width / 2 + field.margin - robot.rear)
+    points = paths.points[:, 1:]
+    x, y = np.abs(points[..., 0]), np.abs(points[..., 1])
+    outside = (x > field.length / 2 + field.margin - robot.rear) | (y > field.width / 2 + field.margin / 2)
+    outside |= _at_wall(points, field, _BODY)
+    if with_ball:
+        ahead = np.stack([np.cos(paths.headings), np.sin(paths.headings)], axis=-1)
+        outside |= _at_wall(points + robot.hold * ahead, field, robot.ball.radius + _WALL_ROOM)
     return np.asarray((outside * paths.lengths).sum(axis=1))
+
+
+def _at_wall(points: FloatArray, field: Field, radius: float) -> NDArray[np.bool_]:
+    """Say which points (m, shape (..., 2)) are within `radius` (m) of a goal's side walls, or deep in it."""
+    x, y = np.abs(points[..., 0]), np.abs(points[..., 1])
+    line, half = field.length / 2, field.goal_width / 2
+    return np.asarray((x > line - radius) & (np.abs(y - half) < radius) | ((x > line) & (y < half)))
 
 
 def length_touching(

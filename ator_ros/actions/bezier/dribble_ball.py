@@ -6,7 +6,8 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
-from ator_ros.actions.bezier.choice import choose_dribble, run_in_length
+from ator_ros.actions.bezier.choice import choose_dribble
+from ator_ros.actions.bezier.fan import run_in_length
 from ator_ros.actions.bezier.follow import PERIOD, Pushing, curvature_now, ramped, speed_now
 from ator_ros.actions.bezier.go_to_pose import check_goal
 from ator_ros.actions.bezier.progress import Progress

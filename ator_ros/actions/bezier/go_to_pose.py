@@ -6,15 +6,8 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.actions.bezier.choice import (
-    BACK_SPEED,
-    BACK_UP,
-    RUN_IN,
-    Choice,
-    Maneuver,
-    choose_free,
-    run_in_length,
-)
+from ator_ros.actions.bezier.choice import BACK_SPEED, BACK_UP, Choice, choose_free
+from ator_ros.actions.bezier.fan import RUN_IN, Maneuver, run_in_length
 from ator_ros.actions.bezier.follow import PERIOD, curvature_now, ramped, speed_now
 from ator_ros.actions.bezier.progress import Progress
 from ator_ros.geometry import Pose, wrap_angle

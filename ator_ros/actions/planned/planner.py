@@ -77,7 +77,7 @@ def fastest(
 def _in_order(candidates: Candidates, forward_only: bool) -> Iterator[Manoeuvre]:
     allowed = np.flatnonzero(candidates.slack >= _SLACK) if forward_only else range(len(candidates))
     for index in allowed:
-        manoeuvre = closed(candidates[index])
+        manoeuvre = closed(candidates[int(index)])
         if manoeuvre is None or (forward_only and not manoeuvre.is_forward()):
             continue
         # A drive that closing made too short for its change of speed comes back on its way: no bargain.
