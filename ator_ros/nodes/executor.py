@@ -40,6 +40,7 @@ from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.resources import ResourceError, resource_path
 from ator_ros.robot import ConfigError, Robot, load_robot
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tracking import BallTracker
 from ator_ros.world import STOP, Command, World
 
 PARAMETERS = (
@@ -49,6 +50,8 @@ PARAMETERS = (
     Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
     Parameter("odom_timeout", 0.3, "real s without newer odometry before the robot is stopped", 0.05, 60.0),
     Parameter("ball_timeout", 0.3, "s, by the stamps, that a ball may be older than odometry", 0.05, 60.0),
+    Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
+    Parameter("ball_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
     Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
     Parameter("action_timeout", 30.0, "s, by the stamps, that one action may take", 1.0, 3600.0),
 )
@@ -86,7 +89,8 @@ class ExecutorNode(Node):
         self._libraries = {name: TopLibrary(robot, name) for name in ACTION_SETS}
         self._missing: dict[str, str] = {}
         self._predictors = {name: self._predictor(robot, name) for name in ACTION_SETS}
-        self._inputs = Inputs(self._settings["ball_timeout"])
+        tracker = BallTracker(self._settings["ball_noise"], self._settings["ball_velocity_noise"])
+        self._inputs = Inputs(self._settings["ball_timeout"], tracker)
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard = self._latest_tick = 0.0
@@ -179,6 +183,8 @@ class ExecutorNode(Node):
             self._chains.publish(result.record)
             handle.abort()
             self._server.finish(handle, result)
+        # A simulation that runs as fast as possible waits for who steers: so also while the first action plans.
+        self._send(STOP)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._run is None or self._run.handle is not handle:

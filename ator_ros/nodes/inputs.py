@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import deque
 
+from ator_ros.tracking import BallTracker
 from ator_ros.world import BallState, RobotState, World
 
 _BALLS_KEPT = 10
@@ -21,10 +22,13 @@ class Inputs:
     ----------
     ball_timeout : float
         Time in s, of the messages' stamps, after which a ball counts as unknown.
+    tracker : BallTracker
+        Makes the most of noisy sights of the ball.
     """
 
-    def __init__(self, ball_timeout: float) -> None:
+    def __init__(self, ball_timeout: float, tracker: BallTracker) -> None:
         self._ball_timeout = ball_timeout
+        self._tracker = tracker
         self._balls: deque[tuple[float, BallState]] = deque(maxlen=_BALLS_KEPT)
         self._time: float | None = None
 
@@ -35,7 +39,7 @@ class Inputs:
 
     def ball(self, time: float, ball: BallState) -> None:
         """Take a ball with its stamp in s."""
-        self._balls.append((time, ball))
+        self._balls.append((time, self._tracker.update(time, ball)))
 
     def robot(self, time: float, robot: RobotState) -> World | None:
         """Take the robot's state with its stamp in s; give the world, or None if no time has passed.
@@ -48,6 +52,7 @@ class Inputs:
         last, self._time = self._time, time
         if last is not None and time < last:
             self._balls.clear()
+            self._tracker.reset()
             raise TimeWentBackError(
                 f"expected odometry after {last:.2f} s, got {time:.2f} s: was there a reset?"
             )

@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 
-_PATIENCE = 5.0
-
 
 class NodeEndedError(RuntimeError):
     """A node that has ended by itself; the message holds the end of its output."""
@@ -27,10 +25,13 @@ class NodeProcesses:
         Where the executables lie, lib/ator_ros of an installation.
     domain : int
         ROS domain.
+    patience : float
+        Time in s that the nodes have for ending before they are forced to.
     """
 
-    def __init__(self, folder: Path, domain: int) -> None:
+    def __init__(self, folder: Path, domain: int, *, patience: float = 5.0) -> None:
         self._folder = folder
+        self._patience = patience
         self._environment = {
             **os.environ,
             "ROS_DOMAIN_ID": str(domain),
@@ -74,7 +75,7 @@ class NodeProcesses:
         running = [process for process in reversed(self._processes.values()) if process.poll() is None]
         for process in running:
             process.send_signal(signal.SIGINT)
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + self._patience
         for process in running:
             try:
                 process.wait(timeout=max(0.0, end - time.monotonic()))

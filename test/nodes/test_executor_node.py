@@ -24,7 +24,7 @@ FAR = call("goToPose", Pose(2.5, 1.5, 0.0))
 SETTINGS = {
     # Generous, since the machine may be busy with other tests.
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 1.0},
-    "simulation": {"real_time_factor": 0.0, "command_wait": 0.5},
+    "simulation": {"real_time_factor": 0.0, "command_wait": 1.0},
 }
 
 

@@ -1,0 +1,91 @@
+"""The demo's table and picture, its situations, and its processes, without ROS."""
+
+from __future__ import annotations
+
+import math
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from ator_ros.experiments.trials import open_speeds, random_trial
+from ator_ros.robot import load_robot
+from ator_ros.tools.demo import opened
+from ator_ros.tools.demo_report import DemoRun, DemoSituation, save_picture, table
+from ator_ros.tools.processes import NodeEndedError, NodeProcesses
+from ator_ros.tops.library import TopLibrary
+
+ROBOT = load_robot()
+TRIAL = random_trial(401, 0, "shoot", ROBOT, TopLibrary(ROBOT))
+
+
+def run(*, total: float, success: bool = True, refined: bool = False) -> DemoRun:
+    actual = (3.0, 4.0, total - 7.0) if success else (3.0,)
+    return DemoRun(
+        success,
+        "lost the ball",
+        "no gain",
+        refined,
+        (3.1, 4.1, math.nan),
+        actual,
+        (math.nan, total),
+        [(0, 0), (1, 1)],
+    )
+
+
+def test_the_table_tells_gains_and_failures() -> None:
+    text = table(
+        [
+            DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=8.0, refined=True)),
+            DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=9.0, success=False)),
+        ]
+    )
+    assert "+2.00 s (+20 %)" in text
+    assert "1 of 2 situations succeeded both ways; refinement saved 2.00 s of 10.00 s (20.0 %)" in text
+    assert "situation 2, refined: lost the ball" in text
+    assert "left alone: no gain" in text
+    assert "3.10 / 3.00" in text
+
+
+def test_the_picture_is_a_png_file(tmp_path: Path) -> None:
+    file = tmp_path / "new" / "paths.png"
+    save_picture(file, ROBOT, [DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=8.0))])
+    assert file.read_bytes().startswith(b"\x89PNG")
+    assert [path.name for path in file.parent.iterdir()] == ["paths.png"]
+
+
+def test_what_the_plan_leaves_is_open() -> None:
+    calls = opened(open_speeds(TRIAL.chain)).calls
+    assert [math.isnan(call.goal.pose.yaw) for call in calls] == [True, True, False]
+    assert [math.isnan(call.goal.speed) for call in calls] == [True, True, False]
+    assert not any(math.isnan(call.goal.pose.x) for call in calls)
+
+
+def script(folder: Path, name: str, text: str) -> None:
+    file = folder / name
+    file.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
+    file.chmod(file.stat().st_mode | stat.S_IXUSR)
+
+
+def test_processes_end_with_the_block_even_deaf_ones(tmp_path: Path) -> None:
+    script(tmp_path, "deaf", f"trap '' INT; echo $$ > {tmp_path}/pid; while :; do sleep 0.05; done")
+    with NodeProcesses(tmp_path, 1, patience=0.3) as nodes:
+        nodes.start("deaf", {})
+        while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+            nodes.check()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+def test_a_node_that_ends_by_itself_is_named_with_its_last_words(tmp_path: Path) -> None:
+    script(tmp_path, "weak", "echo no field here; exit 3")
+    with NodeProcesses(tmp_path, 1) as nodes:
+        nodes.start("weak", {})
+        with pytest.raises(NodeEndedError, match="the node weak ended with exit code 3: no field here"):
+            check_for_ever(nodes)
+
+
+def check_for_ever(nodes: NodeProcesses) -> None:
+    while True:
+        nodes.check()

@@ -1,0 +1,159 @@
+"""The executor node's core, without ROS: inputs, phases, deadlines, reasons."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from ator_ros.actions.base import Goal
+from ator_ros.geometry import Pose
+from ator_ros.nodes.execution import Deadlines, Ending, Execution, Phase, needs_ball
+from ator_ros.nodes.inputs import Inputs, TimeWentBackError
+from ator_ros.nodes.predictions import Predictor
+from ator_ros.robot import load_robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tracking import BallTracker
+from ator_ros.world import STOP, BallState, RobotState, World
+
+ROBOT = load_robot()
+LIBRARY = TopLibrary(ROBOT)
+BOUND = frozenset({"x", "y", "yaw", "speed"})
+
+
+def inputs() -> Inputs:
+    return Inputs(0.3, BallTracker(0.0, 0.0))
+
+
+def chain(*steps: tuple[str, Pose]) -> TopChain:
+    return TopChain(
+        tuple(TopCall(LIBRARY[top], Goal(pose, 0.0, LIBRARY[top].point), BOUND) for top, pose in steps)
+    )
+
+
+FORWARD = chain(("goToPose", Pose(1.0, 0.0, 0.0)))
+FORWARD_LEFT = chain(("goToPose", Pose(1.0, 1.0, 0.0)))
+
+
+def execution(plan: TopChain, *, refine: bool = False) -> Execution:
+    return Execution(
+        LIBRARY, plan, refine=refine, now=100.0, predictor=Predictor(ROBOT, {}), deadlines=Deadlines()
+    )
+
+
+def world(time: float = 1.0, *, v: float = 0.0, ball: BallState | None = None) -> World:
+    return World(time, RobotState(Pose(0.0, 0.0, 0.0), v), ball)
+
+
+def test_the_ball_is_that_of_the_odometrys_time_whatever_comes_first() -> None:
+    both = inputs()
+    both.ball(1.0, BallState(0.0, 0.0, 1.0, -2.0))
+    both.ball(1.1, BallState(5.0, 5.0))
+    joined = both.robot(1.05, RobotState(Pose(0.0, 0.0, 0.0)))
+    assert joined is not None
+    assert joined.ball is not None
+    assert (joined.ball.x, joined.ball.y) == pytest.approx((0.05, -0.1))
+
+
+def test_an_old_ball_is_unknown() -> None:
+    both = inputs()
+    both.ball(1.0, BallState(0.0, 0.0))
+    joined = both.robot(1.31, RobotState(Pose(0.0, 0.0, 0.0)))
+    assert joined is not None
+    assert joined.ball is None
+
+
+def test_time_that_stands_is_no_news_and_time_that_goes_back_an_error() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    assert both.robot(1.0, robot) is not None
+    assert both.robot(1.0, robot) is None
+    with pytest.raises(TimeWentBackError, match=r"after 1\.00 s, got 0\.50 s"):
+        both.robot(0.5, robot)
+    assert both.robot(0.55, robot) is not None
+
+
+def test_which_tops_need_the_ball_follows_from_their_conditions() -> None:
+    assert {name for name in LIBRARY if needs_ball(LIBRARY[name])} == {"goToBall", "dribbleBall", "shoot"}
+
+
+def test_an_execution_drives_at_once_and_stands_before_it_ends() -> None:
+    run = execution(FORWARD)
+    command = run.tick(world(), 100.0)
+    assert command.v > 0.0
+    assert run.phase is Phase.EXECUTING
+    run.end(Ending.CANCELED, "canceled by the client")
+    assert run.tick(world(1.05, v=0.5), 100.1) == STOP
+    assert run.phase is Phase.STOPPING
+    run.tick(world(1.1), 100.2)
+    assert run.phase is Phase.ENDED
+    assert run.ending is Ending.CANCELED
+
+
+def test_a_robot_that_never_stands_does_not_hold_the_goal_for_ever() -> None:
+    run = execution(FORWARD)
+    run.end(Ending.CANCELED, "canceled by the client")
+    for tick in range(60):
+        run.tick(world(1.0 + 0.05 * tick, v=0.5), 100.0)
+    assert run.phase is Phase.ENDED
+
+
+def test_silence_ends_it_with_a_reason() -> None:
+    run = execution(FORWARD)
+    run.tick(world(), 100.0)
+    run.watch(100.25)
+    assert run.ending is None
+    run.watch(100.35)
+    assert run.phase is Phase.ENDED
+    assert run.ending is Ending.INPUT_LOST
+    assert "odom is missing" in run.reason
+
+
+def test_an_invalid_chain_is_refused_without_a_command() -> None:
+    run = execution(chain(("dribbleBall", Pose(1.0, 0.0, 0.0))))
+    assert run.tick(world(ball=BallState(2.0, 2.0)), 100.0) == STOP
+    assert run.ending is Ending.REFUSED
+    assert "pre-condition of step 1 (dribbleBall) now" in run.reason
+
+
+def test_a_chain_that_needs_a_ball_is_not_started_without() -> None:
+    run = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0))))
+    assert run.tick(world(), 100.0) == STOP
+    assert run.ending is Ending.INPUT_LOST
+    assert "ball is missing" in run.reason
+
+
+def test_refinement_is_waited_for_until_its_deadline() -> None:
+    run = execution(FORWARD, refine=True)
+    assert run.tick(world(), 100.0) == STOP
+    assert run.phase is Phase.REFINING
+    run.tick(world(1.2), 100.4)
+    run.watch(100.45)
+    assert run.phase is Phase.REFINING
+    run.tick(world(1.4), 100.55)
+    run.watch(100.55)
+    assert run.tick(world(1.5), 100.6).v > 0.0
+    assert run.refinement == "executed as sent, refinement failed: no answer within 0.5 s"
+    run.refined_to(FORWARD_LEFT, True, "too late")
+    assert run.chain is FORWARD
+
+
+def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
+    run = execution(FORWARD, refine=True)
+    run.tick(world(), 100.0)
+    run.refined_to(FORWARD_LEFT, True, "0.5 s faster")
+    run.tick(world(1.05), 100.1)
+    assert (run.chain, run.refined, run.refinement) == (FORWARD_LEFT, True, "0.5 s faster")
+    other = execution(FORWARD, refine=True)
+    other.tick(world(), 100.0)
+    other.refined_to(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "nonsense")
+    assert other.chain is FORWARD
+    assert "no valid plan" in other.refinement
+    assert not other.refined
+
+
+def test_without_models_nothing_is_predicted() -> None:
+    run = execution(FORWARD)
+    run.tick(world(), 100.0)
+    assert run.predicted is None
+    assert math.isnan(run.predicted_remaining(1.0))
