@@ -36,6 +36,7 @@ from ator_ros.nodes.node_support import (
     run_node,
 )
 from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.rehearsal import rehearse
 from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.resources import ResourceError, resource_path
 from ator_ros.robot import ConfigError, Robot, load_robot
@@ -89,6 +90,8 @@ class ExecutorNode(Node):
         self._libraries = {name: TopLibrary(robot, name) for name in ACTION_SETS}
         self._missing: dict[str, str] = {}
         self._predictors = {name: self._predictor(robot, name) for name in ACTION_SETS}
+        for name, library in self._libraries.items():
+            rehearse(robot, library, self._predictors[name])
         tracker = BallTracker(self._settings["ball_noise"], self._settings["ball_velocity_noise"])
         self._inputs = Inputs(self._settings["ball_timeout"], tracker)
         self._world: World | None = None
@@ -183,7 +186,7 @@ class ExecutorNode(Node):
             self._chains.publish(result.record)
             handle.abort()
             self._server.finish(handle, result)
-        # A simulation that runs as fast as possible waits for who steers: so also while the first action plans.
+        # A simulation as fast as possible waits for who steers: so also while the first action plans.
         self._send(STOP)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
