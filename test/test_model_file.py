@@ -67,6 +67,13 @@ def test_another_robot_is_warned_of_loudly(file: Path) -> None:
         load_model(file, other)
 
 
+def test_saving_again_keeps_the_robot_that_it_was_learned_with(file: Path, tmp_path: Path) -> None:
+    with pytest.warns(RobotMismatchWarning):
+        loaded = load_model(file, dataclasses.replace(ROBOT, mass=12.0))
+    save_model(tmp_path / "again.json", loaded)
+    assert (tmp_path / "again.json").read_bytes() == file.read_bytes()
+
+
 def without(name: str) -> Callable[[dict[str, Any]], object]:
     return lambda data: data.pop(name)
 

@@ -102,6 +102,14 @@ def test_report_and_ablation_are_written(learned: Path, tmp_path: Path) -> None:
     assert "| dribbleBall | the paper's 3, starts | " in ablation.read_text()
 
 
+def test_models_are_measured_again_without_learning(learned: Path, tmp_path: Path) -> None:
+    before = json.loads((learned / "goToPose.json").read_text())
+    assert train.main(["--fresh", str(table(tmp_path / "c.parquet", 3)), "--models", str(learned)]) == 0
+    after = json.loads((learned / "goToPose.json").read_text())
+    assert after["accuracy"]["seed"] == 3
+    assert {**after, "accuracy": {}} == {**before, "accuracy": {}}
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

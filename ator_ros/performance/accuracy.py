@@ -71,8 +71,8 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
     }
 
 
-def brier(model: PerformanceModel, starts: pd.DataFrame, *, base_rate: float, seed: int) -> dict[str, Any]:
-    """Give the Brier score of predicted success on fresh episodes, beside that of a constant.
+def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[str, Any]:
+    """Give the Brier score of predicted success on fresh episodes, beside that of their own success rate.
 
     Parameters
     ----------
@@ -80,21 +80,19 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, base_rate: float, se
         What predicts.
     starts : pandas.DataFrame
         First rows of fresh episodes, those that failed too.
-    base_rate : float
-        Share of successes in the experience that the model was learned from.
     seed : int
         Of the fresh episodes, to be reported.
     """
     happened = starts["success"].to_numpy(dtype=float)
     probability = model.predict(direct_of(starts), ("success",)).success
     assert probability is not None
-    better = (base_rate - happened) ** 2 - (probability - happened) ** 2
+    rate = float(happened.mean())
+    better = (rate - happened) ** 2 - (probability - happened) ** 2
     return {
         "brier": float(((probability - happened) ** 2).mean()),
-        "brier_base_rate": float(((base_rate - happened) ** 2).mean()),
+        "brier_base_rate": float(((rate - happened) ** 2).mean()),
         "brier_gain_ci95": bootstrap_ci95(better, lambda x: x.mean(axis=1)),
-        "success_rate": float(happened.mean()),
-        "base_rate": base_rate,
+        "success_rate": rate,
         "episodes": len(starts),
         "seed": seed,
     }

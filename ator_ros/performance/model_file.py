@@ -65,7 +65,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         "schema_version": SCHEMA_VERSION,
         "action": model.action,
         "action_set": model.metadata.get("action_set", "default"),
-        "robot_digest": model.robot.digest(),
+        "robot_digest": model.metadata.get("robot_digest", model.robot.digest()),
         "features": {name: FEATURES[name].unit for name in names},
         "training": model.metadata.get("training", {}),
         "versions": model.metadata.get("versions", {}),

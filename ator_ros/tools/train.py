@@ -34,7 +34,11 @@ def arguments() -> argparse.ArgumentParser:
         "experience", nargs="*", type=Path, help="tables of collect, or recordings (.mcap or their folders)"
     )
     parser.add_argument(
-        "--fresh", nargs="+", type=Path, default=[], help="other episodes, on which accuracy is measured"
+        "--fresh",
+        nargs="+",
+        type=Path,
+        default=[],
+        help="other episodes, on which accuracy is measured (alone: of the models there are)",
     )
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument("--action-set", help="that recordings were made with (tables know their own)")
@@ -59,8 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     parser = arguments()
     options = parser.parse_args(words)
-    if not (options.experience or options.rules or options.report):
-        parser.error("expected experience to learn from, --rules or --report")
+    if not (options.experience or options.fresh or options.rules or options.report):
+        parser.error("expected experience to learn from, --fresh, --rules or --report")
     try:
         robot = load_robot(options.robot)
         folder = options.models if options.models is not None else resource_path("models")
@@ -69,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         if options.experience:
             _train(options, robot, folder, portable_command("train", words))
+        elif options.fresh:
+            _measure_again(options.fresh, robot, folder)
         if options.report:
             _report(options.report, robot, folder)
     except ERRORS as error:
@@ -86,7 +92,7 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
         measured: dict[str, Any] = {}
         tests = fresh[fresh["action"] == action]
         if len(tests):
-            measured = _measure(model, examples, tests, fresh_source["seed"])
+            measured = _measure(model, tests, fresh_source["seed"])
         training = {
             "seed": source.get("seed"),
             "command": source.get("command"),
@@ -129,13 +135,22 @@ def _experience(paths: Sequence[Path], robot: Robot) -> tuple[pd.DataFrame, dict
     return join(frames), sources[0]
 
 
-def _measure(model: PerformanceModel, rows: pd.DataFrame, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
+def _measure_again(paths: Sequence[Path], robot: Robot, folder: Path) -> None:
+    """Measure the models there are on fresh episodes; their trees stay as they are."""
+    fresh, source = _experience(paths, robot)
+    for action, tests in fresh.groupby("action", sort=False):
+        file = folder / model_path(action, source.get("action_set", "default"))
+        model = load_model(file, robot)
+        measured = _measure(model, tests, source["seed"])
+        save_model(file, dataclasses.replace(model, metadata={**model.metadata, "accuracy": measured}))
+        print(f"{file}: {_summary(model, measured)}")
+
+
+def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
     starts = fresh[fresh["t"] == 0.0]
     parts = {name: accuracy(model, part, seed=seed) for name, part in kinds(starts)}
     measured = parts.pop("at rest")
-    first = rows[rows["t"] == 0.0]
-    success = brier(model, starts, base_rate=float(first["success"].mean()), seed=seed)
-    return {**measured, "kinds": parts, "success": success}
+    return {**measured, "kinds": parts, "success": brier(model, starts, seed=seed)}
 
 
 def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
