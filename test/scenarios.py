@@ -1,0 +1,97 @@
+"""Runs of actions in the simulator, and predicates over them: eventually, always."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ator_ros.actions.base import Action, Status, Step
+from ator_ros.experience.episode import coast, place
+from ator_ros.experience.situations import Situation, random_situation
+from ator_ros.geometry import wrap_angle
+from ator_ros.robot import Robot
+from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.world import World
+
+_RATE = 20
+
+
+@dataclass(frozen=True)
+class Run:
+    """What happened: the states in the ticks of an action, its steps, and the state after a shot rolled out."""
+
+    robot: Robot
+    situation: Situation
+    worlds: list[World]
+    steps: list[Step]
+    end: World
+
+
+def run(
+    simulation: PioneerSimulation, action: Action, situation: Situation, *, time_limit: float = 30.0
+) -> Run:
+    """Execute `action` in `situation` until it ends or `time_limit` (s) is over."""
+    place(simulation, situation)
+    worlds, steps = [simulation.world()], []
+    action.start(worlds[0], situation.goal)
+    for _ in range(round(time_limit * _RATE)):
+        steps.append(action.step(worlds[-1]))
+        if steps[-1].status is not Status.RUNNING:
+            break
+        simulation.command(steps[-1].command)
+        simulation.tick()
+        worlds.append(simulation.world())
+    end = coast(simulation, worlds[-1]) if situation.action == "shoot" else worlds[-1]
+    return Run(simulation.robot, situation, worlds, steps, end)
+
+
+def run_many(robot: Robot, action: Action, *, seed: int, count: int) -> list[Run]:
+    """Execute `action` in `count` random situations, all drawn from `seed`, in one world."""
+    rng = np.random.default_rng(seed)
+    with PioneerSimulation(robot) as simulation:
+        return [run(simulation, action, random_situation(action.name, robot, rng)) for _ in range(count)]
+
+
+def eventually_at_the_pose(run: Run, *, position: float = 0.05, heading: float = 0.1) -> bool:
+    """Say whether the action succeeded within `position` (m) and `heading` (rad) of its goal."""
+    target, pose = run.situation.goal.robot_pose(run.robot), run.worlds[-1].robot.pose
+    there = pose.distance(target) < position and abs(wrap_angle(pose.yaw - target.yaw)) < heading
+    return run.steps[-1].status is Status.SUCCEEDED and there
+
+
+def always_within_limits(run: Run, *, slack: float = 0.03) -> bool:
+    """Say whether all commands kept the base's limits, and all velocities but for `slack` (m/s, rad/s)."""
+    limits = run.robot.limits
+    commands = all(abs(step.command.v) <= limits.v and abs(step.command.w) <= limits.w for step in run.steps)
+    states = (world.robot for world in run.worlds)
+    return commands and all(
+        abs(state.v) <= limits.v + slack and abs(state.w) <= limits.w + slack for state in states
+    )
+
+
+def ball_stays_until_the_end(run: Run, *, moved: float = 0.02, last: float = 0.3) -> bool:
+    """Say whether the ball moved less than `moved` (m) until `last` (s) before the end."""
+    first = run.worlds[0].ball
+    assert first is not None
+    before = run.worlds[: max(1, len(run.worlds) - round(last * _RATE))]
+    balls = [world.ball for world in before if world.ball is not None]
+    return len(balls) == len(before) and all(
+        math.hypot(ball.x - first.x, ball.y - first.y) < moved for ball in balls
+    )
+
+
+def always_holds_the_ball(run: Run, *, distance: float = 0.1) -> bool:
+    """Say whether the ball was never farther than `distance` (m) from the hold."""
+    for world in run.worlds:
+        hold = run.robot.hold_point(world.robot.pose)
+        if world.ball is None or math.hypot(world.ball.x - hold.x, world.ball.y - hold.y) > distance:
+            return False
+    return True
+
+
+def ball_in_the_goal(run: Run) -> bool:
+    """Say whether the ball ended behind the goal line, between the posts."""
+    ball, field = run.end.ball, run.robot.field
+    return ball is not None and abs(ball.x) > field.length / 2 and abs(ball.y) < field.goal_width / 2

@@ -1,0 +1,137 @@
+"""The simulator's core."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+
+from ator_ros.geometry import Pose
+from ator_ros.robot import Robot, load_robot
+from ator_ros.simulation.pioneer import TICK, PioneerSimulation
+from ator_ros.world import Command, World
+
+LIMITS_SLACK = 0.03  # m/s and rad/s by which the wheels' velocity loop may overshoot
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot()
+
+
+@pytest.fixture
+def simulation(robot: Robot) -> Iterator[PioneerSimulation]:
+    with PioneerSimulation(robot) as simulation:
+        yield simulation
+
+
+def place(simulation: PioneerSimulation, robot: Robot, x: float = 0.0) -> None:
+    simulation.place_robot(Pose(x, 0.0, 0.3))
+    ball = robot.hold_point(Pose(x, 0.0, 0.3))
+    simulation.place_ball(ball.x, ball.y)
+
+
+def dribble(simulation: PioneerSimulation, ticks: int, w: float = 0.5) -> list[World]:
+    worlds = []
+    for tick in range(ticks):
+        simulation.command(Command(0.6, w * math.sin(0.1 * tick)))
+        simulation.tick()
+        worlds.append(simulation.world())
+    return worlds
+
+
+def test_same_commands_give_bit_identical_trajectories(robot: Robot) -> None:
+    trajectories = []
+    for _ in range(2):
+        with PioneerSimulation(robot) as simulation:
+            place(simulation, robot)
+            trajectories.append(dribble(simulation, 100))
+    assert trajectories[0] == trajectories[1]
+
+
+def test_worlds_of_one_process_do_not_disturb_each_other(robot: Robot) -> None:
+    with PioneerSimulation(robot) as alone:
+        place(alone, robot)
+        expected = dribble(alone, 60)
+    with PioneerSimulation(robot) as first, PioneerSimulation(robot) as second:
+        place(first, robot)
+        place(second, robot, x=-2.0)
+        seen = []
+        for tick in range(60):
+            second.command(Command(-0.3, 1.0))
+            second.tick()
+            first.command(Command(0.6, 0.5 * math.sin(0.1 * tick)))
+            first.tick()
+            seen.append(first.world())
+    assert seen == expected
+
+
+@pytest.mark.parametrize(
+    "command", [Command(9.0, 0.0), Command(-9.0, 0.0), Command(9.0, -9.0), Command(0.0, 9.0)]
+)
+def test_base_never_exceeds_its_limits(simulation: PioneerSimulation, robot: Robot, command: Command) -> None:
+    last, v, w = simulation.world().robot, 0.0, 0.0
+    for _ in range(60):
+        simulation.command(command)
+        simulation.tick()
+        state = simulation.world().robot
+        assert abs(state.v - last.v) <= robot.limits.a * TICK + LIMITS_SLACK
+        last, v, w = state, max(v, abs(state.v)), max(w, abs(state.w))
+    assert v <= robot.limits.v + LIMITS_SLACK
+    assert w <= robot.limits.w + LIMITS_SLACK
+    assert max(v / robot.limits.v, w / robot.limits.w) > 0.95  # it did try
+
+
+def test_commands_that_cease_for_half_a_second_stop_the_robot(simulation: PioneerSimulation) -> None:
+    dribble(simulation, 40, w=0.0)
+    speed = simulation.world().robot.v
+    for _ in range(9):
+        simulation.tick()
+    assert simulation.world().robot.v == pytest.approx(speed, abs=0.02)
+    for _ in range(30):
+        simulation.tick()
+    assert simulation.world().robot.v == pytest.approx(0.0, abs=0.01)
+
+
+def test_rolling_ball_decelerates_as_configured(simulation: PioneerSimulation, robot: Robot) -> None:
+    simulation.place_robot(Pose(-3.0, 2.0, 0.0))
+    simulation.place_ball(0.0, 0.0, vx=1.2)
+    speeds = []
+    for _ in range(21):
+        simulation.tick()
+        ball = simulation.world().ball
+        assert ball is not None
+        speeds.append(ball.speed)
+    assert (speeds[0] - speeds[20]) / 1.0 == pytest.approx(robot.ball.rolling_deceleration, rel=0.1)
+
+
+@pytest.mark.parametrize("command", [Command(math.nan, 0.0), Command(0.0, math.inf)])
+def test_command_that_is_not_finite_is_refused(simulation: PioneerSimulation, command: Command) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        simulation.command(command)
+
+
+@pytest.mark.parametrize("pose", [Pose(0.0, 0.0, 0.0), Pose(1.5, -1.0, 2.0), Pose(-3.0, 0.5, -3.0)])
+def test_poses_are_those_of_the_axle(simulation: PioneerSimulation, pose: Pose) -> None:
+    simulation.place_robot(pose, v=0.4, w=0.2)
+    state = simulation.world().robot
+    assert state.pose == pytest.approx(pose, abs=1e-9)
+    assert (state.v, state.w) == pytest.approx((0.4, 0.2), abs=1e-9)
+
+
+def test_axle_stays_in_place_while_the_robot_turns(simulation: PioneerSimulation) -> None:
+    for _ in range(60):
+        simulation.command(Command(0.0, 1.0))
+        simulation.tick()
+        pose = simulation.world().robot.pose
+        assert math.hypot(pose.x, pose.y) < 0.01  # the centre of mass is 0.06 m behind the axle
+
+
+def test_ball_comes_and_goes(simulation: PioneerSimulation) -> None:
+    simulation.place_ball(1.0, -0.5, vx=0.1, vy=0.2)
+    ball = simulation.world().ball
+    assert ball is not None
+    assert (ball.x, ball.y, ball.vx, ball.vy) == pytest.approx((1.0, -0.5, 0.1, 0.2), abs=1e-9)
+    simulation.remove_ball()
+    assert simulation.world().ball is None
