@@ -53,7 +53,8 @@ def _count(text: str) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     options = arguments().parse_args(argv)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):  # also as a background job
+        signal.signal(number, signal.default_int_handler)
     try:
         from ament_index_python.packages import get_package_prefix
 
