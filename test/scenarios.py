@@ -20,7 +20,7 @@ _RATE = 20
 
 @dataclass(frozen=True)
 class Run:
-    """What happened: the states in the ticks of an action, its steps, and the state after a shot rolled out."""
+    """What happened: states and steps in the ticks of an action, and the state after a shot rolled out."""
 
     robot: Robot
     situation: Situation
@@ -51,7 +51,22 @@ def run_many(robot: Robot, action: Action, *, seed: int, count: int) -> list[Run
     """Execute `action` in `count` random situations, all drawn from `seed`, in one world."""
     rng = np.random.default_rng(seed)
     with PioneerSimulation(robot) as simulation:
-        return [run(simulation, action, random_situation(action.name, robot, rng)) for _ in range(count)]
+        runs: list[Run] = []
+        while len(runs) < count:
+            situation = random_situation(action.name, robot, rng)
+            if not _in_a_post(robot, situation):
+                runs.append(run(simulation, action, situation))
+        return runs
+
+
+def _in_a_post(robot: Robot, situation: Situation) -> bool:
+    """Say whether the robot or its ball would start inside a goal's post, from where physics throws them."""
+    pose, field = situation.robot.pose, robot.field
+    points = [(pose.x, pose.y), *([(situation.ball.x, situation.ball.y)] if situation.ball else [])]
+    return any(
+        math.hypot(max(field.length / 2 - abs(x), 0.0), abs(y) - field.goal_width / 2) < robot.reach
+        for x, y in points
+    )
 
 
 def eventually_at_the_pose(run: Run, *, position: float = 0.05, heading: float = 0.1) -> bool:
