@@ -15,6 +15,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
+from std_srvs.srv import SetBool
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, Outcome
@@ -58,6 +59,7 @@ class DemoClient:
         self._node.create_subscription(Odometry, "odom", self._hear, SENSOR_DATA)
         self._place_robot = self._node.create_client(PlaceRobot, "place_robot")
         self._place_ball = self._node.create_client(PlaceBall, "place_ball")
+        self._pause = self._node.create_client(SetBool, "pause")
         self._refine = self._node.create_client(RefineSubgoal, "refine_subgoal")
         self._server = ActionClient(self._node, ExecuteChain, "execute_chain")
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -78,12 +80,13 @@ class DemoClient:
 
     def ready(self) -> None:
         """Wait until all three nodes answer."""
-        for what in (self._place_robot, self._place_ball, self._refine):
+        for what in (self._place_robot, self._place_ball, self._pause, self._refine):
             self._until(what.service_is_ready, f"the service {what.srv_name}")
         self._until(self._server.server_is_ready, "the action execute_chain")
 
     def place(self, start: World) -> None:
-        """Put robot and ball to where a situation starts, at rest."""
+        """Put robot and ball to where a situation starts, at rest; time stands until a chain is executed."""
+        self._call(self._pause, SetBool.Request(data=True))
         self._call(self._place_ball, PlaceBall.Request(remove=True))
         request = PlaceRobot.Request()
         request.pose.pose = pose_of(start.robot.pose)
@@ -101,11 +104,15 @@ class DemoClient:
 
     def execute(self, chain: TopChainMessage, *, refine: bool) -> DemoRun:
         """Execute a chain, log the path, and tell how it went."""
-        sent = self._answer(
-            self._server.send_goal_async(ExecuteChain.Goal(chain=chain, refine=refine)), "the goal"
-        )
+        told: list[Any] = []
+        goal = ExecuteChain.Goal(chain=chain, refine=refine)
+        sent = self._answer(self._server.send_goal_async(goal, feedback_callback=told.append), "the goal")
+        ended = sent.get_result_async()
+        # Time goes on when the executor is known to steer: at full speed nothing waits for it before.
+        self._until(lambda: bool(told) or ended.done(), "feedback")
         self._path.clear()
-        result = self._answer(sent.get_result_async(), "the goal's end").result
+        self._call(self._pause, SetBool.Request(data=False))
+        result = self._answer(ended, "the goal's end").result
         return run_from(result.record, list(self._path))
 
     def _call(self, client: Any, request: Any) -> Any:
