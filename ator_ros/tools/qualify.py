@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experiments.action_quality import KINDS, Outcome, Task, execute, regularity, summary, tasks
 from ator_ros.experiments.action_slices import draw_slices
-from ator_ros.files import write_text
+from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
 
 RULED = ("pose", "approach", "dribble")
@@ -50,13 +49,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = arguments().parse_args(words)
     rows = [_measure(kind, options) for kind in KINDS]
     result = {
-        "command": shlex.join(["qualify", *words]),
+        "command": portable_command("qualify", words),
         "seed": options.seed,
         "action_set": options.action_set,
         "robot_digest": load_robot().digest(),
         "kinds": rows,
     }
     write_text(options.out, json.dumps(result, indent=1) + "\n")
+    write_text(options.out.with_suffix(".md"), _document(result))
     print(json.dumps(rows, indent=1))
     if options.slices is not None:
         draw_slices(options.slices, options.action_set, options.jobs)
@@ -97,6 +97,35 @@ def _rule(kind: str, outcomes: list[Outcome], folder: Path) -> dict[str, Any]:
         "time_optimal_mean_s": round(best, 3),
         "over_time_optimal": round(own / best, 3),
     }
+
+
+def _document(result: dict[str, Any]) -> str:
+    """Write the result as a Markdown table."""
+    lines = [
+        f"# How the actions perform (set `{result['action_set']}`)",
+        "",
+        f"Made by `{result['command']}`, seed {result['seed']}. Starts and goals at rest; durations in s.",
+        "*Turned by 1°* is the change of duration when only the start's heading changes by a degree; control",
+        "ticks of 0.05 s are in it. *Over time-optimal* is the mean duration over that of the time-optimal motion",
+        "(`benchmarks/time_optimal.py`) at the same limits, which knows neither ball nor run-up and may drive",
+        "backward; for dribbling at the limits of losing speed, 1.0 m/s, 1.2 rad/s, 0.5 m/s², 3 rad/s².",
+        "",
+        "| | situations | success | ball moved early | mean duration | greatest command / limit "
+        "| turned by 1°: p95 / p99 | over time-optimal |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for row in result["kinds"]:
+        turned = row.get("turned_by_1_degree")
+        change = f"{turned['p95_s']:.2f} / {turned['p99_s']:.2f}" if turned else "-"
+        over = f"{row['over_time_optimal']:.3f} ({row['pairs']} pairs)" if "over_time_optimal" in row else "-"
+        lines.append(
+            f"| {row['kind']} | {row['situations']} | {row['success_percent']} % "
+            f"| {row['ball_moved_early_percent']} % | {row['mean_duration_s']:.2f} "
+            f"| {row['greatest_command_over_limit']:.2f} | {change} | {over} |"
+        )
+    failures = [f"* {row['kind']}: {reason}" for row in result["kinds"] for reason in row["failures"]]
+    lines += ["", "What failed:" if failures else "Nothing failed.", "", *failures]
+    return "\n".join(lines).strip() + "\n"
 
 
 if __name__ == "__main__":
