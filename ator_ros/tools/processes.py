@@ -55,6 +55,10 @@ class NodeProcesses:
                 start_new_session=True,
             )
 
+    def pid(self, name: str) -> int:
+        """Give the process id of the executable `name`."""
+        return self._processes[name].pid
+
     def check(self) -> None:
         """Make sure that all are running.
 

@@ -1,16 +1,11 @@
 """How long the core refinement of a chain takes: search, predictions and gate, without ROS.
 
-    python -m benchmarks.refinement [--requests 200]
-
 Each request is another random situation, so that no cache of the processor flatters the numbers.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
-import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -61,21 +56,3 @@ def _times(refiner: Refiner, requests: Sequence[tuple[Trial, Any]]) -> list[floa
         refiner.refine(trial.world, chain)
         times.append(1000.0 * (time.perf_counter() - began))
     return times[WARM_UP:]
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure and print; the exit code is 1 where a limit is missed."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--requests", type=int, default=200)
-    results = measure(parser.parse_args(argv).requests)
-    print(json.dumps(results, indent=1))
-    missed = [
-        name for name, row in results.items() if row["median_ms"] > row.get("limit_ms", row["median_ms"])
-    ]
-    return 1 if missed else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,91 @@
+"""Measure the speed of the simulation, of the core refinement and of the service, against what it must be."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ator_ros.experience.table import library_versions
+from ator_ros.files import write_text
+from ator_ros.tools import bench_refinement, bench_simulation
+
+
+def _service() -> dict[str, Any]:
+    try:
+        from ator_ros.tools import bench_service
+    except ImportError as error:
+        raise RuntimeError(f"{error}: source your ROS 2 workspace, or use make bench") from error
+    return {"round trip": bench_service.measure()}
+
+
+PARTS: Mapping[str, Callable[[], Mapping[str, Any]]] = {
+    "simulation": bench_simulation.measure,
+    "refinement": bench_refinement.measure,
+    "service": _service,
+}
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Give the command line of `bench`."""
+    parser = argparse.ArgumentParser(prog="bench", description=__doc__)
+    parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
+    parser.add_argument("--out", type=Path, default=Path("docs/benchmarks.json"), metavar="FILE.json")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit code is 1 where a part cannot be measured."""
+    options = arguments().parse_args(argv)
+    report: dict[str, Any] = {
+        "measured": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": machine(),
+    }
+    try:
+        for part in options.parts:
+            report[part] = dict(PARTS[part]())
+            print("\n".join(rows(part, report[part])), flush=True)
+    except RuntimeError as error:
+        print(f"bench: {part}: {error}", file=sys.stderr)
+        return 1
+    write_text(options.out, json.dumps(report, indent=1) + "\n")
+    print(f"written: {options.out}")
+    return 0
+
+
+def rows(part: str, results: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """Give the lines of a part of the table: one for each case, the numbers by name."""
+    return [
+        f"{part:11} {case:34} " + "  ".join(f"{name} {value:g}" for name, value in row.items())
+        for case, row in results.items()
+    ]
+
+
+def machine() -> dict[str, Any]:
+    """Describe where this was measured: processor, cores, load, versions."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "load_at_start": [round(load, 2) for load in os.getloadavg()],
+        "system": platform.platform(),
+        "versions": library_versions(),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

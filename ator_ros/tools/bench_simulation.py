@@ -1,0 +1,68 @@
+"""How fast the simulation is: times real time, and over the bare loop of Bullet's steps."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable
+
+import pybullet as p
+
+from ator_ros.geometry import Pose
+from ator_ros.robot import load_robot
+from ator_ros.simulation.pioneer import CONTROL_RATE, RAMPS_PER_TICK, PioneerSimulation
+from ator_ros.world import Command
+
+LIMITS_TIMES_REAL_TIME = {"with ball contact": 100.0, "without a ball": 150.0}
+LIMIT_OVER_BARE = 1.3
+_BLOCK_S = 5.0
+_SPEEDS = (Command(0.6, 0.3), Command(0.6, -0.3))
+
+
+def measure(blocks: int = 12) -> dict[str, dict[str, float]]:
+    """Give for each case the simulated seconds per second and the cost over the bare loop.
+
+    Blocks of 5 simulated seconds of both loops alternate and the fastest of each counts, so that a busy
+    machine disturbs both alike.
+    """
+    results = {}
+    for name, limit in LIMITS_TIMES_REAL_TIME.items():
+        ball = name == "with ball contact"
+        ours = min(_timed(_drive, ball=ball) for _ in range(blocks))
+        bare = min(_timed(_bare, ball=ball) for _ in range(blocks))
+        results[name] = {
+            "times_real_time": round(_BLOCK_S / ours, 1),
+            "limit_times_real_time": limit,
+            "over_bare_loop": round(ours / bare, 3),
+            "limit_over_bare_loop": LIMIT_OVER_BARE,
+        }
+    return results
+
+
+def _timed(loop: Callable[[PioneerSimulation, int], None], *, ball: bool) -> float:
+    """Give how long `loop` takes for a block, in a world in which the robot drives in bends."""
+    robot = load_robot()
+    with PioneerSimulation(robot) as simulation:
+        start = Pose(0.0, 0.0, 0.0)
+        simulation.place_robot(start)
+        if ball:
+            held = robot.hold_point(start)
+            simulation.place_ball(held.x, held.y)
+        _drive(simulation, CONTROL_RATE)
+        began = time.perf_counter()
+        loop(simulation, round(_BLOCK_S * CONTROL_RATE))
+        return time.perf_counter() - began
+
+
+def _drive(simulation: PioneerSimulation, ticks: int) -> None:
+    bends = itertools.cycle(itertools.chain.from_iterable(itertools.repeat(c, CONTROL_RATE) for c in _SPEEDS))
+    for command in itertools.islice(bends, ticks):
+        simulation.command(command)
+        simulation.tick()
+        simulation.world()
+
+
+def _bare(simulation: PioneerSimulation, ticks: int) -> None:
+    """Step the same world with the same settings, without our code: the wheels keep their last speeds."""
+    for _ in range(ticks * RAMPS_PER_TICK):
+        p.stepSimulation(physicsClientId=simulation._client)

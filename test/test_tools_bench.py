@@ -1,0 +1,44 @@
+"""The command line `bench`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from ator_ros.tools import bench, bench_simulation
+
+
+def test_the_report_holds_every_part_that_was_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parts = {"fast": lambda: {"case": {"median_ms": 0.5}}, "other": lambda: {}}
+    monkeypatch.setattr(bench, "PARTS", parts)
+    out = tmp_path / "benchmarks.json"
+    assert bench.main(["--parts", "fast", "--out", str(out)]) == 0
+    report = json.loads(out.read_text(encoding="utf-8"))
+    assert report["fast"] == {"case": {"median_ms": 0.5}}
+    assert "other" not in report
+    assert report["machine"]["versions"]["numpy"]
+    assert "median_ms 0.5" in capsys.readouterr().out
+
+
+def test_a_part_that_cannot_be_measured_ends_with_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing() -> Mapping[str, object]:
+        raise RuntimeError("expected the service within 40 s")
+
+    monkeypatch.setattr(bench, "PARTS", {"service": missing})
+    out = tmp_path / "benchmarks.json"
+    assert bench.main(["--parts", "service", "--out", str(out)]) == 1
+    assert capsys.readouterr().err == "bench: service: expected the service within 40 s\n"
+    assert not out.exists()
+
+
+def test_the_simulation_is_measured_with_and_without_a_ball() -> None:
+    results = bench_simulation.measure(blocks=1)
+    assert set(results) == set(bench_simulation.LIMITS_TIMES_REAL_TIME)
+    assert all(row["times_real_time"] > 0.0 and row["over_bare_loop"] > 0.0 for row in results.values())
