@@ -22,6 +22,7 @@ from ator_ros.nodes.node_support import (
     run_node,
 )
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refusal_of
+from ator_ros.nodes.rehearsal import rehearse_refinement
 from ator_ros.performance.model_file import ModelFileError, load_models, model_path
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import Gate
@@ -84,6 +85,7 @@ class RefinementNode(Node):
         else:
             gate = self._load_gate(folder / model_path("gate", action_set))
             self._refiners[action_set] = Refiner(robot, models, gate)
+            rehearse_refinement(self._libraries[action_set], self._refiners[action_set])
 
     def _load_gate(self, file: Path) -> Gate | None:
         """Read a gate; without one, refinement goes by the predicted gain alone."""

@@ -2,13 +2,33 @@
 
 from __future__ import annotations
 
-from ator_ros.actions.base import ActionError, Goal
+import contextlib
+
+from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.geometry import Pose
 from ator_ros.nodes.predictions import Predictor
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import BallState, RobotState, World
+
+
+COMMITTED = frozenset({"x", "y", "yaw", "speed"})
+AWAY = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0)), BallState(0.0, 0.0))
+
+
+def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
+    """Refine the paper's chain once, with the heading and the arrival speed at the ball free."""
+    if not {"goToBall", "dribbleBall"} <= set(library):
+        return
+    calls = (
+        TopCall(library["goToBall"], Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD), frozenset({"x", "y"})),
+        TopCall(library["dribbleBall"], Goal(Pose(2.0, 1.0, 0.0), 0.0, Point.HOLD), COMMITTED),
+    )
+    with contextlib.suppress(RefinementError):  # then the first request says why
+        refiner.refine(AWAY, TopChain(calls))
 
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
@@ -17,10 +37,9 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     pose = Pose(x - 2.0, y, 0.2)
     hold = robot.hold_point(pose)
     holding = World(0.0, RobotState(pose), BallState(hold.x, hold.y))
-    away = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0)), BallState(0.0, 0.0))
     for top in library.values():
         held = any(term.variable == "hold.x" for term in top.pre.terms)
-        world, goal = (holding, Pose(x, y, 0.0)) if held else (away, Pose(0.0, 0.0, 0.0))
+        world, goal = (holding, Pose(x, y, 0.0)) if held else (AWAY, Pose(0.0, 0.0, 0.0))
         call = TopCall(top, Goal(goal, 0.0, top.point), frozenset())
         try:
             library.action(top).start(world, call.goal)
