@@ -14,7 +14,6 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import BallState, RobotState, World
 
-
 COMMITTED = frozenset({"x", "y", "yaw", "speed"})
 AWAY = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0)), BallState(0.0, 0.0))
 
