@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import rclpy
 from nav_msgs.msg import Odometry
@@ -140,7 +140,7 @@ class DemoClient:
         self._node.destroy_node()
         self._context.try_shutdown()
 
-    def __enter__(self) -> DemoClient:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
