@@ -145,13 +145,13 @@ def load_models(
     """
     top = folder if folder is not None else resource_path("models")
     place = (top / model_path("any", action_set)).parent
-    models = {file.stem: load_model(file, robot) for file in sorted(place.glob("*.json")) if _is_model(file)}
+    models = {file.stem: load_model(file, robot) for file in sorted(place.glob("*.json")) if is_model(file)}
     if not models:
         raise ModelFileError(f"{place}: expected model files such as goToPose.json: run train to make them")
     return models
 
 
-def _is_model(file: Path) -> bool:
+def is_model(file: Path) -> bool:
     """Say whether `file` is named as models are: other files, such as the gate's, may lie beside them."""
     return not file.stem.startswith(("gate", "baselines"))
 

@@ -19,7 +19,7 @@ from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import ModelFileError, load_model, model_path, save_model
+from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
 from ator_ros.performance.training import TrainingError, digest, train
 from ator_ros.resources import resource_path
 from ator_ros.robot import ConfigError, Robot, load_robot
@@ -191,7 +191,7 @@ def _situation(words: Sequence[str]) -> dict[str, float]:
 
 
 def _report(file: Path, robot: Robot, folder: Path) -> None:
-    found = sorted(path for path in folder.rglob("*.json") if not path.stem.startswith("gate"))
+    found = sorted(filter(is_model, folder.rglob("*.json")))
     models = [load_model(path, robot) for path in found]
     models = [model for model in models if model.metadata["accuracy"]]
     lines = [*accuracy_table(models), "", "## Success", "", *success_table(models)]
