@@ -24,6 +24,9 @@ from ator_ros.nodes.conversions import ball_from, pose_of, robot_from, seconds_f
 from ator_ros.nodes.node_support import COMMANDS, SENSOR_DATA
 from ator_ros.world import BallState, RobotState
 
+RETRY = 8.0
+"""Real seconds after which an unanswered request is sent again."""
+
 PATIENCE = 30.0
 """Real seconds after which something that should have happened counts as missing."""
 
@@ -158,11 +161,21 @@ class Client:
         client = self.node.create_client(kind, name)
         try:
             assert client.wait_for_service(timeout_sec=PATIENCE), f"service {name} is missing"
-            future = client.call_async(kind.Request() if request is None else request)  # type: ignore[attr-defined]
-            self.eventually(future.done, f"an answer of {name}")
-            return future.result()
+            sent = kind.Request() if request is None else request  # type: ignore[attr-defined]
+            return self.eventually(lambda: self._answer(client, sent), f"an answer of {name}")
         finally:
             self.node.destroy_client(client)
+
+    def _answer(self, client: Any, request: Any) -> Any:
+        """Ask once; None when nothing came: a server that has just ended may still be discovered."""
+        future = client.call_async(request)
+        end = time.monotonic() + RETRY
+        while not future.done() and time.monotonic() < end:
+            time.sleep(0.005)
+        if not future.done():
+            client.remove_pending_request(future)
+            return None
+        return future.result()
 
     def place(self, robot: Pose | None = None, ball: tuple[float, float] | None = None) -> None:
         """Place robot and ball at rest."""
