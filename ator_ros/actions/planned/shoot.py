@@ -7,12 +7,11 @@ import math
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.actions.planned.clearance import Obstacles
-from ator_ros.actions.planned.holding import LOST, ball_offset, entry_sides, release_sides
+from ator_ros.actions.planned.holding import entry_sides, release_sides
+from ator_ros.actions.planned.holding_action import HoldingAction
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
-from ator_ros.actions.planned.planned_action import PlannedAction
 from ator_ros.actions.planned.planner import fastest
 from ator_ros.geometry import Pose
-from ator_ros.robot import Robot
 from ator_ros.world import World
 
 # Distance in m before the goal line, along the heading, at which the robot brakes; the ball rolls twice that.
@@ -23,7 +22,7 @@ _PATIENCE = 2.0
 _TRIES = 40  # for each way to release: where the posts block so many, another release is better
 
 
-class Shoot(PlannedAction):
+class Shoot(HoldingAction):
     """Runs at the goal with the ball and brakes: the ball rolls on, over the line.
 
     The goal's position is the middle of the goal's mouth; its yaw and speed are not used, since what
@@ -33,14 +32,8 @@ class Shoot(PlannedAction):
     name = "shoot"
     verb = "running up"
 
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot, robot.dribble_limits)
-
     def start(self, world: World, goal: Goal) -> None:
         """Plan the run-up; see `Action.start`."""
-        offset = ball_offset(self.robot, world)
-        if offset > LOST:
-            raise ActionError(f"{self.name}: expected the ball in front, it is {offset:.2f} m from there")
         self._released: float | None = None
         super().start(world, Goal(goal.pose, 0.0, goal.point))
 
@@ -82,11 +75,6 @@ class Shoot(PlannedAction):
         if over:
             return finished(Status.FAILED, "the ball stopped before the goal")
         return finished(Status.RUNNING, "the ball is rolling")
-
-    def check(self, world: World) -> str | None:
-        """Say whether the ball is lost."""
-        offset = ball_offset(self.robot, world)
-        return f"lost the ball, it is {offset:.2f} m from the front" if offset > LOST else None
 
     def arrive(self, world: World) -> Step:
         """Release the ball by braking as hard as the base can."""
