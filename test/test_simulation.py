@@ -83,15 +83,23 @@ def test_base_never_exceeds_its_limits(simulation: PioneerSimulation, robot: Rob
     assert max(v / robot.limits.v, w / robot.limits.w) > 0.95  # it did try
 
 
-def test_commands_that_cease_for_half_a_second_stop_the_robot(simulation: PioneerSimulation) -> None:
-    dribble(simulation, 40, w=0.0)
-    speed = simulation.world().robot.v
-    for _ in range(9):
+@pytest.mark.parametrize(
+    "command", [Command(9.0, 0.0), Command(9.0, 9.0), Command(-9.0, -9.0), Command(0.0, 9.0)]
+)
+def test_the_robot_stands_half_a_second_after_the_last_command(
+    simulation: PioneerSimulation, command: Command
+) -> None:
+    for _ in range(40):
+        simulation.command(command)
         simulation.tick()
-    assert simulation.world().robot.v == pytest.approx(speed, abs=0.02)
-    for _ in range(30):
+    fast = simulation.world().robot
+    for _ in range(3):
         simulation.tick()
-    assert simulation.world().robot.v == pytest.approx(0.0, abs=0.01)
+    assert simulation.world().robot.v == pytest.approx(fast.v, abs=0.01)  # a late command is no lost one
+    for _ in range(7):
+        simulation.tick()
+    stopped = simulation.world().robot
+    assert (stopped.v, stopped.w) == pytest.approx((0.0, 0.0), abs=0.02)
 
 
 def test_rolling_ball_decelerates_as_configured(simulation: PioneerSimulation, robot: Robot) -> None:
