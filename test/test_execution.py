@@ -116,11 +116,57 @@ def test_an_invalid_chain_is_refused_without_a_command() -> None:
     assert "pre-condition of step 1 (dribbleBall) now" in run.reason
 
 
-def test_a_chain_that_needs_a_ball_is_not_started_without() -> None:
+def test_a_goal_that_comes_before_odom_waits_for_it() -> None:
+    run = execution(FORWARD)
+    run.watch(101.9)
+    assert run.phase is Phase.WAITING
+    assert run.tick(world(), 101.95).v > 0.0
+    run.watch(102.1)
+    assert run.phase is Phase.EXECUTING
+
+
+def test_a_goal_whose_odom_never_comes_ends() -> None:
+    run = execution(FORWARD)
+    run.watch(102.05)
+    assert (run.phase, run.ending) == (Phase.ENDED, Ending.INPUT_LOST)
+    assert run.reason == "odom is missing: expected one within 2 s of the goal, got none"
+
+
+def test_a_goal_that_comes_before_the_ball_waits_for_it_standing() -> None:
+    run = execution(chain(("goToPose", Pose(-1.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))
+    for tick in range(10):
+        assert run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick) == STOP
+    assert (run.phase, run.reason) == (Phase.WAITING, "waiting for a ball")
+    run.tick(world(1.5, ball=BallState(1.0, 0.0)), 100.5)
+    assert run.phase is Phase.EXECUTING
+    assert run.start is not None
+    assert run.start.time == 1.5
+
+
+def test_a_goal_whose_ball_never_comes_ends() -> None:
     run = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0))))
-    assert run.tick(world(), 100.0) == STOP
+    assert run.tick(world(), 102.0) == STOP
+    run.watch(102.05)
     assert run.ending is Ending.INPUT_LOST
-    assert "ball is missing" in run.reason
+    assert "ball is missing: goToBall needs it, expected one within 2 s" in run.reason
+    assert run.tick(world(1.05), 102.1) == STOP
+    assert run.phase is Phase.ENDED
+
+
+def test_a_ball_that_is_silent_while_it_is_needed_ends_the_goal() -> None:
+    run = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0))))
+    assert run.tick(world(ball=BallState(1.0, 0.0)), 100.0) != STOP
+    assert run.tick(world(1.05), 100.05) == STOP
+    assert run.ending is Ending.INPUT_LOST
+    assert "ball is missing: goToBall needs it, and no recent one is known" in run.reason
+
+
+def test_a_ball_that_is_silent_when_its_step_comes_ends_the_goal() -> None:
+    run = execution(chain(("goToPose", Pose(0.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))
+    run.tick(world(ball=BallState(1.0, 0.0)), 100.0)
+    for tick in range(1, 5):
+        run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
+    assert (run.ending, len(run.records)) == (Ending.INPUT_LOST, 1 + 1)
 
 
 def test_refinement_is_waited_for_until_its_deadline() -> None:

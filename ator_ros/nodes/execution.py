@@ -45,8 +45,21 @@ class Phase(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Deadlines:
-    """Times in s: real time without newer odometry and for refinement, the odometry's time for an action."""
+    """When to give up waiting.
 
+    Attributes
+    ----------
+    start : float
+        Real time in s from the goal's acceptance until everything that its chain needs is known.
+    odom : float
+        Real time in s without newer odometry, once there was some.
+    refinement : float
+        Real time in s that refinement may take.
+    action : float
+        Time in s on the odometry's clock that one action may take.
+    """
+
+    start: float = 2.0
     odom: float = 0.3
     refinement: float = 0.5
     action: float = 30.0
@@ -93,8 +106,7 @@ class Execution:
         self.elapsed = 0.0
         self._library, self._predictor, self._deadlines = library, predictor, deadlines
         self._refine = refine
-        self._heard = now
-        self._asked = math.inf
+        self._accepted, self._heard, self._asked = now, math.inf, math.inf
         self._stopped_at = math.inf
         self._executor: ChainExecutor | None = None
 
@@ -135,6 +147,8 @@ class Execution:
 
     def watch(self, now: float) -> None:
         """Look whether something is overdue."""
+        if self.phase is Phase.WAITING and now - self._accepted > self._deadlines.start:
+            self._give_up_waiting()
         if self.phase is Phase.REFINING and now - self._asked > self._deadlines.refinement:
             self.unrefined(f"no answer within {self._deadlines.refinement:g} s")
         if self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom:
@@ -168,11 +182,10 @@ class Execution:
     # Phases
 
     def _begin(self, world: World, now: float) -> None:
+        """Start with the first state in which the chain can be judged: with a ball where one is needed."""
         self.start = world
-        if self._ball_lost(world, self.chain.calls[0].top):
-            self.end(
-                Ending.INPUT_LOST, "ball is missing: the first step needs one, and no recent one is known"
-            )
+        if world.ball is None and self._ball_user() is not None:
+            self.reason = "waiting for a ball"
             return
         violations = self.chain.violations(world, self._library.robot)
         if violations:
@@ -182,6 +195,18 @@ class Execution:
         self.phase = Phase.REFINING if self._refine else Phase.EXECUTING
         self.reason = self.phase.value
 
+    def _give_up_waiting(self) -> None:
+        limit = f"expected one within {self._deadlines.start:g} s of the goal, got none"
+        if self.start is None:
+            self.end(Ending.INPUT_LOST, f"odom is missing: {limit}")
+            self.phase = Phase.ENDED  # nothing will tell when the robot stands
+        else:
+            self.end(Ending.INPUT_LOST, f"ball is missing: {self._ball_user()} needs it, {limit}")
+
+    def _ball_user(self) -> str | None:
+        """Give the name of the chain's first TOP that needs the ball; None when none does."""
+        return next((call.top.name for call in self.chain.calls if needs_ball(call.top)), None)
+
     def _execute(self, world: World) -> Command:
         if self._executor is None:
             # Later than the first state when refinement has taken its time.
@@ -190,10 +215,7 @@ class Execution:
             self._executor = ChainExecutor(
                 self._library, self.chain, time_limit=self._deadlines.action, predict=self._predictor.action
             )
-        if self._ball_lost(world, self.top):
-            self.end(
-                Ending.INPUT_LOST, f"ball is missing: {self.top.name} needs it, and no recent one is known"
-            )
+        if self._ball_missing(world):
             return STOP
         step = self._executor.step(world)
         new = self._executor.records[len(self.records) :]
@@ -202,6 +224,8 @@ class Execution:
         self.reason = step.message
         if step.status is Status.RUNNING:
             return step.command
+        if self._ball_missing(world):  # which the step needed that was just handed over to
+            return STOP
         self.end(Ending.SUCCEEDED if step.status is Status.SUCCEEDED else Ending.FAILED, step.message)
         return STOP
 
@@ -211,8 +235,14 @@ class Execution:
         if standing or world.time - self._stopped_at > _LONGEST_STOP:
             self.phase = Phase.ENDED
 
-    def _ball_lost(self, world: World, top: Top) -> bool:
-        return world.ball is None and needs_ball(top)
+    def _ball_missing(self, world: World) -> bool:
+        """End when the present step needs the ball and none is known."""
+        missing = world.ball is None and needs_ball(self.top)
+        if missing:
+            self.end(
+                Ending.INPUT_LOST, f"ball is missing: {self.top.name} needs it, and no recent one is known"
+            )
+        return missing
 
 
 def needs_ball(top: Top) -> bool:

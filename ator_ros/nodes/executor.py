@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,7 @@ PARAMETERS = (
     Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands"),
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
     Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
+    Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),
     Parameter("odom_timeout", 0.3, "real s without newer odometry before the robot is stopped", 0.05, 60.0),
     Parameter("ball_timeout", 0.3, "s, by the stamps, that a ball may be older than odometry", 0.05, 60.0),
     Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
@@ -165,11 +167,8 @@ class ExecutorNode(Node):
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._goals += 1
         frame = self._settings["frame"]
-        deadlines = Deadlines(
-            self._settings["odom_timeout"],
-            self._settings["refinement_timeout"],
-            self._settings["action_timeout"],
-        )
+        names = (field.name for field in dataclasses.fields(Deadlines))
+        deadlines = Deadlines(**{name: self._settings[f"{name}_timeout"] for name in names})
         try:
             action_set = conversions.action_set_from(handle.request.chain, allowed=self._libraries)
             self._run = GoalRun(

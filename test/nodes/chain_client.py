@@ -74,9 +74,20 @@ class ChainClient:
         self.commands: list[Twist] = client.listen(Twist, "cmd_vel", SENSOR_DATA)
         self._server = ActionClient(client.node, ExecuteChain, "execute_chain")
 
+    def until_heard(self) -> None:
+        """Wait until what the executor publishes can be heard."""
+        for topic in ("performance/action", "performance/chain", "cmd_vel"):
+            self.ros.eventually(lambda name=topic: self.ros.node.count_publishers(name), topic)
+
+    def until_newer(self) -> None:
+        """Wait for a few messages, so that an executor's queue holds none from before."""
+        heard = len(self.ros.robots)
+        self.ros.eventually(lambda: len(self.ros.robots) > heard + 3, "newer odometry")
+
     def send(self, calls: list[TopCall], **options: Any) -> Sent:
         """Send a chain; options are fields of the goal."""
         assert self._server.wait_for_server(timeout_sec=PATIENCE), "execute_chain is missing"
+        self.until_heard()
         goal = ExecuteChain.Goal(**options)
         goal.chain.calls = calls
         feedback: list[Any] = []

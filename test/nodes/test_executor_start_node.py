@@ -1,0 +1,51 @@
+"""The node `executor` started before what it listens to: a goal waits for its first odometry and ball."""
+
+from __future__ import annotations
+
+import pytest
+from chain_client import ChainClient, call, chain_of_the_paper
+from conftest import Start
+from ros_client import Client
+
+from ator_interfaces.msg import Outcome
+from ator_interfaces.srv import PlaceBall
+from ator_ros.geometry import Pose
+
+LONG = 60.0
+"""Real seconds that a process may take to start on a loaded machine."""
+GENEROUS = {"start_timeout": LONG, "odom_timeout": 5.0}
+
+
+@pytest.mark.parametrize("factor", [0.0, 2.0])
+def test_a_goal_that_comes_before_the_simulation_is_executed(
+    start: Start, client: Client, factor: float
+) -> None:
+    start("executor", **GENEROUS)
+    chains = ChainClient(client)
+    sent = chains.send(chain_of_the_paper()[:2])
+    client.eventually(lambda: sent.feedback or chains.commands, "a command to stand")
+    start("simulation", real_time_factor=factor, command_wait=1.0)
+    outcome = sent.result(LONG).outcome
+    assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+
+
+def test_a_goal_waits_for_the_ball_standing(start: Start, client: Client) -> None:
+    start("simulation", real_time_factor=2.0)
+    client.ball()
+    assert client.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
+    start("executor", **GENEROUS)
+    chains = ChainClient(client)
+    sent = chains.send(chain_of_the_paper()[:1])
+    client.eventually(lambda: len(chains.commands) > 5, "commands")
+    assert all(command.linear.x == command.angular.z == 0.0 for command in chains.commands)
+    client.place(ball=(0.0, 0.0))
+    outcome = sent.result(LONG).outcome
+    assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+
+
+def test_what_never_comes_is_named(start: Start, client: Client) -> None:
+    start("executor", start_timeout=0.5)
+    chains = ChainClient(client)
+    outcome = chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))]).outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "odom is missing: expected one within 0.5 s of the goal, got none" in outcome.reason
