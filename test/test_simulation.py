@@ -84,7 +84,7 @@ def test_base_never_exceeds_its_limits(simulation: PioneerSimulation, robot: Rob
 
 
 @pytest.mark.parametrize(
-    "command", [Command(9.0, 0.0), Command(9.0, 9.0), Command(-9.0, -9.0), Command(0.0, 9.0)]
+    "command", [Command(9.0, 0.0), Command(9.0, 9.0), Command(-9.0, 0.0), Command(0.0, 9.0)]
 )
 def test_the_robot_stands_half_a_second_after_the_last_command(
     simulation: PioneerSimulation, command: Command
@@ -93,10 +93,9 @@ def test_the_robot_stands_half_a_second_after_the_last_command(
         simulation.command(command)
         simulation.tick()
     fast = simulation.world().robot
-    for _ in range(3):
-        simulation.tick()
+    simulation.tick()
     assert simulation.world().robot.v == pytest.approx(fast.v, abs=0.01)  # a late command is no lost one
-    for _ in range(7):
+    for _ in range(8):
         simulation.tick()
     stopped = simulation.world().robot
     assert (stopped.v, stopped.w) == pytest.approx((0.0, 0.0), abs=0.02)

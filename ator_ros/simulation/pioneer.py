@@ -119,7 +119,7 @@ class PioneerSimulation:
         )
 
     def command(self, command: Command) -> None:
-        """Give the base a velocity command; it holds for 0.2 s and is clipped to the limits.
+        """Give the base a velocity command; it holds for 0.15 s and is clipped to the limits.
 
         Raises
         ------
