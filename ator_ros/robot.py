@@ -41,6 +41,11 @@ class Limits:
         """Give these limits times `factor`."""
         return Limits(*(factor * getattr(self, field.name) for field in dataclasses.fields(self)))
 
+    def within(self, other: Limits) -> Limits:
+        """Give the smaller of both limits, each of the five by itself."""
+        names = (field.name for field in dataclasses.fields(self))
+        return Limits(*(min(getattr(self, name), getattr(other, name)) for name in names))
+
 
 @dataclass(frozen=True, slots=True)
 class Ball:

@@ -14,11 +14,13 @@ from ator_ros.actions.planned.dribble_ball import DribbleBall
 from ator_ros.actions.planned.go_to_pose import GoToPose
 from ator_ros.actions.planned.holding import push
 from ator_ros.actions.planned.manoeuvre import closed
+from ator_ros.actions.planned.opening import opening_of
 from ator_ros.actions.planned.planner import free_sides
 from ator_ros.actions.planned.profiles import straight_pieces, straight_times, turn_pieces, turn_times
 from ator_ros.actions.planned.search import find_candidates
 from ator_ros.actions.planned.trajectory import Trajectory
-from ator_ros.experiments.action_quality import KINDS, Task, execute
+from ator_ros.experience.situations import Situation
+from ator_ros.experiments.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
 from ator_ros.robot import Limits, load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
@@ -148,3 +150,33 @@ def test_an_impossible_arrival_speed_is_refused(speed: float) -> None:
 def test_dribbling_without_a_ball_is_refused() -> None:
     with pytest.raises(ActionError, match="ball in front"):
         DribbleBall(ROBOT).start(AT_ORIGIN, Goal(Pose(1.0, 0.0, 0.0), 0.0, Point.HOLD))
+
+
+@pytest.mark.parametrize("w", [-1.2, 0.7])
+def test_a_start_in_rotation_is_part_of_the_plan(w: float) -> None:
+    start, goal = RobotState(Pose(0.5, -1.0, 0.3), 0.8, w), Pose(2.0, 1.0, 1.0)
+    opening = opening_of(start, LIMITS.aw)
+    sides = free_sides(LIMITS, 0.0, 0.0)
+    candidates = find_candidates(opening.end.pose, goal, free_sides(LIMITS, 0.8, 0.0), sides, LIMITS)
+    manoeuvre = closed(candidates[0])
+    assert manoeuvre is not None
+    trajectory = Trajectory(manoeuvre, opening)
+    assert trajectory.at(0.0) == start
+    assert trajectory.duration == pytest.approx(manoeuvre.duration + abs(w) / LIMITS.aw)
+    joined = trajectory.at(opening.duration)
+    assert joined.pose.distance(opening.end.pose) < 2e-3
+    assert abs(joined.pose.relative(opening.end.pose).yaw) < 2e-3
+    assert abs(joined.w) < 0.05
+    assert trajectory.at(trajectory.duration).pose.distance(goal) < 1e-6
+
+
+def test_starts_in_motion_are_driven_as_planned() -> None:
+    moving = Situation(
+        "goToPose", RobotState(Pose(0.0, 0.0, 0.3), 0.8, 1.2), None, Goal(Pose(2.0, 1.0, 1.0), 0.0)
+    )
+    outcome = execute_situation(moving, Task("pose", "default", 0, 0))
+    action = GoToPose(ROBOT)
+    action.start(World(0.0, moving.robot), moving.goal)
+    seconds_to_go = float(action.step(World(0.0, moving.robot)).message.split()[1])
+    assert outcome.success
+    assert outcome.duration == pytest.approx(seconds_to_go, abs=0.1)

@@ -33,6 +33,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.geometry import Pose
+from ator_ros.goals import touches_goals
 from ator_ros.robot import Robot, load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.world import BallState, RobotState
@@ -62,6 +63,12 @@ def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: R
         assert abs(situation.robot.v) <= robot.limits.v
         assert abs(situation.robot.w) <= robot.limits.w
         assert 0.0 <= situation.goal.speed <= robot.dribble_limits.v
+
+
+@pytest.mark.parametrize("action", list(SITUATIONS))
+def test_no_start_touches_a_goal(action: str, robot: Robot) -> None:
+    poses = np.array([situation.robot.pose for situation in draw(action, robot)])
+    assert not touches_goals(poses, robot)
 
 
 def test_approaches_start_clear_of_a_ball_that_lies_at_the_goal(robot: Robot) -> None:

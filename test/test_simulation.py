@@ -142,3 +142,15 @@ def test_ball_comes_and_goes(simulation: PioneerSimulation) -> None:
     assert (ball.x, ball.y, ball.vx, ball.vy) == pytest.approx((1.0, -0.5, 0.1, 0.2), abs=1e-9)
     simulation.remove_ball()
     assert simulation.world().ball is None
+
+
+def test_a_standing_robot_does_not_creep(simulation: PioneerSimulation) -> None:
+    simulation.command(Command(0.5, 0.5))
+    for _ in range(40):
+        simulation.tick()
+    stopped = simulation.world().robot.pose
+    for _ in range(200):
+        simulation.tick()
+    moved = stopped.relative(simulation.world().robot.pose)
+    assert math.hypot(moved.x, moved.y) < 1e-4
+    assert abs(moved.yaw) < 1e-3

@@ -10,6 +10,7 @@ import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
+from ator_ros.goals import touches_goals
 from ator_ros.robot import Robot
 from ator_ros.world import BallState, RobotState
 
@@ -126,6 +127,16 @@ def _dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
 
 def _shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     x, y = robot.field.goal_centre()
+    start = _shooting_pose(robot, rng)
+    while touches_goals(np.array([start]), robot):
+        start = _shooting_pose(robot, rng)
+    state, rolling = _holding(robot, start, _speed(rng, 0.5))
+    return Situation("shoot", state, rolling, Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
+
+
+def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
+    """Draw a pose of the robot whose ball lies within range of the goal."""
+    x, y = robot.field.goal_centre()
     bearing = rng.uniform(-0.45, 0.45) * math.pi  # seen from the goal, the lines beside it excluded
     distance = rng.uniform(*SHOT_RANGE)
     ball = Pose(
@@ -133,8 +144,7 @@ def _shoot(robot: Robot, rng: np.random.Generator) -> Situation:
         y + float(distance * math.sin(bearing)),
         float(rng.uniform(-math.pi, math.pi)),
     )
-    state, rolling = _holding(robot, robot.pose_holding(ball), _speed(rng, 0.5))
-    return Situation("shoot", state, rolling, Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
+    return robot.pose_holding(ball)
 
 
 SITUATIONS: dict[str, Callable[[Robot, np.random.Generator], Situation]] = {

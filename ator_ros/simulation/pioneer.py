@@ -18,6 +18,7 @@ from ator_ros.simulation.bodies import (
     make_goals,
     set_ball_dynamics,
 )
+from ator_ros.simulation.motors import Motors
 from ator_ros.world import BallState, Command, RobotState, World
 
 PHYSICS_RATE = 240
@@ -74,8 +75,7 @@ class PioneerSimulation:
         self._com = p.getDynamicsInfo(self._body, -1, physicsClientId=client)[3]
         self._base = BaseController(self.robot)
         self._ticks = 0
-        self._torques = [self.robot.wheel_torque] * 2
-        self._gains = [1.0 / PHYSICS_RATE / self.robot.motor_time_constant] * 2
+        self._motors = Motors(client, self._body, self._wheels, self.robot, period=1.0 / PHYSICS_RATE)
 
     @property
     def time(self) -> float:
@@ -96,6 +96,7 @@ class PioneerSimulation:
         for wheel, speed in zip(self._wheels, (v - turn, v + turn), strict=True):
             p.resetJointState(self._body, wheel, 0.0, speed / self.robot.wheel_radius, physicsClientId=client)
         self._base.reset(Command(v, w))
+        self._motors.release()
 
     def place_ball(self, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:
         """Put the ball on the floor at (x, y) m, rolling at (vx, vy) m/s."""
@@ -132,15 +133,7 @@ class PioneerSimulation:
         """Advance the world by one control tick of 1/20 s."""
         dt = TICK / RAMPS_PER_TICK
         for _ in range(RAMPS_PER_TICK):
-            p.setJointMotorControlArray(
-                self._body,
-                self._wheels,
-                p.VELOCITY_CONTROL,
-                targetVelocities=self._base.ramp(self.time, dt),
-                forces=self._torques,
-                velocityGains=self._gains,
-                physicsClientId=self._client,
-            )
+            self._motors.turn(self._base.ramp(self.time, dt))
             p.stepSimulation(physicsClientId=self._client)
         self._ticks += 1
 

@@ -11,7 +11,7 @@ from ator_ros.geometry import Pose
 from ator_ros.robot import Limits, Robot
 from ator_ros.world import World
 
-MARGIN = 0.1  # m/s^2 of push that is always left
+MARGIN = 0.05  # m/s^2 of push that is always left
 LOST = 0.15  # m off its place at which the ball counts as lost
 _RATES = (1.0, 0.83, 0.67, 0.5, 0.33)
 _ENTRY_SPEEDS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8)

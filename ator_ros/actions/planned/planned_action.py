@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 from abc import abstractmethod
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
+from ator_ros.actions.planned.opening import opening_of
 from ator_ros.actions.planned.tracker import Tracker
 from ator_ros.actions.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
 from ator_ros.robot import Limits, Robot
 from ator_ros.world import Command, World
 
-# Share of the limits that plans use; the rest is for feedback.
+# Share of the base's limits that plans use; the rest is for feedback.
 PLAN_SHARE = 0.97
 POSITION_TOLERANCE = 0.05
 HEADING_TOLERANCE = 0.1
-_DISTURBED_DISTANCE = 0.12
-_DISTURBED_HEADING = 0.35
 _REPLANS = 20
 
 
@@ -38,7 +38,7 @@ class PlannedAction(Action):
     def __init__(self, robot: Robot, limits: Limits) -> None:
         super().__init__(robot)
         self.limits = limits
-        self.plan_limits = limits.scaled(PLAN_SHARE)
+        self.plan_limits = limits.within(robot.limits.scaled(PLAN_SHARE))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
@@ -52,7 +52,7 @@ class PlannedAction(Action):
 
     @abstractmethod
     def plan(self, world: World) -> Manoeuvre:
-        """Plan from the state `world` to `self.goal`; ActionError where that is impossible."""
+        """Plan from the state `world`, in which the robot does not turn; ActionError where impossible."""
 
     def check(self, world: World) -> str | None:  # noqa: ARG002
         """Say why the action has failed at this tick, if it has."""
@@ -77,12 +77,11 @@ class PlannedAction(Action):
         failure = self.check(world)
         if failure is not None:
             return finished(Status.FAILED, failure)
-        deviation = self._tracker.deviation(world)
-        disturbed = deviation.distance > _DISTURBED_DISTANCE or abs(deviation.heading) > _DISTURBED_HEADING
+        disturbed = self._tracker.disturbed(world)
         if disturbed or self.outdated(world):
             return self.replan(world, "disturbed" if disturbed else "the goal has moved")
-        left = self._tracker.trajectory.duration - self._tracker.elapsed(world)
-        if left <= 1e-6:
+        left = self._tracker.left(world)
+        if left <= 0.0:
             return self.arrive(world)
         return Step(self._tracker.command(world), Status.RUNNING, f"{self.verb}, {left:.1f} s to go")
 
@@ -94,7 +93,10 @@ class PlannedAction(Action):
         try:
             self._commit(world)
         except ActionError as error:
-            return finished(Status.FAILED, f"{why}; {error}")
+            if self._tracker.left(world) <= 0.0 or self._tracker.disturbed(world):
+                return finished(Status.FAILED, f"{why}; {error}")
+            # A ball that is seen to jump about may block every way for a moment.
+            return Step(self._tracker.command(world), Status.RUNNING, f"{why}; keeping to the plan: {error}")
         return Step(self._tracker.command(world), Status.RUNNING, f"{why}: planned anew")
 
     def target(self) -> Pose:
@@ -102,4 +104,6 @@ class PlannedAction(Action):
         return self.goal.robot_pose(self.robot)
 
     def _commit(self, world: World) -> None:
-        self._tracker = Tracker(self.robot, Trajectory(self.plan(world)), world.time)
+        opening = opening_of(world.robot, self.plan_limits.aw)
+        manoeuvre = self.plan(dataclasses.replace(world, robot=opening.end))
+        self._tracker = Tracker(self.robot, Trajectory(manoeuvre, opening), world.time)

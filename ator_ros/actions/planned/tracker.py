@@ -10,6 +10,10 @@ from ator_ros.geometry import Pose
 from ator_ros.robot import Robot
 from ator_ros.world import Command, World
 
+DISTURBED_DISTANCE = 0.12  # m from the plan
+DISTURBED_HEADING = 0.35  # rad
+_ROUNDING = 1e-6  # s by which sums of ticks may be off
+
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
@@ -54,6 +58,15 @@ class Tracker:
         self._start = start_time
         # A command is reached after a period's ramp, on average half of it late, and the motors lag behind.
         self._preview = 0.8 * period + robot.motor_time_constant
+
+    def left(self, world: World) -> float:
+        """Give the time in s to the end of the trajectory; not positive afterwards."""
+        return self.trajectory.duration - self.elapsed(world) - _ROUNDING
+
+    def disturbed(self, world: World) -> bool:
+        """Say whether the robot is so far from the plan that following it makes no sense."""
+        deviation = self.deviation(world)
+        return deviation.distance > DISTURBED_DISTANCE or abs(deviation.heading) > DISTURBED_HEADING
 
     def elapsed(self, world: World) -> float:
         """Give the time in s since the trajectory started."""

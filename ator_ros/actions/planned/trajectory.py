@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
+from ator_ros.actions.planned.opening import Opening
 from ator_ros.actions.planned.profiles import Piece
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.world import Command, RobotState
@@ -13,12 +14,14 @@ _DT = 0.01
 
 
 class Trajectory:
-    """A manoeuvre sampled every 10 ms.
+    """A manoeuvre, after its opening if there is one, sampled every 10 ms.
 
     Parameters
     ----------
     manoeuvre : Manoeuvre
         A closed manoeuvre; what integration still leaves at the goal is spread over the motion.
+    opening : Opening, optional
+        Ends where the manoeuvre starts.
 
     Attributes
     ----------
@@ -26,12 +29,17 @@ class Trajectory:
         Time from start to goal in s.
     """
 
-    def __init__(self, manoeuvre: Manoeuvre) -> None:
-        self.duration = manoeuvre.duration
-        times = np.append(np.arange(0.0, self.duration, _DT), self.duration)
-        self._v = _sample(manoeuvre.speed_pieces(), times)
-        self._w = _sample(manoeuvre.turn_pieces(), times)
+    def __init__(self, manoeuvre: Manoeuvre, opening: Opening | None = None) -> None:
+        speeds, turns = manoeuvre.speed_pieces(), manoeuvre.turn_pieces()
         start, goal = manoeuvre.start, manoeuvre.goal
+        if opening is not None:
+            before = opening.start
+            speeds.insert(0, Piece(opening.duration, before.v, before.v))
+            turns.insert(0, Piece(opening.duration, before.w, 0.0))
+            start = before.pose
+        self.duration = sum(piece.duration for piece in speeds)
+        times = np.append(np.arange(0.0, self.duration, _DT), self.duration)
+        self._v, self._w = _sample(speeds, times), _sample(turns, times)
         steps = np.diff(times)
         yaw = start.yaw + _integral(self._w, steps)
         middle = 0.5 * (yaw[:-1] + yaw[1:])
