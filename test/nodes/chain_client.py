@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from geometry_msgs.msg import Twist
+from process import PATIENCE
 from rclpy.action import ActionClient
-from ros_client import PATIENCE, Client
+from ros_client import Client
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import domain_coordinator
 import pytest
-from ros_client import Client, Process
+from process import Process, Processes
+from ros_client import Client
 
 Start = Callable[..., Process]
 
@@ -29,21 +30,9 @@ def domain() -> Iterator[int]:
 @pytest.fixture
 def start(domain: int, tmp_path: Path) -> Iterator[Start]:
     """Give a function that starts executables: start("simulation", namespace="a", real_time_factor=0.0)."""
-    processes: list[Process] = []
-
-    def run(name: str, *, namespace: str = "", **parameters: object) -> Process:
-        arguments = ["--ros-args"]
-        for parameter, value in parameters.items():
-            arguments += ["-p", f"{parameter}:={value}"]
-        if namespace:
-            arguments += ["-r", f"__ns:=/{namespace}"]
-        process = Process(name, tmp_path / f"{name}{len(processes)}.log", domain, arguments)
-        processes.append(process)
-        return process
-
-    yield run
-    for process in processes:
-        process.kill()
+    processes = Processes(domain, tmp_path)
+    yield processes.start
+    processes.kill()
 
 
 @pytest.fixture

@@ -1,20 +1,16 @@
-"""What node tests use: the installed executables as processes, and a client that talks to them."""
+"""A client of the nodes, for tests: it listens to odom and ball, commands, and calls services."""
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import threading
 import time
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
-from ament_index_python.packages import get_package_prefix
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+from process import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -26,68 +22,6 @@ from ator_ros.world import BallState, RobotState
 
 RETRY = 8.0
 """Real seconds after which an unanswered request is sent again."""
-
-PATIENCE = 30.0
-"""Real seconds after which something that should have happened counts as missing."""
-
-
-class Process:
-    """An installed executable, running.
-
-    Parameters
-    ----------
-    name : str
-        Of the executable in lib/ator_ros.
-    log : Path
-        Where its output goes.
-    domain : int
-        ROS domain.
-    arguments : sequence of str
-        Command line.
-    """
-
-    def __init__(self, name: str, log: Path, domain: int, arguments: Sequence[str]) -> None:
-        self.name, self._log = name, log
-        executable = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", name)
-        environment = {
-            **os.environ,
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "PYTHONUNBUFFERED": "1",
-        }
-        with log.open("w", encoding="utf-8") as output:
-            self._process = subprocess.Popen(
-                [str(executable), *arguments], stdout=output, stderr=subprocess.STDOUT, env=environment
-            )
-
-    @property
-    def output(self) -> str:
-        """What it has written so far."""
-        return self._log.read_text(encoding="utf-8")
-
-    @property
-    def running(self) -> bool:
-        """Whether it has not ended."""
-        return self._process.poll() is None
-
-    def send(self, number: signal.Signals) -> None:
-        """Send it a signal."""
-        self._process.send_signal(number)
-
-    def wait(self) -> int:
-        """Wait for its end and give the exit code."""
-        return self._process.wait(timeout=PATIENCE)
-
-    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
-        """Ask it to end, wait, and give the exit code."""
-        if self.running:
-            self.send(number)
-        return self.wait()
-
-    def kill(self) -> None:
-        """End it at once, as `kill -9` does; without effect when it has ended."""
-        self._process.kill()
-        self._process.wait()
 
 
 class Client:

@@ -10,7 +10,8 @@ import domain_coordinator
 import pytest
 from chain_client import ChainClient, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_client import Client, Process
+from process import Process
+from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.msg import Outcome

@@ -1,0 +1,61 @@
+"""What the nodes of a ROS graph really open, as another node sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from rclpy.node import Node
+
+_ACTION = "/_action/"
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Full names of what one node opens; the parts of an action count as that action."""
+
+    publishes: frozenset[str]
+    subscribes: frozenset[str]
+    replies: frozenset[str]
+    requests: frozenset[str]
+    executes: frozenset[str]
+    calls: frozenset[str]
+
+    @property
+    def names(self) -> frozenset[str]:
+        """All of them, whatever the node does with them."""
+        return self.publishes | self.subscribes | self.replies | self.requests | self.executes | self.calls
+
+
+def surface(observer: Node, name: str, namespace: str = "/") -> Surface:
+    """Look at a node; raises rclpy's NodeNameNonExistentError before it has been discovered.
+
+    Parameters
+    ----------
+    observer : Node
+        Another node on the same domain.
+    name, namespace : str
+        Of the node to look at; the namespace begins with a slash.
+    """
+    replies = _names(observer.get_service_names_and_types_by_node(name, namespace))
+    requests = _names(observer.get_client_names_and_types_by_node(name, namespace))
+    return Surface(
+        publishes=_plain(_names(observer.get_publisher_names_and_types_by_node(name, namespace))),
+        subscribes=_plain(_names(observer.get_subscriber_names_and_types_by_node(name, namespace))),
+        replies=_plain(replies),
+        requests=_plain(requests),
+        executes=_actions(replies),
+        calls=_actions(requests),
+    )
+
+
+def _names(names_and_types: Iterable[tuple[str, list[str]]]) -> frozenset[str]:
+    return frozenset(name for name, _ in names_and_types)
+
+
+def _plain(names: frozenset[str]) -> frozenset[str]:
+    return frozenset(name for name in names if _ACTION not in name)
+
+
+def _actions(names: frozenset[str]) -> frozenset[str]:
+    return frozenset(name.partition(_ACTION)[0] for name in names if _ACTION in name)

@@ -1,0 +1,109 @@
+"""The installed executables as processes on a ROS domain, for tests."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ament_index_python.packages import get_package_prefix
+
+PATIENCE = 30.0
+"""Real seconds after which something that should have happened counts as missing."""
+
+
+class Process:
+    """An installed executable, running.
+
+    Parameters
+    ----------
+    name : str
+        Of the executable in lib/ator_ros.
+    log : Path
+        Where its output goes.
+    domain : int
+        ROS domain.
+    arguments : sequence of str
+        Command line.
+    """
+
+    def __init__(self, name: str, log: Path, domain: int, arguments: Sequence[str]) -> None:
+        self.name, self._log = name, log
+        executable = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", name)
+        environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "PYTHONUNBUFFERED": "1",
+        }
+        with log.open("w", encoding="utf-8") as output:
+            self._process = subprocess.Popen(
+                [str(executable), *arguments], stdout=output, stderr=subprocess.STDOUT, env=environment
+            )
+
+    @property
+    def output(self) -> str:
+        """What it has written so far."""
+        return self._log.read_text(encoding="utf-8")
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.poll() is None
+
+    def send(self, number: signal.Signals) -> None:
+        """Send it a signal."""
+        self._process.send_signal(number)
+
+    def wait(self) -> int:
+        """Wait for its end and give the exit code."""
+        return self._process.wait(timeout=PATIENCE)
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
+        """Ask it to end, wait, and give the exit code."""
+        if self.running:
+            self.send(number)
+        return self.wait()
+
+    def kill(self) -> None:
+        """End it at once, as `kill -9` does, frozen or not; without effect when it has ended."""
+        self._process.kill()
+        self._process.wait()
+
+
+class Processes:
+    """The executables that a test has started; none of them outlives it.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain.
+    logs : Path
+        Folder for their output.
+    """
+
+    def __init__(self, domain: int, logs: Path) -> None:
+        self._domain, self._logs = domain, logs
+        self._started: list[Process] = []
+
+    def start(
+        self, name: str, *, namespace: str = "", remap: Mapping[str, str] | None = None, **parameters: object
+    ) -> Process:
+        """Start the executable `name` with these ROS parameters and remapped names."""
+        arguments = ["--ros-args"]
+        for parameter, value in parameters.items():
+            arguments += ["-p", f"{parameter}:={value}"]
+        for old, new in (remap or {}).items():
+            arguments += ["-r", f"{old}:={new}"]
+        if namespace:
+            arguments += ["-r", f"__ns:=/{namespace}"]
+        log = self._logs / f"{name}{len(self._started)}.log"
+        self._started.append(Process(name, log, self._domain, arguments))
+        return self._started[-1]
+
+    def kill(self) -> None:
+        """End all of them at once."""
+        for process in self._started:
+            process.kill()

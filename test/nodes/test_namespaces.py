@@ -1,0 +1,117 @@
+"""Two robots on one domain, each with its three nodes in a namespace of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import domain_coordinator
+import pytest
+from chain_client import ChainClient, chain_of_the_paper
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist
+from graph import surface
+from process import Processes
+from rclpy.node import NodeNameNonExistentError
+from ros_client import Client
+
+from ator_interfaces.msg import ChainPerformance, Outcome
+from ator_ros.geometry import Pose
+from ator_ros.nodes.node_support import LATCHED, RESULTS, SENSOR_DATA
+
+pytestmark = pytest.mark.node
+
+ROBOTS = {
+    "ann": {"real_time_factor": 0.0, "command_wait": 1.0, "publish_clock": True},
+    "bob": {"real_time_factor": 2.0},
+}
+NODES: dict[str, dict[str, float]] = {
+    "simulation": {},
+    "executor": {"odom_timeout": 5.0, "refinement_timeout": 10.0},
+    "refinement": {},
+}
+GLOBAL = {
+    "/diagnostics",  # one aggregator looks after all robots; each status names its node in full
+    "/parameter_events",  # absolute in every ROS node
+    "/rosout",  # likewise
+    "/clock",  # where ROS looks for simulated time; off by default
+}
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Client]]:
+    """Start all nodes of both robots; give a client for each, and one ("") that is in no namespace."""
+    with domain_coordinator.domain_id() as domain:
+        processes = Processes(domain, tmp_path_factory.mktemp("logs"))
+        for robot, world in ROBOTS.items():
+            for name, parameters in NODES.items():
+                settings = world if name == "simulation" else parameters
+                processes.start(name, namespace=robot, **settings)
+        clients = {robot: Client(domain, robot) for robot in ("", *ROBOTS)}
+        yield clients
+        for client in clients.values():
+            client.close()
+        processes.kill()
+
+
+def test_a_chain_moves_one_robot_only(robots: dict[str, Client]) -> None:
+    ann, bob = robots["ann"], robots["bob"]
+    strange = [
+        client.listen(kind, topic, qos)
+        for client in (bob, robots[""])
+        for kind, topic, qos in (
+            (Twist, "cmd_vel", SENSOR_DATA),
+            (ChainPerformance, "performance/chain", LATCHED),
+        )
+    ]
+    bob.robot()
+    result = ChainClient(ann).send(chain_of_the_paper(), refine=True).result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert result.record.refinement
+    assert ann.ball().x > 3.0
+    assert all(robot.pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02 for _, robot in bob.robots)
+    assert max(abs(ball.x) + abs(ball.y) for _, ball in bob.balls) < 0.02
+    assert not any(strange)
+    assert not robots[""].robots
+
+
+def test_refinement_is_asked_for_at_home(robots: dict[str, Client]) -> None:
+    health = robots[""].listen(DiagnosticArray, "/diagnostics", RESULTS)
+    answered = {f"/{robot}/refinement": answers(health, robot) for robot in ROBOTS}
+    robots[""].eventually(lambda: all(count() is not None for count in answered.values()), "diagnostics")
+    before = {name: count() for name, count in answered.items()}
+    ChainClient(robots["bob"]).send(chain_of_the_paper()[:1], refine=True).result()
+    robots[""].eventually(
+        lambda: answered["/bob/refinement"]() == before["/bob/refinement"] + 1, "bob's node is asked"
+    )
+    assert answered["/ann/refinement"]() == before["/ann/refinement"]
+
+
+def answers(health: list[DiagnosticArray], robot: str) -> Callable[[], int | None]:
+    """Give a function that says how many requests the robot's refinement node has answered."""
+
+    def last() -> int | None:
+        counts = [
+            int(value.value)
+            for message in list(health)
+            for status in message.status
+            for value in status.values
+            if status.name == f"/{robot}/refinement" and value.key == "requests answered"
+        ]
+        return counts[-1] if counts else None
+
+    return last
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("name", NODES)
+def test_what_a_node_opens_is_in_its_namespace(robots: dict[str, Client], robot: str, name: str) -> None:
+    observer = robots[""]
+
+    def opened() -> frozenset[str]:
+        try:
+            return surface(observer.node, name, f"/{robot}").names
+        except NodeNameNonExistentError:
+            return frozenset()
+
+    observer.eventually(lambda: len(opened()) > len(GLOBAL), f"the node /{robot}/{name}")
+    assert {full for full in opened() if not full.startswith(f"/{robot}/")} <= GLOBAL
