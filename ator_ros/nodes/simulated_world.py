@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from ator_ros.geometry import Pose
 from ator_ros.nodes import checks
@@ -10,9 +11,18 @@ from ator_ros.robot import Robot
 from ator_ros.simulation.base_controller import COMMAND_TIMEOUT
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.simulation.sensors import Sensors
-from ator_ros.world import Command, World
+from ator_ros.world import STOP, Command, RobotState, World
 
 _FASTEST_BALL = 10.0
+_STANDING_V, _STANDING_W = 0.02, 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """A stop of the robot: simulated time (s) of the last command to move, and since when it stands."""
+
+    last_command: float
+    stood: float
 
 
 class SimulatedWorld:
@@ -50,7 +60,8 @@ class SimulatedWorld:
     def _begin(self) -> None:
         self._simulation.place_robot(self._robot_start)
         self._simulation.place_ball(*self._ball_start)
-        self._commanded = -math.inf
+        self._commanded, self._command = -math.inf, STOP
+        self._driven: float | None = None
         self._changed()
 
     def _changed(self) -> None:
@@ -67,15 +78,23 @@ class SimulatedWorld:
         """Whether a command holds."""
         return self.time - self._commanded < COMMAND_TIMEOUT
 
-    def tick(self) -> None:
-        """Advance by one control tick."""
+    def tick(self) -> Stop | None:
+        """Advance by one control tick; tell when the robot has come to stand."""
         self._simulation.tick()
-        self.observed = self._sensors.observe(self._simulation.world())
+        world = self._simulation.world()
+        self.observed = self._sensors.observe(world)
+        driving = self.steered and self._command != STOP
+        if self._driven is None or driving or not _stands(world.robot):
+            return None
+        stop, self._driven = Stop(self._driven, world.time), None
+        return stop
 
     def command(self, command: Command) -> None:
         """Give the base a velocity command."""
         self._simulation.command(command)
-        self._commanded = self.time
+        self._commanded, self._command = self.time, command
+        if command != STOP:
+            self._driven = self.time
 
     def reset(self) -> None:
         """Make a new world; its time starts at 0."""
@@ -122,3 +141,7 @@ class SimulatedWorld:
         x_most, y_most = field.length / 2 + field.margin, field.width / 2 + field.margin
         checks.number(x, f"{where}.x", low=-x_most, high=x_most, unit="m")
         checks.number(y, f"{where}.y", low=-y_most, high=y_most, unit="m")
+
+
+def _stands(robot: RobotState) -> bool:
+    return abs(robot.v) < _STANDING_V and abs(robot.w) < _STANDING_W

@@ -145,7 +145,10 @@ class SimulationNode(Node):
         if self._paused:
             self._deadline = now + _PAUSED_PERIOD
         else:
-            self._world.tick()
+            stop = self._world.tick()
+            if stop is not None:
+                times = f"since {stop.stood:.2f} s, last told to move at {stop.last_command:.2f} s"
+                self.get_logger().debug(f"the robot stands {times}")
             self._ticks += 1
             if self._settings["real_time_factor"] == 0.0 and self._world.steered:
                 self._deadline = now + self._settings["command_wait"]

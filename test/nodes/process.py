@@ -89,10 +89,16 @@ class Processes:
         self._started: list[Process] = []
 
     def start(
-        self, name: str, *, namespace: str = "", remap: Mapping[str, str] | None = None, **parameters: object
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        remap: Mapping[str, str] | None = None,
+        log_level: str = "info",
+        **parameters: object,
     ) -> Process:
         """Start the executable `name` with these ROS parameters and remapped names."""
-        arguments = ["--ros-args"]
+        arguments = ["--ros-args", "--log-level", f"{name}:={log_level}"]
         for parameter, value in parameters.items():
             arguments += ["-p", f"{parameter}:={value}"]
         for old, new in (remap or {}).items():
