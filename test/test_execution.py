@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.execution import Deadlines, Ending, Execution, Phase, needs_ball
+from ator_ros.nodes.execution import Deadlines, Ending, Execution, Phase
 from ator_ros.nodes.inputs import Inputs, TimeWentBackError
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.robot import load_robot
+from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.tops.ball import needs_ball
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tracking import BallTracker
@@ -36,9 +39,15 @@ FORWARD = chain(("goToPose", Pose(1.0, 0.0, 0.0)))
 FORWARD_LEFT = chain(("goToPose", Pose(1.0, 1.0, 0.0)))
 
 
-def execution(plan: TopChain, *, refine: bool = False) -> Execution:
+def execution(plan: TopChain, *, refine: bool = False, fetches: int = 0) -> Execution:
     return Execution(
-        LIBRARY, plan, refine=refine, now=100.0, predictor=Predictor(ROBOT, {}), deadlines=Deadlines()
+        LIBRARY,
+        plan,
+        refine=refine,
+        now=100.0,
+        predictor=Predictor(ROBOT, {}),
+        deadlines=Deadlines(),
+        fetches=fetches,
     )
 
 
@@ -167,6 +176,39 @@ def test_a_ball_that_is_silent_when_its_step_comes_ends_the_goal() -> None:
     for tick in range(1, 5):
         run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
     assert (run.ending, len(run.records)) == (Ending.INPUT_LOST, 1 + 1)
+
+
+CARRY = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0)))
+
+
+def carrying(*, fetches: int = 0) -> tuple[Execution, World]:
+    """Give an execution of CARRY that dribbles, and the state that it is in."""
+    run = execution(CARRY, fetches=fetches)
+    with PioneerSimulation(ROBOT) as simulation:
+        simulation.place_ball(1.0, 0.0)
+        while run.top.name != "dribbleBall":
+            simulation.command(run.tick(simulation.world(), 100.0))
+            simulation.tick()
+            assert run.ending is None
+        return run, simulation.world()
+
+
+def test_a_ball_that_is_lost_ends_the_goal_under_that_name() -> None:
+    run, state = carrying()
+    assert run.tick(dataclasses.replace(state, ball=BallState(1.0, 0.5)), 100.0) == STOP
+    assert run.ending is Ending.BALL_LOST
+    assert run.reason.startswith("ball lost in dribbleBall: lost the ball, it is")
+    assert run.records[-1][0].lost_ball
+
+
+def test_a_ball_that_is_lost_is_fetched_where_it_is() -> None:
+    run, state = carrying(fetches=1)
+    run.tick(dataclasses.replace(state, ball=BallState(1.0, 0.9)), 100.0)
+    assert (run.ending, run.fetched, run.top.name) == (None, 1, "goToBall")
+    assert run.chain.calls[0].goal.pose == Pose(1.0, 0.9, 0.0)
+    assert run.tick(world(state.time + 0.1), 100.1) == STOP
+    assert run.ending is Ending.INPUT_LOST
+    assert "ball is missing: goToBall needs it" in run.reason
 
 
 def test_refinement_is_waited_for_until_its_deadline() -> None:

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from ator_ros.actions.base import Status
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.tops.ball import needs_ball
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.executor import ActionRecord, ChainExecutor
+from ator_ros.tops.executor import ChainExecutor
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.step_run import ActionRecord
 from ator_ros.tops.top import Top
 from ator_ros.world import STOP, Command, World
 
@@ -31,6 +33,7 @@ class Ending(enum.Enum):
     PREEMPTED = 5
     INPUT_LOST = 6
     SHUTDOWN = 7
+    BALL_LOST = 8
 
 
 class Phase(enum.Enum):
@@ -82,6 +85,8 @@ class Execution:
         For predictions beside what happens.
     deadlines : Deadlines
         When to give up waiting.
+    fetches : int
+        How many times a lost ball may be fetched again.
     """
 
     def __init__(
@@ -93,6 +98,7 @@ class Execution:
         now: float,
         predictor: Predictor,
         deadlines: Deadlines,
+        fetches: int = 0,
     ) -> None:
         self.chain = chain
         self.phase = Phase.WAITING
@@ -105,7 +111,7 @@ class Execution:
         self.records: list[tuple[ActionRecord, World]] = []
         self.elapsed = 0.0
         self._library, self._predictor, self._deadlines = library, predictor, deadlines
-        self._refine = refine
+        self._refine, self._fetches = refine, fetches
         self._accepted, self._heard, self._asked = now, math.inf, math.inf
         self._stopped_at = math.inf
         self._executor: ChainExecutor | None = None
@@ -114,6 +120,11 @@ class Execution:
     def step(self) -> int:
         """The step of the chain that is executed, from 0."""
         return 0 if self._executor is None else self._executor.index
+
+    @property
+    def fetched(self) -> int:
+        """How many times a lost ball was fetched again."""
+        return 0 if self._executor is None else self._executor.fetched
 
     @property
     def top(self) -> Top:
@@ -213,11 +224,16 @@ class Execution:
             self.start = world
             self.predicted = self._predictor.chain(world, self.chain)
             self._executor = ChainExecutor(
-                self._library, self.chain, time_limit=self._deadlines.action, predict=self._predictor.action
+                self._library,
+                self.chain,
+                time_limit=self._deadlines.action,
+                predict=self._predictor.action,
+                fetches=self._fetches,
             )
         if self._ball_missing(world):
             return STOP
         step = self._executor.step(world)
+        self.chain = self._executor.chain
         new = self._executor.records[len(self.records) :]
         self.records += [(record, world) for record in new]
         self.elapsed = step.elapsed
@@ -226,7 +242,12 @@ class Execution:
             return step.command
         if self._ball_missing(world):  # which the step needed that was just handed over to
             return STOP
-        self.end(Ending.SUCCEEDED if step.status is Status.SUCCEEDED else Ending.FAILED, step.message)
+        if step.status is Status.SUCCEEDED:
+            self.end(Ending.SUCCEEDED, step.message)
+        elif self.records[-1][0].lost_ball:
+            self.end(Ending.BALL_LOST, f"ball lost in {self.top.name}: {step.message}")
+        else:
+            self.end(Ending.FAILED, step.message)
         return STOP
 
     def _settle(self, world: World) -> None:
@@ -243,9 +264,3 @@ class Execution:
                 Ending.INPUT_LOST, f"ball is missing: {self.top.name} needs it, and no recent one is known"
             )
         return missing
-
-
-def needs_ball(top: Top) -> bool:
-    """Say whether the conditions of a TOP speak of the ball."""
-    terms = (*top.pre.terms, *top.post.terms)
-    return any(str(name).startswith("ball.") for term in terms for name in (term.variable, term.target))

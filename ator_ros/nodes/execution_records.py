@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
@@ -9,8 +10,14 @@ from ator_ros.actions.base import Status
 from ator_ros.nodes.conversions import call_of, chain_of, performance_of, situation_of
 from ator_ros.nodes.execution import Ending, Execution
 from ator_ros.nodes.refinement_answers import chain_performance_of
-from ator_ros.tops.executor import ActionRecord
+from ator_ros.tops.step_run import ActionRecord
 from ator_ros.world import World
+
+_ENDINGS = {
+    Status.SUCCEEDED: Ending.SUCCEEDED,
+    Status.FAILED: Ending.FAILED,
+    Status.RUNNING: Ending.PREEMPTED,
+}
 
 
 def outcome_of(ending: Ending, reason: str) -> Outcome:
@@ -22,13 +29,14 @@ def action_record_of(
     record: ActionRecord, end: World, execution: Execution, *, chain_id: str, frame: str
 ) -> ActionPerformance:
     """Write how one action of a chain went, which ended in the state `end`."""
-    ending = Ending.SUCCEEDED if record.outcome is Status.SUCCEEDED else Ending.FAILED
+    ending = _ENDINGS[record.outcome]
+    call = dataclasses.replace(execution.chain.calls[record.index], goal=record.goal)
     message = ActionPerformance(
         chain_id=chain_id,
         step=record.index,
         steps=len(execution.chain),
         action=record.action,
-        call=call_of(execution.chain.calls[record.index], frame=frame),
+        call=call_of(call, frame=frame),
         start=situation_of(record.start, frame=frame),
         end=situation_of(end, frame=frame),
         predicted=performance_of(record.predicted),
@@ -57,6 +65,7 @@ def chain_record_of(
         start=situation_of(execution.start or end, frame=frame),
         refined=execution.refined,
         refinement=execution.refinement,
+        fetched=execution.fetched,
         predicted=chain_performance_of(execution.predicted),
         actual=actual(execution.elapsed, ending),
         actions=actions,
@@ -68,5 +77,5 @@ def chain_record_of(
 
 def actual(duration: float, ending: Ending, accuracy: float = math.nan) -> Performance:
     """Write an actual performance."""
-    success = float(ending is Ending.SUCCEEDED)
+    success = math.nan if ending is Ending.PREEMPTED else float(ending is Ending.SUCCEEDED)
     return performance_of({"duration": duration, "spread": 0.0, "success": success, "accuracy": accuracy})

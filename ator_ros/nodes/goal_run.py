@@ -67,6 +67,7 @@ class GoalRun:
             now=time.monotonic(),
             predictor=predictor,
             deadlines=deadlines,
+            fetches=goal.fetches,
         )
         self._library, self._refinement, self._frame = library, refinement, frame
         self._chain_id = id_of(handle)

@@ -2,56 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
-from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.actions.base import Status, Step
+from ator_ros.tops.ball import (
+    at_ball,
+    at_rest,
+    drives_to_ball,
+    fetches_ball,
+    has_left,
+    is_at_front,
+    is_lost,
+    starts_holding,
+)
+from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.state import goal_variables, state_of
+from ator_ros.tops.step_run import ActionRecord, Predict, StepRun
 from ator_ros.world import STOP, Command, World
-
-Predict = Callable[[World, TopCall], Any]
-
-
-@dataclass(frozen=True, slots=True)
-class ActionRecord:
-    """How one action of a chain went.
-
-    Attributes
-    ----------
-    index : int
-        Step of the chain, from 0.
-    top, action : str
-        Names of the TOP and of its action.
-    start : World
-        Situation in which the action started.
-    goal : Goal
-        What it was to reach.
-    duration : float
-        Time it took in s.
-    outcome : Status
-        SUCCEEDED or FAILED.
-    reason : str
-        A sentence on how it ended.
-    position_error, heading_error : float
-        Distance from the goal at the end in m, difference of headings in rad.
-    predicted : object
-        What the performance model predicted at the start; None without one.
-    """
-
-    index: int
-    top: str
-    action: str
-    start: World
-    goal: Goal
-    duration: float
-    outcome: Status
-    reason: str
-    position_error: float
-    heading_error: float
-    predicted: Any = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +45,9 @@ class ChainExecutor:
         Time in s that each action may take.
     predict : callable, optional
         Predicts the performance of a step from the world in which it starts, for the record.
+    fetches : int
+        How many times the ball may be fetched again when it is lost; then the chain goes on from the last
+        step before that fetches it.
     """
 
     def __init__(
@@ -87,35 +57,37 @@ class ChainExecutor:
         *,
         time_limit: float = 30.0,
         predict: Predict | None = None,
+        fetches: int = 0,
     ) -> None:
         self._library = library
         self._chain = chain
         self._time_limit = time_limit
         self._predict = predict
-        self._action: Action | None = None
-        self._index = 0
+        self._fetches = fetches
         self._began: float | None = None
-        self._start: World | None = None
-        self._predicted: Any = None
         self.records: list[ActionRecord] = []
+        self.fetched = 0
+        self._index = 0
+        self._run = self._new_run(chain, 0)
 
     def step(self, world: World) -> ChainStep:
         """Give the command of this tick; an action that ends hands over to the next in the same tick."""
         if self._began is None:
             self._began = world.time
         while True:
-            step = self._step_action(world)
+            self._follow_ball(world)
+            step = self._run.step(world)
             if step.status is Status.RUNNING:
                 return self._told(world, step)
-            self._record(world, step)
-            last = self._index + 1 == len(self._chain)
-            if step.status is Status.FAILED or last:
+            self.records.append(self._run.record(world, step))
+            following = self._after(world, step.status)
+            if following is None:
                 return self._told(world, Step(STOP, step.status, step.message))
-            self._action, self._index = None, self._index + 1
+            self._enter(*following)
 
     @property
     def chain(self) -> TopChain:
-        """The chain as it is executed."""
+        """The chain as it is executed; the goals of approaches move with the ball."""
         return self._chain
 
     @property
@@ -123,59 +95,78 @@ class ChainExecutor:
         """The step of the chain that is being executed, from 0."""
         return self._index
 
+    def head_for(self, world: World, chain: TopChain) -> bool:
+        """Go on with other goals from the present step on, without a stop.
+
+        Parameters
+        ----------
+        world : World
+            The present state.
+        chain : TopChain
+            The same TOPs as in `chain`.
+
+        Returns
+        -------
+        bool
+            False, and nothing has changed: there is no way from here to the present step's new goal.
+        """
+        if chain.calls[self._index] != self._run.call:
+            run = self._new_run(chain, self._index, standing_first=self._run.stopping)
+            if self._run.begun and run.begin(world) is not None:
+                return False
+            self._replace_run(world, run)
+        self._chain = chain
+        return True
+
+    def _follow_ball(self, world: World) -> None:
+        """Move the goal of an approach with a ball that has left it; stop where no way leads on."""
+        robot, call, resting = self._library.robot, self._run.call, at_rest(world, self._library.robot)
+        pushed = self._run.begun and is_at_front(world, robot)
+        if not drives_to_ball(call.top) or pushed or not has_left(resting, call, robot):
+            return
+        chain = self._chain.with_goal(self._index, at_ball(call.goal, resting))
+        if not self.head_for(world, chain):
+            self._replace_run(world, self._new_run(chain, self._index, standing_first=True))
+            self._chain = chain
+
+    def _replace_run(self, world: World, run: StepRun) -> None:
+        if self._run.begun:
+            self.records.append(self._run.record(world, Step(STOP, Status.RUNNING, "another goal took over")))
+        self._run = run
+
+    def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
+        """Give the step that follows, and whether the robot shall stand first; None at the chain's end."""
+        if status is Status.SUCCEEDED:
+            return (self._index + 1, False) if self._index + 1 < len(self._chain) else None
+        fetching = self._fetching_step(world)
+        if fetching is None:
+            return None
+        self.fetched += 1
+        return fetching, True
+
+    def _fetching_step(self, world: World) -> int | None:
+        """Give the step to go back to for a ball that is lost; None where none is to be fetched."""
+        top = self._run.call.top
+        missed = starts_holding(top) or (fetches_ball(top) and self._run.begun)
+        if self.fetched >= self._fetches or not missed or not is_lost(world, self._library.robot):
+            return None
+        before = (i for i in range(self._index, -1, -1) if fetches_ball(self._chain.calls[i].top))
+        return next(before, None)
+
+    def _enter(self, index: int, standing_first: bool) -> None:
+        self._index = index
+        self._run = self._new_run(self._chain, index, standing_first=standing_first)
+
+    def _new_run(self, chain: TopChain, index: int, *, standing_first: bool = False) -> StepRun:
+        return StepRun(
+            self._library,
+            index,
+            chain.calls[index],
+            time_limit=self._time_limit,
+            predict=self._predict,
+            standing_first=standing_first,
+        )
+
     def _told(self, world: World, step: Step) -> ChainStep:
         assert self._began is not None
         return ChainStep(step.command, step.status, self._index, step.message, world.time - self._began)
-
-    def _step_action(self, world: World) -> Step:
-        call = self._chain.calls[self._index]
-        if self._action is None:
-            self._start = world
-            violations = call.top.pre.violations(
-                state_of(world, self._library.robot), goal_variables(call.goal)
-            )
-            if violations:
-                return Step(STOP, Status.FAILED, f"pre-condition of {call.top.name}: {'; '.join(violations)}")
-            action = self._library.action(call.top)
-            try:
-                action.start(world, call.goal)
-            except ActionError as error:
-                return Step(STOP, Status.FAILED, str(error))
-            self._action = action
-            self._predicted = None if self._predict is None else self._predict(world, call)
-        step = self._action.step(world)
-        assert self._start is not None
-        if step.status is Status.RUNNING and world.time - self._start.time > self._time_limit:
-            return Step(STOP, Status.FAILED, f"{call.top.name} took longer than {self._time_limit:g} s")
-        return self._confirmed(world, call, step)
-
-    def _confirmed(self, world: World, call: TopCall, step: Step) -> Step:
-        """Believe in success only when the post-condition holds."""
-        if step.status is not Status.SUCCEEDED:
-            return step
-        goal = goal_variables(call.goal)
-        violations = call.top.post.violations(state_of(world, self._library.robot), goal)
-        if not violations:
-            return step
-        return Step(STOP, Status.FAILED, f"post-condition of {call.top.name}: {'; '.join(violations)}")
-
-    def _record(self, world: World, step: Step) -> None:
-        call, start = self._chain.calls[self._index], self._start
-        assert start is not None
-        pose, goal = world.robot.pose, call.goal.robot_pose(self._library.robot)
-        self.records.append(
-            ActionRecord(
-                self._index,
-                call.top.name,
-                call.top.action,
-                start,
-                call.goal,
-                world.time - start.time,
-                step.status,
-                step.message,
-                pose.distance(goal),
-                abs(pose.relative(goal).yaw),
-                self._predicted,
-            )
-        )
-        self._predicted = None

@@ -1,0 +1,101 @@
+"""The ball in TOPs: who needs it, who drives to it, who holds it, all read from their conditions."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from ator_ros.actions.base import Goal
+from ator_ros.robot import Robot
+from ator_ros.tops.chain import TopCall
+from ator_ros.tops.conditions import Condition
+from ator_ros.tops.state import goal_variables, state_of
+from ator_ros.tops.top import Top
+from ator_ros.world import BallState, World
+
+_AT_HOLD = frozenset({("hold.x", "ball.x"), ("hold.y", "ball.y")})
+_AT_FRONT = frozenset({("ball.x", "hold.x"), ("ball.y", "hold.y")})
+_AT_GOAL = frozenset({("ball.x", "goal.x"), ("ball.y", "goal.y")})
+_TOUCHING = 0.08
+_LOST = 0.12
+_AT_REST = 1e-3
+
+
+def needs_ball(top: Top) -> bool:
+    """Say whether the conditions of a TOP speak of the ball."""
+    terms = (*top.pre.terms, *top.post.terms)
+    return any(str(name).startswith("ball.") for term in terms for name in (term.variable, term.target))
+
+
+def starts_holding(top: Top) -> bool:
+    """Say whether a TOP starts with the ball in front of the robot."""
+    return _holds(top.pre)
+
+
+def ends_holding(top: Top) -> bool:
+    """Say whether a TOP ends with the ball in front of the robot."""
+    return _holds(top.post)
+
+
+def keeps_holding(top: Top) -> bool:
+    """Say whether a TOP starts and ends with the ball in front of the robot."""
+    return starts_holding(top) and ends_holding(top)
+
+
+def drives_to_ball(top: Top) -> bool:
+    """Say whether a TOP's goal is where the ball lies, so that it moves when the ball does."""
+    return _says(top.pre, _AT_GOAL)
+
+
+def fetches_ball(top: Top) -> bool:
+    """Say whether a TOP drives to the ball and ends with it in front of the robot."""
+    return drives_to_ball(top) and ends_holding(top)
+
+
+def _holds(condition: Condition) -> bool:
+    return _says(condition, _AT_HOLD) or _says(condition, _AT_FRONT)
+
+
+def _says(condition: Condition, pairs: frozenset[tuple[str, str]]) -> bool:
+    return pairs <= {(term.variable, str(term.target)) for term in condition.terms}
+
+
+def at_rest(world: World, robot: Robot) -> World:
+    """Give the world with the ball where it will have rolled out, if nothing stops it before."""
+    ball = world.ball
+    if ball is None or ball.speed < _AT_REST:
+        return world
+    seconds = ball.speed / (2.0 * robot.ball.rolling_deceleration)
+    rest = BallState(ball.x + ball.vx * seconds, ball.y + ball.vy * seconds)
+    return dataclasses.replace(world, ball=rest)
+
+
+def has_left(world: World, call: TopCall, robot: Robot) -> bool:
+    """Say whether the ball is farther from the goal of `call` than its pre-condition allows."""
+    state, goal = state_of(world, robot), goal_variables(call.goal)
+    terms = (term for term in call.top.pre.terms if (term.variable, term.target) in _AT_GOAL)
+    return any((term.error(state, goal) or 0.0) > term.tolerance for term in terms)
+
+
+def at_ball(goal: Goal, world: World) -> Goal:
+    """Give a goal with the position of the ball, where one is known."""
+    ball = world.ball
+    return goal if ball is None else dataclasses.replace(goal, pose=goal.pose._replace(x=ball.x, y=ball.y))
+
+
+def hold_offset(world: World, robot: Robot) -> float:
+    """Give the distance in m from the ball to where the robot holds one; infinite without a ball."""
+    if world.ball is None:
+        return math.inf
+    hold = robot.hold_point(world.robot.pose)
+    return math.hypot(world.ball.x - hold.x, world.ball.y - hold.y)
+
+
+def is_lost(world: World, robot: Robot) -> bool:
+    """Say whether a ball that was in front of the robot is there no more."""
+    return world.ball is not None and hold_offset(world, robot) > _LOST
+
+
+def is_at_front(world: World, robot: Robot) -> bool:
+    """Say whether the robot's front touches the ball, or nearly: what moves it then is the robot."""
+    return hold_offset(world, robot) < robot.fin_length + _TOUCHING

@@ -1,0 +1,110 @@
+"""The node `executor` with a ball that moves, through ROS; one set of processes for all tests here.
+
+The simulation runs at real time: what is done to the ball is done while the robot drives, also where that is
+slow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import domain_coordinator
+import pytest
+from chain_client import ChainClient, Sent, call, chain_of_the_paper
+from process import Processes
+from ros_client import Client
+
+from ator_interfaces.msg import Outcome
+from ator_interfaces.srv import PlaceBall
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_from
+
+pytestmark = pytest.mark.node
+
+START = Pose(-2.0, 0.0, 0.0)
+LONG = 120.0
+"""Real seconds that a chain may take on a loaded machine."""
+
+
+@pytest.fixture(scope="module")
+def chains(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ChainClient]:
+    """Give a client of an executor with a simulation at real time."""
+    with domain_coordinator.domain_id() as domain:
+        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
+        processes.start("simulation")
+        processes.start("executor", odom_timeout=5.0, ball_timeout=0.5, start_timeout=60.0)
+        yield ChainClient(client)
+        client.close()
+        processes.kill()
+
+
+@pytest.fixture(autouse=True)
+def placed(chains: ChainClient) -> None:
+    """Start every test with robot and ball at rest at their places."""
+    chains.ros.place(robot=START, ball=(0.0, 0.0))
+    chains.ros.eventually(
+        lambda: chains.standing() and chains.ros.robot().pose.distance(START) < 0.01
+        and abs(chains.ros.ball().x) + abs(chains.ros.ball().y) < 0.01,
+        "robot and ball are placed",
+    )  # fmt: skip
+    chains.until_newer()
+
+
+def until(chains: ChainClient, sent: Sent, top: str) -> None:
+    """Wait until the robot drives in the step `top`."""
+    chains.ros.eventually(lambda: sent.feedback and sent.feedback[-1].top == top, top, LONG)
+    chains.until_moving()
+
+
+def steps(sent: Sent) -> list[tuple[int, int]]:
+    """Give step and outcome of each action."""
+    return [(action.step, action.outcome.code) for action in sent.result(LONG).record.actions]
+
+
+def test_a_lost_ball_ends_the_goal_under_that_name(chains: ChainClient) -> None:
+    sent = chains.send(chain_of_the_paper())
+    until(chains, sent, "dribbleBall")
+    chains.ros.place(ball=(0.5, 1.5))
+    result = sent.result(LONG)
+    assert result.outcome.code == result.record.outcome.code == Outcome.BALL_LOST
+    assert "ball lost in dribbleBall: lost the ball" in result.outcome.reason
+    assert result.record.fetched == 0
+    assert steps(sent) == [(0, Outcome.SUCCEEDED), (1, Outcome.FAILED)]
+    assert "lost the ball" in result.record.actions[-1].outcome.reason
+
+
+def test_a_lost_ball_is_fetched_again_when_the_goal_asks_for_it(chains: ChainClient) -> None:
+    sent = chains.send(chain_of_the_paper()[:2], fetches=2)
+    until(chains, sent, "dribbleBall")
+    chains.ros.place(ball=(0.5, 1.5))
+    result = sent.result(LONG)
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert result.record.fetched == 1
+    assert [step for step, _ in steps(sent)] == [0, 1, 0, 1]
+    fetch = result.record.actions[2].call.goal.pose
+    assert (fetch.position.x, fetch.position.y) == pytest.approx((0.5, 1.5), abs=0.02)
+    planned = chain_of_the_paper()[0].goal.pose
+    assert pose_from(fetch, "goal").yaw == pytest.approx(pose_from(planned, "goal").yaw)
+    ball = chains.ros.ball()
+    assert (ball.x, ball.y) == pytest.approx((2.4, 0.3), abs=0.15)
+
+
+def test_a_ball_that_vanishes_while_it_is_dribbled_is_missing_not_lost(chains: ChainClient) -> None:
+    sent = chains.send(chain_of_the_paper(), fetches=2)
+    until(chains, sent, "dribbleBall")
+    assert chains.ros.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
+    outcome = sent.result(LONG).outcome
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "ball is missing" in outcome.reason
+
+
+def test_a_ball_that_is_displaced_while_it_is_approached_is_followed(chains: ChainClient) -> None:
+    sent = chains.send([call("goToBall", Pose(0.0, 0.0, 0.5))])
+    until(chains, sent, "goToBall")
+    chains.ros.place(ball=(0.3, 0.5))
+    result = sent.result(LONG)
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert steps(sent) == [(0, Outcome.PREEMPTED), (0, Outcome.SUCCEEDED)]
+    assert result.record.actions[1].start.v > 0.1
+    position = result.record.chain.calls[0].goal.pose.position
+    assert (position.x, position.y) == pytest.approx((0.3, 0.5), abs=0.02)

@@ -1,0 +1,163 @@
+"""A ball that moves while a chain is executed: it is followed, missed, and fetched again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from ator_ros.actions.base import Goal, Status
+from ator_ros.geometry import Pose
+from ator_ros.robot import load_robot
+from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.tops.ball import drives_to_ball, fetches_ball, keeps_holding, needs_ball, starts_holding
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.executor import ChainExecutor, ChainStep
+from ator_ros.tops.library import TopLibrary
+
+ROBOT = load_robot()
+LIBRARY = TopLibrary(ROBOT)
+HEADING = 0.4
+
+Disturb = Callable[[PioneerSimulation, ChainExecutor, ChainStep], bool]
+
+
+def call(top: str, x: float, y: float, yaw: float = 0.0) -> TopCall:
+    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), 0.0, LIBRARY[top].point), frozenset({"x", "y"}))
+
+
+APPROACH = TopChain((call("goToBall", 0.0, 0.0, HEADING),))
+DRIBBLE = TopChain((*APPROACH.calls, call("dribbleBall", 2.0, 0.5, 0.3)))
+
+
+class Drive:
+    """A chain executed in the simulation, disturbed until `disturb` says that it was done often enough."""
+
+    def __init__(self, chain: TopChain, disturb: Disturb, *, fetches: int = 0) -> None:
+        self.executor = ChainExecutor(LIBRARY, chain, fetches=fetches)
+        self.steps: list[ChainStep] = []
+        self.speeds: list[float] = []
+        self.disturbed: list[float] = []
+        with PioneerSimulation(ROBOT) as simulation:
+            simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+            simulation.place_ball(0.0, 0.0)
+            while not self.steps or self.steps[-1].status is Status.RUNNING:
+                self._tick(simulation, disturb)
+            self.world = simulation.world()
+
+    def _tick(self, simulation: PioneerSimulation, disturb: Disturb) -> None:
+        self.steps.append(self.executor.step(simulation.world()))
+        self.speeds.append(simulation.world().robot.v)
+        simulation.command(self.steps[-1].command)
+        simulation.tick()
+        if disturb(simulation, self.executor, self.steps[-1]):
+            self.disturbed.append(simulation.time)
+
+    @property
+    def status(self) -> Status:
+        return self.steps[-1].status
+
+    @property
+    def tops(self) -> list[tuple[str, Status]]:
+        return [(record.top, record.outcome) for record in self.executor.records]
+
+
+def once(index: int, after: float, move: Callable[[PioneerSimulation], None], times: int = 1) -> Disturb:
+    """Move the ball in step `index`, `after` s from its start; again in as many further steps of the kind."""
+    done: set[int] = set()
+
+    def disturb(simulation: PioneerSimulation, executor: ChainExecutor, step: ChainStep) -> bool:
+        run, since = len(executor.records), sum(record.duration for record in executor.records)
+        if step.index != index or len(done) == times or run in done or step.elapsed - since < after:
+            return False
+        done.add(run)
+        move(simulation)
+        return True
+
+    return disturb
+
+
+def away(simulation: PioneerSimulation) -> None:
+    ball = simulation.world().ball
+    assert ball is not None
+    simulation.place_ball(ball.x, ball.y + (1.0 if ball.y < 0.5 else -1.0))
+
+
+def test_what_a_top_does_with_the_ball_follows_from_its_conditions() -> None:
+    def those(says: Callable[[object], bool]) -> set[str]:
+        return {name for name in LIBRARY if says(LIBRARY[name])}
+
+    assert those(needs_ball) == {"goToBall", "dribbleBall", "shoot"}
+    assert those(starts_holding) == {"dribbleBall", "shoot"}
+    assert those(keeps_holding) == {"dribbleBall"}
+    assert those(drives_to_ball) == those(fetches_ball) == {"goToBall"}
+
+
+def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:
+    drive = Drive(APPROACH, once(0, 1.0, lambda simulation: simulation.place_ball(0.3, 0.5)))
+    assert drive.status is Status.SUCCEEDED
+    assert drive.tops == [("goToBall", Status.RUNNING), ("goToBall", Status.SUCCEEDED)]
+    goal = drive.executor.chain.calls[0].goal
+    assert (goal.pose.x, goal.pose.y) == pytest.approx((0.3, 0.5), abs=0.02)
+    assert goal.pose.yaw == HEADING
+    assert min(drive.speeds[15:30]) > 0.3
+    assert drive.executor.records[0].goal == APPROACH.calls[0].goal
+    assert drive.executor.records[1].start.robot.v > 0.3
+    total = sum(record.duration for record in drive.executor.records)
+    assert total == pytest.approx(drive.steps[-1].elapsed)
+
+
+def test_a_rolling_ball_is_approached_where_it_rolls_out() -> None:
+    drive = Drive(APPROACH, once(0, 0.5, lambda simulation: simulation.place_ball(0.0, 0.0, vx=0.3, vy=-0.9)))
+    assert drive.status is Status.SUCCEEDED
+    assert drive.world.ball is not None
+    assert drive.world.ball.y < -0.3
+    assert drive.executor.chain.calls[0].goal.pose.y == pytest.approx(drive.world.ball.y, abs=0.15)
+
+
+def test_a_lost_ball_is_noticed_at_once() -> None:
+    drive = Drive(DRIBBLE, once(1, 1.0, away))
+    assert drive.status is Status.FAILED
+    last = drive.executor.records[-1]
+    assert last.lost_ball
+    assert "lost the ball" in last.reason
+    assert drive.world.time - drive.disturbed[0] < 0.11
+
+
+def test_a_lost_ball_is_fetched_again() -> None:
+    drive = Drive(DRIBBLE, once(1, 1.0, away), fetches=1)
+    assert drive.status is Status.SUCCEEDED
+    assert [record.index for record in drive.executor.records] == [0, 1, 0, 1]
+    assert drive.executor.fetched == 1
+    fetch = drive.executor.records[2]
+    assert fetch.goal.pose.yaw == HEADING
+    assert fetch.goal.pose.distance(drive.executor.records[1].goal.pose) > 0.8
+    assert abs(fetch.start.robot.v) < 0.02
+    assert drive.executor.records[3].position_error < 0.06
+
+
+def test_a_ball_is_fetched_as_often_as_allowed() -> None:
+    drive = Drive(DRIBBLE, once(1, 1.0, away, times=2), fetches=1)
+    assert drive.status is Status.FAILED
+    assert [record.index for record in drive.executor.records] == [0, 1, 0, 1]
+    assert drive.executor.records[-1].lost_ball
+
+
+def test_a_chain_without_a_fetching_step_cannot_fetch() -> None:
+    start = call("goToPose", -ROBOT.hold, 0.0)
+    chain = TopChain((start, call("dribbleBall", 2.0, 0.5, 0.3)))
+    drive = Drive(chain, once(1, 1.0, away), fetches=3)
+    assert (drive.status, drive.executor.fetched) == (Status.FAILED, 0)
+
+
+def test_a_failed_shot_is_no_lost_ball() -> None:
+    chain = TopChain((*APPROACH.calls, call("shoot", 4.0, 0.0)))
+
+    def stop_it(simulation: PioneerSimulation, _: ChainExecutor, step: ChainStep) -> bool:
+        if "released" in step.message:
+            simulation.place_ball(2.0, 1.5)
+        return False
+
+    drive = Drive(chain, stop_it)
+    assert drive.status is Status.FAILED
+    assert not drive.executor.records[-1].lost_ball
