@@ -180,3 +180,8 @@ def test_starts_in_motion_are_driven_as_planned() -> None:
     seconds_to_go = float(action.step(World(0.0, moving.robot)).message.split()[1])
     assert outcome.success
     assert outcome.duration == pytest.approx(seconds_to_go, abs=0.1)
+
+
+def test_backward_at_both_ends_takes_no_time_over_no_distance() -> None:
+    assert float(straight_times(0.0, -0.35, -0.35, LIMITS)) == pytest.approx(0.0)
+    assert float(straight_times(0.0, 0.35, 0.35, LIMITS)) == pytest.approx(0.0)

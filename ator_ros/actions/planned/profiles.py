@@ -103,9 +103,11 @@ def straight_pieces(distance: float, v1: float, v2: float, limits: Limits) -> li
 def _straight(distances: Any, v1: Any, v2: Any, limits: Limits) -> tuple[Any, Any, Any, Any, Any]:
     """Give direction, both speeds and the peak in that direction, and the time at the peak."""
     up, down = limits.a, limits.brake
-    # A stretch made to measure for its change of speed must not count as a hair too short.
-    enough = np.asarray(distances) >= speed_change_distances(v1, v2, limits) - 1e-9
-    sign = np.where(enough, 1.0, -1.0)
+    # A stretch made to measure for its change of speed must not count as a hair too short; and what moves
+    # backward all the way is seen as a drive in that direction.
+    surplus = np.asarray(distances) - speed_change_distances(v1, v2, limits)
+    backward = np.maximum(v1, v2) < 0.0
+    sign = np.where(surplus >= np.where(backward, 1e-9, -1e-9), 1.0, -1.0)
     d, u1, u2 = sign * distances, sign * v1, sign * v2
     squares = (down * u1 * u1 + up * u2 * u2 + 2.0 * up * down * d) / (up + down)
     free = np.sqrt(np.maximum(squares, np.maximum(u1, u2) ** 2 * (np.maximum(u1, u2) > 0.0)))
