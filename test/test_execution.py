@@ -9,9 +9,11 @@ import pytest
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.execution import Deadlines, Ending, Execution, Phase
+from ator_ros.nodes.execution import Execution
 from ator_ros.nodes.inputs import Inputs, TimeWentBackError
+from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.refining import Refining
 from ator_ros.robot import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.tops.ball import needs_ball
@@ -43,7 +45,7 @@ def execution(plan: TopChain, *, refine: bool = False, fetches: int = 0) -> Exec
     return Execution(
         LIBRARY,
         plan,
-        refine=refine,
+        refining=Refining(ROBOT, wanted=refine, again_after=0.15),
         now=100.0,
         predictor=Predictor(ROBOT, {}),
         deadlines=Deadlines(),
@@ -221,7 +223,7 @@ def test_refinement_is_waited_for_until_its_deadline() -> None:
     run.tick(world(1.4), 100.55)
     run.watch(100.55)
     assert run.tick(world(1.5), 100.6).v > 0.0
-    assert run.refinement == "executed as sent, refinement failed: no answer within 0.5 s"
+    assert run.refining.reason == "executed as sent, refinement failed: no answer within 0.5 s"
     run.refined_to(FORWARD_LEFT, True, "too late")
     assert run.chain is FORWARD
 
@@ -231,13 +233,13 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     run.tick(world(), 100.0)
     run.refined_to(FORWARD_LEFT, True, "0.5 s faster")
     run.tick(world(1.05), 100.1)
-    assert (run.chain, run.refined, run.refinement) == (FORWARD_LEFT, True, "0.5 s faster")
+    assert (run.chain, run.refining.refined, run.refining.reason) == (FORWARD_LEFT, True, "0.5 s faster")
     other = execution(FORWARD, refine=True)
     other.tick(world(), 100.0)
     other.refined_to(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "nonsense")
     assert other.chain is FORWARD
-    assert "no valid plan" in other.refinement
-    assert not other.refined
+    assert "no valid plan" in other.refining.reason
+    assert not other.refining.refined
 
 
 def test_without_models_nothing_is_predicted() -> None:

@@ -2,70 +2,22 @@
 
 from __future__ import annotations
 
-import enum
 import math
-from dataclasses import dataclass
 
 from ator_ros.actions.base import Status
+from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.refining import Question, Refining, refined_chain
 from ator_ros.refinement.chain_model import ChainPrediction
-from ator_ros.tops.ball import needs_ball
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.ball import at_rest, needs_ball
+from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.executor import ChainExecutor
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.step_run import ActionRecord
+from ator_ros.tops.step_run import ActionRecord, is_standing
 from ator_ros.tops.top import Top
 from ator_ros.world import STOP, Command, World
 
-_STANDING_V = 0.02
-_STANDING_W = 0.05
 _LONGEST_STOP = 2.0
-_NOT_ASKED = "refinement was not asked for"
-
-
-class Ending(enum.Enum):
-    """How a goal ended; names and values are those of Outcome.msg."""
-
-    SUCCEEDED = 1
-    FAILED = 2
-    REFUSED = 3
-    CANCELED = 4
-    PREEMPTED = 5
-    INPUT_LOST = 6
-    SHUTDOWN = 7
-    BALL_LOST = 8
-
-
-class Phase(enum.Enum):
-    """Where the execution of a goal stands."""
-
-    WAITING = "waiting for the first state"
-    REFINING = "waiting for refinement"
-    EXECUTING = "executing"
-    STOPPING = "stopping"
-    ENDED = "ended"
-
-
-@dataclass(frozen=True, slots=True)
-class Deadlines:
-    """When to give up waiting.
-
-    Attributes
-    ----------
-    start : float
-        Real time in s from the goal's acceptance until everything that its chain needs is known.
-    odom : float
-        Real time in s without newer odometry, once there was some.
-    refinement : float
-        Real time in s that refinement may take.
-    action : float
-        Time in s on the odometry's clock that one action may take.
-    """
-
-    start: float = 2.0
-    odom: float = 0.3
-    refinement: float = 0.5
-    action: float = 30.0
 
 
 class Execution:
@@ -77,8 +29,8 @@ class Execution:
         Gives the actions.
     chain : TopChain
         What to execute.
-    refine : bool
-        Whether to wait for `refined` before the start.
+    refining : Refining
+        What is asked of refinement; the start waits for the first answer.
     now : float
         The real time in s, as everywhere here: the state has a clock of its own.
     predictor : Predictor
@@ -94,7 +46,7 @@ class Execution:
         library: TopLibrary,
         chain: TopChain,
         *,
-        refine: bool,
+        refining: Refining,
         now: float,
         predictor: Predictor,
         deadlines: Deadlines,
@@ -104,17 +56,17 @@ class Execution:
         self.phase = Phase.WAITING
         self.ending: Ending | None = None
         self.reason = Phase.WAITING.value
-        self.refinement = _NOT_ASKED
-        self.refined = False
+        self.refining = refining
         self.start: World | None = None
         self.predicted: ChainPrediction | None = None
         self.records: list[tuple[ActionRecord, World]] = []
         self.elapsed = 0.0
         self._library, self._predictor, self._deadlines = library, predictor, deadlines
-        self._refine, self._fetches = refine, fetches
-        self._accepted, self._heard, self._asked = now, math.inf, math.inf
+        self._fetches = fetches
+        self._accepted, self._heard = now, math.inf
         self._stopped_at = math.inf
         self._executor: ChainExecutor | None = None
+        self._answer: tuple[TopChain, str] | None = None
 
     @property
     def step(self) -> int:
@@ -130,6 +82,11 @@ class Execution:
     def top(self) -> Top:
         """The TOP of that step."""
         return self.chain.calls[self.step].top
+
+    @property
+    def question(self) -> Question | None:
+        """What is to be asked of refinement now."""
+        return self.refining.question if self.phase in (Phase.REFINING, Phase.EXECUTING) else None
 
     def predicted_remaining(self, now: float) -> float:
         """Give the predicted time in s from `now`, on the odometry's clock, to the end; NaN if not known."""
@@ -147,7 +104,7 @@ class Execution:
         if self.phase is Phase.WAITING:
             self._begin(world, now)
         if self.phase is Phase.EXECUTING:
-            return self._execute(world)
+            return self._execute(world, now)
         if self.phase is Phase.STOPPING:
             self._settle(world)
         return STOP
@@ -160,7 +117,7 @@ class Execution:
         """Look whether something is overdue."""
         if self.phase is Phase.WAITING and now - self._accepted > self._deadlines.start:
             self._give_up_waiting()
-        if self.phase is Phase.REFINING and now - self._asked > self._deadlines.refinement:
+        if self.question is not None and now - self.question.asked > self._deadlines.refinement:
             self.unrefined(f"no answer within {self._deadlines.refinement:g} s")
         if self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom:
             reason = f"odom is missing: expected newer odometry within {self._deadlines.odom:g} s, got none"
@@ -173,22 +130,53 @@ class Execution:
             self.ending, self.reason, self.phase = ending, reason, Phase.STOPPING
 
     def refined_to(self, chain: TopChain, refined: bool, reason: str) -> None:
-        """Take the answer of refinement, unless it is too late."""
-        if self.phase is not Phase.REFINING:
+        """Take the answer to `question`; when the robot drives, with the next state."""
+        if self.question is None:
             return
-        assert self.start is not None
-        violations = chain.violations(self.start, self._library.robot)
-        if violations:
-            self.unrefined(f"the refined chain is no valid plan: {'; '.join(violations)}")
+        if not refined:
+            self._go_on(reason, changed=False)
+        elif self._executor is not None:
+            self._answer = chain, reason
         else:
-            self.chain, self.refined, self.refinement = chain, refined, reason
-            self.phase = Phase.EXECUTING
+            self._start_with(chain, reason)
 
     def unrefined(self, why: str) -> None:
-        """Go on with the chain as it came, unless that has happened."""
-        if self.phase is Phase.REFINING:
-            self.refinement = f"executed as sent, refinement failed: {why}"
+        """Go on with the chain as it is, since there is no good answer to `question`."""
+        sent = "" if self.phase is Phase.EXECUTING else "executed as sent, "
+        self._go_on(f"{sent}refinement failed: {why}", changed=False)
+
+    def _go_on(self, why: str, *, changed: bool) -> None:
+        if self.question is not None:
+            self.refining.close(why, changed=changed, elapsed=self.elapsed)
             self.phase = Phase.EXECUTING
+
+    def _start_with(self, chain: TopChain, reason: str) -> None:
+        assert self.start is not None
+        try:
+            self.chain = refined_chain(self.chain, 0, chain, self.start, self._library.robot)
+        except InvalidChainError as error:
+            self.unrefined(str(error))
+        else:
+            self._go_on(reason, changed=True)
+
+    def _take_answer(self, world: World, executor: ChainExecutor) -> None:
+        """Head for other goals from where the robot is, if that is still possible."""
+        answer, question, robot, self._answer = self._answer, self.question, self._library.robot, None
+        if answer is None or question is None:
+            return
+        chain, reason = answer
+        if question.step != self.step:
+            self.unrefined("its step was over when the answer came")
+            return
+        try:
+            changed = refined_chain(self.chain, self.step, chain, at_rest(world, robot), robot)
+        except InvalidChainError as error:
+            self.unrefined(str(error))
+            return
+        if executor.head_for(world, changed):
+            self._go_on(reason, changed=True)
+        else:
+            self.unrefined("there is no way from here to the refined subgoal")
 
     # Phases
 
@@ -202,8 +190,9 @@ class Execution:
         if violations:
             self.end(Ending.REFUSED, f"no valid plan: {'; '.join(violations)}")
             return
-        self._asked = now
-        self.phase = Phase.REFINING if self._refine else Phase.EXECUTING
+        self.phase = Phase.REFINING if self.refining.wanted else Phase.EXECUTING
+        if self.refining.wanted:
+            self.refining.ask(world, self.chain, now)
         self.reason = self.phase.value
 
     def _give_up_waiting(self) -> None:
@@ -218,7 +207,7 @@ class Execution:
         """Give the name of the chain's first TOP that needs the ball; None when none does."""
         return next((call.top.name for call in self.chain.calls if needs_ball(call.top)), None)
 
-    def _execute(self, world: World) -> Command:
+    def _execute(self, world: World, now: float) -> Command:
         if self._executor is None:
             # Later than the first state when refinement has taken its time.
             self.start = world
@@ -232,6 +221,7 @@ class Execution:
             )
         if self._ball_missing(world):
             return STOP
+        self._take_answer(world, self._executor)
         step = self._executor.step(world)
         self.chain = self._executor.chain
         new = self._executor.records[len(self.records) :]
@@ -239,6 +229,7 @@ class Execution:
         self.elapsed = step.elapsed
         self.reason = step.message
         if step.status is Status.RUNNING:
+            self.refining.ask_again(world, self.chain, now, step=self.step)
             return step.command
         if self._ball_missing(world):  # which the step needed that was just handed over to
             return STOP
@@ -252,8 +243,7 @@ class Execution:
 
     def _settle(self, world: World) -> None:
         self._stopped_at = min(self._stopped_at, world.time)
-        standing = abs(world.robot.v) < _STANDING_V and abs(world.robot.w) < _STANDING_W
-        if standing or world.time - self._stopped_at > _LONGEST_STOP:
+        if is_standing(world.robot) or world.time - self._stopped_at > _LONGEST_STOP:
             self.phase = Phase.ENDED
 
     def _ball_missing(self, world: World) -> bool:

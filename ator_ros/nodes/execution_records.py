@@ -8,7 +8,8 @@ import math
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
 from ator_ros.actions.base import Status
 from ator_ros.nodes.conversions import call_of, chain_of, performance_of, situation_of
-from ator_ros.nodes.execution import Ending, Execution
+from ator_ros.nodes.execution import Execution
+from ator_ros.nodes.phases import Ending
 from ator_ros.nodes.refinement_answers import chain_performance_of
 from ator_ros.tops.step_run import ActionRecord
 from ator_ros.world import World
@@ -63,9 +64,10 @@ def chain_record_of(
         chain_id=chain_id,
         chain=chain_of(execution.chain, action_set=action_set, frame=frame),
         start=situation_of(execution.start or end, frame=frame),
-        refined=execution.refined,
-        refinement=execution.refinement,
+        refined=execution.refining.refined,
+        refinement=execution.refining.reason,
         fetched=execution.fetched,
+        refined_again=execution.refining.again,
         predicted=chain_performance_of(execution.predicted),
         actual=actual(execution.elapsed, ending),
         actions=actions,

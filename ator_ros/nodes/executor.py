@@ -20,7 +20,6 @@ from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.deferred_action import DeferredActionServer
-from ator_ros.nodes.execution import Deadlines, Ending
 from ator_ros.nodes.goal_run import GoalRun, refusal
 from ator_ros.nodes.inputs import Inputs, TimeWentBackError
 from ator_ros.nodes.node_support import (
@@ -36,6 +35,7 @@ from ator_ros.nodes.node_support import (
     declare_parameters,
     run_node,
 )
+from ator_ros.nodes.phases import Deadlines, Ending
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.rehearsal import rehearse
 from ator_ros.performance.model_file import ModelFileError, load_models
@@ -56,6 +56,7 @@ PARAMETERS = (
     Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
     Parameter("ball_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
     Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
+    Parameter("refine_again_after", 0.15, "m that the ball must move to ask again; 0: never", 0.0, 10.0),
     Parameter("action_timeout", 30.0, "s, by the stamps, that one action may take", 1.0, 3600.0),
 )
 
@@ -177,6 +178,7 @@ class ExecutorNode(Node):
                 self._predictors[action_set],
                 self._refinement,
                 deadlines=deadlines,
+                refine_again_after=self._settings["refine_again_after"],
                 frame=frame,
             )
         except MessageError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from typing import Any
 
@@ -14,9 +15,11 @@ from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
-from ator_ros.nodes.execution import Deadlines, Ending, Execution, Phase
+from ator_ros.nodes.execution import Execution
 from ator_ros.nodes.execution_records import action_record_of, actual, chain_record_of, outcome_of
+from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.refining import Question, Refining
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import World
 
@@ -36,6 +39,8 @@ class GoalRun:
         Of the service refine_subgoal.
     deadlines : Deadlines
         When to give up waiting.
+    refine_again_after : float
+        Distance in m by which the ball must have moved to ask refinement again; 0: never.
     frame : str
         The frame of all poses.
 
@@ -53,6 +58,7 @@ class GoalRun:
         refinement: Client,
         *,
         deadlines: Deadlines,
+        refine_again_after: float,
         frame: str,
     ) -> None:
         goal = handle.request
@@ -63,7 +69,7 @@ class GoalRun:
         self.execution = Execution(
             library,
             chain,
-            refine=goal.refine,
+            refining=Refining(library.robot, wanted=goal.refine, again_after=refine_again_after),
             now=time.monotonic(),
             predictor=predictor,
             deadlines=deadlines,
@@ -73,6 +79,7 @@ class GoalRun:
         self._chain_id = id_of(handle)
         self._records: list[ActionPerformance] = []
         self._request: Future | None = None
+        self._asked: Question | None = None
         self._told = ("", 0.0)
 
     @property
@@ -85,7 +92,7 @@ class GoalRun:
         """How it ended, in one line."""
         execution = self.execution
         name = execution.ending.name.lower() if execution.ending else "running"
-        refinement = "refined" if execution.refined else execution.refinement
+        refinement = "refined" if execution.refining.refined else execution.refining.reason
         return f"{name} after {execution.elapsed:.2f} s: {execution.reason} ({refinement})"
 
     def new_records(self) -> list[ActionPerformance]:
@@ -111,32 +118,35 @@ class GoalRun:
             step=execution.step,
             steps=len(execution.chain),
             top=execution.top.name,
-            status=f"{execution.phase.value}: {execution.reason} ({execution.refinement})",
+            status=f"{execution.phase.value}: {execution.reason} ({execution.refining.reason})",
             elapsed=execution.elapsed,
             predicted_remaining=execution.predicted_remaining(now),
         )
         self.handle.publish_feedback(feedback)
 
-    # Refinement; asking again when the ball has moved would start here.
+    # Refinement
 
     def request_refinement(self) -> None:
-        """Call refinement when the execution waits for it and the service is there; forget a late answer."""
-        execution = self.execution
-        if execution.phase is not Phase.REFINING:
-            if self._request is not None and not self._request.done():
+        """Ask what the execution wants to know, once the service is there; forget a question that is over."""
+        question = self.execution.question
+        if question is not self._asked and self._request is not None:
+            if not self._request.done():
                 self._refinement.remove_pending_request(self._request)
-            self._request = None
-        elif self._request is None and self._refinement.service_is_ready():
-            assert execution.start is not None
-            goal = self.handle.request
-            request = RefineSubgoal.Request(chain=goal.chain, objective=goal.objective)
-            request.situation = conversions.situation_of(execution.start, frame=self._frame)
-            self._request = self._refinement.call_async(request)
-            self._request.add_done_callback(self._take_answer)
+            self._request = self._asked = None
+        if question is None or self._request is not None or not self._refinement.service_is_ready():
+            return
+        goal = self.handle.request
+        request = RefineSubgoal.Request(chain=goal.chain, objective=goal.objective)
+        if self.execution.phase is not Phase.REFINING:  # the chain has changed since it came
+            action_set = self._library.action_set
+            request.chain = conversions.chain_of(question.chain, action_set=action_set, frame=self._frame)
+        request.situation = conversions.situation_of(question.world, frame=self._frame)
+        self._asked, self._request = question, self._refinement.call_async(request)
+        self._request.add_done_callback(functools.partial(self._take_answer, question))
 
-    def _take_answer(self, future: Future) -> None:
+    def _take_answer(self, question: Question, future: Future) -> None:
         answer = future.result()
-        if answer is None:  # withdrawn
+        if answer is None or question is not self.execution.question:  # withdrawn, or late
             return
         if not answer.accepted:
             self.execution.unrefined(answer.reason)

@@ -32,7 +32,10 @@ def chains(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ChainClient]:
     with domain_coordinator.domain_id() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         processes.start("simulation")
-        processes.start("executor", odom_timeout=5.0, ball_timeout=0.5, start_timeout=60.0)
+        processes.start("refinement", gate=False)
+        processes.start(
+            "executor", odom_timeout=5.0, ball_timeout=0.5, start_timeout=60.0, refinement_timeout=20.0
+        )
         yield ChainClient(client)
         client.close()
         processes.kill()
@@ -108,3 +111,30 @@ def test_a_ball_that_is_displaced_while_it_is_approached_is_followed(chains: Cha
     assert result.record.actions[1].start.v > 0.1
     position = result.record.chain.calls[0].goal.pose.position
     assert (position.x, position.y) == pytest.approx((0.3, 0.5), abs=0.02)
+
+
+def test_refinement_is_asked_again_when_the_ball_was_displaced_and_the_robot_drives_on(
+    chains: ChainClient,
+) -> None:
+    sent = chains.send(chain_of_the_paper()[:2], refine=True)
+    until(chains, sent, "goToBall")
+    chains.ros.place(ball=(0.0, 0.5))
+    moved = chains.ros.time()
+    result = sent.result(LONG)
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert result.record.refined
+    assert result.record.refined_again >= 1
+    assert "; refined again after" in result.record.refinement
+    assert longest_stand(chains, moved, moved + 1.0) < 0.3
+
+
+def longest_stand(chains: ChainClient, begin: float, end: float) -> float:
+    """Give the longest time in s, simulated between `begin` and `end`, in which the robot stood."""
+    longest, stood_since = 0.0, None
+    for time, robot in chains.ros.robots:
+        if not begin <= time <= end:
+            continue
+        standing = abs(robot.v) < 0.02 and abs(robot.w) < 0.05
+        stood_since = (time if stood_since is None else stood_since) if standing else None
+        longest = max(longest, 0.0 if stood_since is None else time - stood_since)
+    return longest

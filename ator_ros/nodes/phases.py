@@ -1,0 +1,51 @@
+"""How far a goal of execute_chain has come, how it may end, and how long it waits (without ROS)."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+
+class Ending(enum.Enum):
+    """How a goal ended; names and values are those of Outcome.msg."""
+
+    SUCCEEDED = 1
+    FAILED = 2
+    REFUSED = 3
+    CANCELED = 4
+    PREEMPTED = 5
+    INPUT_LOST = 6
+    SHUTDOWN = 7
+    BALL_LOST = 8
+
+
+class Phase(enum.Enum):
+    """Where the execution of a goal stands."""
+
+    WAITING = "waiting for the first state"
+    REFINING = "waiting for refinement"
+    EXECUTING = "executing"
+    STOPPING = "stopping"
+    ENDED = "ended"
+
+
+@dataclass(frozen=True, slots=True)
+class Deadlines:
+    """When to give up waiting.
+
+    Attributes
+    ----------
+    start : float
+        Real time in s from the goal's acceptance until everything that its chain needs is known.
+    odom : float
+        Real time in s without newer odometry, once there was some.
+    refinement : float
+        Real time in s that refinement may take.
+    action : float
+        Time in s on the odometry's clock that one action may take.
+    """
+
+    start: float = 2.0
+    odom: float = 0.3
+    refinement: float = 0.5
+    action: float = 30.0

@@ -1,0 +1,128 @@
+"""What a goal asks of refinement, before its chain starts and again when the ball has moved (without ROS)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+from ator_ros.robot import Robot
+from ator_ros.tops.ball import at_rest, drives_to_ball, is_at_front
+from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
+from ator_ros.world import BallState, World
+
+_NOT_ASKED = "refinement was not asked for"
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A question to refinement.
+
+    Attributes
+    ----------
+    world : World
+        The state from which the chain would go on.
+    chain : TopChain
+        The steps that are not done.
+    step : int
+        Number of the first of them, from 0.
+    asked : float
+        Real time in s.
+    """
+
+    world: World
+    chain: TopChain
+    step: int
+    asked: float
+
+
+class Refining:
+    """The questions of one goal, one at a time, and the sentence on what became of them.
+
+    Attributes
+    ----------
+    question : Question or None
+        The one that is open.
+    refined : bool
+        Whether the chain was changed.
+    again : int
+        How many times it was changed after its start.
+
+    Parameters
+    ----------
+    robot : Robot
+        Sizes, and how the ball rolls.
+    wanted : bool
+        Whether the goal asks for refinement at all.
+    again_after : float
+        Distance in m by which the ball must have moved to ask again; 0: never.
+    """
+
+    def __init__(self, robot: Robot, *, wanted: bool, again_after: float) -> None:
+        self.wanted = wanted
+        self.question: Question | None = None
+        self.refined = False
+        self.again = 0
+        self._robot, self._again_after = robot, again_after
+        self._known: BallState | None = None
+        self._first: str | None = None
+        self._later = ""
+
+    @property
+    def reason(self) -> str:
+        """What became of the first question, and of the last one when there were more."""
+        return (self._first or _NOT_ASKED) + self._later
+
+    def ask(self, world: World, chain: TopChain, now: float, *, step: int = 0) -> None:
+        """Ask about `chain` from `step` on."""
+        self._known = at_rest(world, self._robot).ball
+        self.question = Question(world, TopChain(chain.calls[step:]), step, now)
+
+    def ask_again(self, world: World, chain: TopChain, now: float, *, step: int) -> None:
+        """Ask when the ball that is approached lies elsewhere than it did for the question before."""
+        if not (self.wanted and self._again_after) or self.question is not None:
+            return
+        if not drives_to_ball(chain.calls[step].top) or is_at_front(world, self._robot):
+            return
+        ball, known = at_rest(world, self._robot).ball, self._known
+        if ball is None:
+            return
+        if known is None or math.hypot(ball.x - known.x, ball.y - known.y) > self._again_after:
+            self.ask(world, chain, now, step=step)
+
+    def close(self, why: str, *, changed: bool, elapsed: float) -> None:
+        """Note why the chain that was asked about was changed or left alone, `elapsed` s after its start."""
+        self.question = None
+        self.refined = self.refined or changed
+        if self._first is None:
+            self._first = why
+            return
+        self.again += changed
+        self._later = f"; {'refined' if changed else 'asked'} again after {elapsed:.2f} s: {why}"
+
+
+def refined_chain(chain: TopChain, step: int, answer: TopChain, world: World, robot: Robot) -> TopChain:
+    """Give `chain` with the goals of `answer` from `step` on.
+
+    Where a step drives to the ball its position stays: the ball may have moved on since the question.
+
+    Raises
+    ------
+    InvalidChainError
+        The answer has other steps, or what results is no valid plan from `world`.
+    """
+    rest = chain.calls[step:]
+    if [call.top for call in rest] != [call.top for call in answer.calls]:
+        raise InvalidChainError("the refined chain is no valid plan: expected the steps of the question")
+    changed = tuple(_with_goal(old, new) for old, new in zip(rest, answer.calls, strict=True))
+    violations = TopChain(changed).violations(world, robot)
+    if violations:
+        raise InvalidChainError(f"the refined chain is no valid plan: {'; '.join(violations)}")
+    return TopChain((*chain.calls[:step], *changed))
+
+
+def _with_goal(old: TopCall, new: TopCall) -> TopCall:
+    goal = new.goal
+    if drives_to_ball(old.top):
+        goal = dataclasses.replace(goal, pose=goal.pose._replace(x=old.goal.pose.x, y=old.goal.pose.y))
+    return dataclasses.replace(old, goal=goal)

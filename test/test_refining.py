@@ -1,0 +1,169 @@
+"""Refinement is asked again when the ball has moved, while the robot drives on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import pytest
+
+from ator_ros.actions.base import Goal, Status
+from ator_ros.geometry import Pose
+from ator_ros.nodes.execution import Execution
+from ator_ros.nodes.phases import Deadlines, Ending
+from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.refining import Question, Refining, refined_chain
+from ator_ros.robot import load_robot
+from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world import STOP, BallState, Command, RobotState, World
+
+ROBOT = load_robot()
+LIBRARY = TopLibrary(ROBOT)
+NEW_YAW = -0.6
+
+
+def call(top: str, x: float, y: float) -> TopCall:
+    return TopCall(LIBRARY[top], Goal(Pose(x, y, 0.0), 0.0, LIBRARY[top].point), frozenset({"x", "y"}))
+
+
+CHAIN = TopChain((call("goToBall", 0.0, 0.0), call("dribbleBall", 2.0, 0.5)))
+
+
+class Drive:
+    """An execution of CHAIN in the simulation, for which the test answers in refinement's place."""
+
+    def __init__(self, simulation: PioneerSimulation, *, refine: bool, again_after: float) -> None:
+        self.simulation = simulation
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        simulation.place_ball(0.0, 0.0)
+        self.run = Execution(
+            LIBRARY,
+            CHAIN,
+            refining=Refining(ROBOT, wanted=refine, again_after=again_after),
+            now=0.0,
+            predictor=Predictor(ROBOT, {}),
+            deadlines=Deadlines(),
+        )
+        self.commands: list[Command] = []
+        self.tick()
+        if refine:
+            self.run.refined_to(CHAIN, False, "the first answer")
+
+    def tick(self, times: int = 1) -> None:
+        for _ in range(times):
+            command = self.run.tick(self.simulation.world(), self.simulation.time)
+            self.run.watch(self.simulation.time)
+            self.commands.append(command)
+            self.simulation.command(command)
+            self.simulation.tick()
+
+    def to_the_end(self) -> Ending | None:
+        while self.run.ending is None:
+            self.tick()
+        return self.run.ending
+
+
+def start(**options: object) -> Iterator[Drive]:
+    with PioneerSimulation(ROBOT) as simulation:
+        yield Drive(simulation, **{"refine": True, "again_after": 0.15, **options})  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def drive() -> Iterator[Drive]:
+    yield from start()
+
+
+def with_yaw(chain: TopChain, yaw: float) -> TopChain:
+    goal = chain.calls[0].goal
+    return chain.with_goal(0, dataclasses.replace(goal, pose=goal.pose._replace(yaw=yaw)))
+
+
+def asked(drive: Drive) -> Question:
+    """Drive, move the ball aside, and give the question that this raises."""
+    drive.tick(20)
+    assert drive.run.question is None
+    drive.simulation.place_ball(0.3, 0.4)
+    drive.tick()
+    assert drive.run.question is not None
+    return drive.run.question
+
+
+def test_the_question_is_about_the_robot_in_motion_and_the_ball_where_it_is(drive: Drive) -> None:
+    question = asked(drive)
+    assert question.world.robot.v > 0.3
+    assert question.step == 0
+    assert question.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
+    assert question.chain.calls[1] == CHAIN.calls[1]
+
+
+def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
+    question = asked(drive)
+    drive.tick(4)
+    drive.run.refined_to(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster")
+    drive.tick(10)
+    assert STOP not in drive.commands[5:]
+    assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, NEW_YAW)
+    assert drive.to_the_end() is Ending.SUCCEEDED
+    refining = drive.run.refining
+    assert (refining.refined, refining.again) == (True, 1)
+    assert refining.reason == "the first answer; refined again after 1.20 s: 0.5 s faster"
+    outcomes = [(record.index, record.outcome) for record, _ in drive.run.records]
+    moved, answered = (0, Status.RUNNING), (0, Status.RUNNING)
+    assert outcomes == [moved, answered, (0, Status.SUCCEEDED), (1, Status.SUCCEEDED)]
+
+
+def test_a_ball_that_moves_on_after_the_question_keeps_its_place(drive: Drive) -> None:
+    question = asked(drive)
+    drive.simulation.place_ball(0.3, 0.6)
+    drive.tick()
+    drive.run.refined_to(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster")
+    drive.tick()
+    assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.6, NEW_YAW)
+
+
+def test_without_an_answer_it_goes_on(drive: Drive) -> None:
+    asked(drive)
+    drive.tick(12)
+    assert drive.run.question is None
+    assert "asked again after" in drive.run.refining.reason
+    assert "refinement failed: no answer within 0.5 s" in drive.run.refining.reason
+    assert drive.to_the_end() is Ending.SUCCEEDED
+    assert drive.run.refining.again == 0
+
+
+def test_an_answer_with_other_steps_is_left_alone(drive: Drive) -> None:
+    asked(drive)
+    drive.run.refined_to(TopChain(CHAIN.calls[1:]), True, "nonsense")
+    drive.tick()
+    assert "expected the steps of the question" in drive.run.refining.reason
+    assert drive.run.ending is None
+
+
+def test_a_small_move_raises_no_question(drive: Drive) -> None:
+    drive.tick(20)
+    drive.simulation.place_ball(0.0, 0.14)
+    drive.tick()
+    assert drive.run.question is None
+    drive.simulation.place_ball(0.0, 0.16)
+    drive.tick()
+    assert drive.run.question is not None
+
+
+@pytest.mark.parametrize("options", [{"refine": False}, {"again_after": 0.0}])
+def test_who_does_not_want_it_is_not_asked(options: dict[str, object]) -> None:
+    for drive in start(**options):
+        drive.tick(20)
+        drive.simulation.place_ball(0.3, 0.4)
+        drive.tick()
+        assert drive.run.question is None
+        assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
+
+
+def test_a_refined_chain_must_be_valid() -> None:
+    world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
+    assert refined_chain(CHAIN, 0, with_yaw(CHAIN, 1.0), world, ROBOT) == with_yaw(CHAIN, 1.0)
+    elsewhere = World(0.0, world.robot, BallState(1.0, 1.0))
+    with pytest.raises(InvalidChainError, match="pre-condition of step 1"):
+        refined_chain(CHAIN, 0, with_yaw(CHAIN, 1.0), elsewhere, ROBOT)
