@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Point, Status
@@ -47,7 +48,14 @@ class Run:
 
 
 def run_chain(
-    robot: Robot, library: TopLibrary, start: World, chain: TopChain, *, keep_path: bool = False
+    robot: Robot,
+    library: TopLibrary,
+    start: World,
+    chain: TopChain,
+    *,
+    keep_path: bool = False,
+    observe: Callable[[World], World] | None = None,
+    fetches: int = 0,
 ) -> Run:
     """Execute `chain` from `start` in a world of its own.
 
@@ -63,9 +71,13 @@ def run_chain(
         What to execute.
     keep_path : bool
         Also log where robot and ball were.
+    observe : callable, optional
+        What the executor is told of the state, once a tick; by default the truth.
+    fetches : int
+        How many times a lost ball may be fetched again.
     """
     path: list[tuple[float, float, float, float]] = []
-    executor = ChainExecutor(library, chain, time_limit=TIME_LIMIT)
+    executor = ChainExecutor(library, chain, time_limit=TIME_LIMIT, fetches=fetches)
     with PioneerSimulation(robot) as simulation:
         simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
         if start.ball is not None:
@@ -74,7 +86,7 @@ def run_chain(
             world = simulation.world()
             if keep_path and tick % 2 == 0 and world.ball is not None:
                 path.append((world.robot.pose.x, world.robot.pose.y, world.ball.x, world.ball.y))
-            step = executor.step(world)
+            step = executor.step(world if observe is None else observe(world))
             if step.status is not Status.RUNNING:
                 return _judge(simulation, executor, chain, step.status, step.message, tuple(path))
             simulation.command(step.command)

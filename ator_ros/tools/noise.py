@@ -1,0 +1,95 @@
+"""Measure how often chains succeed with the sensors of a real robot, against the truth."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.experience.parallel import run_tasks
+from ator_ros.experiments.noise import CONDITIONS, POINTS, TRUTH, NoiseTask, execute, summarise
+from ator_ros.experiments.policies import POLICIES
+from ator_ros.experiments.toolset import ToolsetSource
+from ator_ros.experiments.trials import CHAINS
+from ator_ros.files import portable_command, write_text
+from ator_ros.robot import load_robot
+from ator_ros.simulation.sensors import REALISTIC
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Give the command line of `noise`."""
+    parser = argparse.ArgumentParser(prog="noise", description=__doc__)
+    parser.add_argument("--situations", type=int, default=200, help="for each chain (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=911)
+    parser.add_argument("--chains", nargs="+", choices=list(CHAINS), default=list(CHAINS))
+    parser.add_argument("--policy", choices=list(POLICIES), default="refined")
+    parser.add_argument(
+        "--conditions", nargs="+", choices=list(CONDITIONS), default=list(CONDITIONS), metavar="NAME",
+        help=f"of {', '.join(map(repr, CONDITIONS))}; the truth is always among them",
+    )  # fmt: skip
+    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument("--models", default="", help="folder of the models (default: the shipped ones)")
+    parser.add_argument("--jobs", type=int, default=-1)
+    parser.add_argument("--out", type=Path, default=Path("docs/robustness_noise.json"))
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; give the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    options = arguments().parse_args(words)
+    if options.situations < 1:
+        print(f"noise: --situations: expected at least 1, got {options.situations}", file=sys.stderr)
+        return 2
+    result = {
+        "command": portable_command("noise", words),
+        "seed": options.seed,
+        "situations": options.situations,
+        "policy": options.policy,
+        "action_set": options.action_set,
+        "robot_digest": load_robot().digest(),
+        "sensors": dataclasses.asdict(REALISTIC),
+        "limit_points": POINTS,
+        "chains": {chain: _measure(chain, options) for chain in options.chains},
+    }
+    write_text(options.out, json.dumps(result, indent=1) + "\n")
+    print(_table(result["chains"]))
+    print(f"written to {options.out}")
+    return 0
+
+
+def _measure(chain: str, options: argparse.Namespace) -> list[dict[str, Any]]:
+    source = ToolsetSource(options.action_set, options.models)
+    conditions = (TRUTH, *(name for name in options.conditions if name != TRUTH))
+    work = [
+        NoiseTask(options.seed, index, chain, options.policy, conditions, source)
+        for index in range(options.situations)
+    ]
+    runs = run_tasks(execute, work, jobs=options.jobs)
+    return summarise(list(tqdm(runs, total=len(work), desc=chain, disable=None)))
+
+
+def _table(chains: dict[str, list[dict[str, Any]]]) -> str:
+    lines = [f"{'chain':10}{'condition':26}{'success %':>10}{'below truth':>13}{'95 %':>18}{'mean s':>9}"]
+    for chain, rows in chains.items():
+        for row in rows:
+            low, high = row["points_below_truth_ci95"]
+            duration = row["mean_duration_s"]
+            lines.append(
+                f"{chain:10}{row['condition']:26}{row['success_percent']:10.1f}"
+                f"{row['points_below_truth']:13.1f}{f'{low:.1f} to {high:.1f}':>18}"
+                f"{'-' if duration is None else f'{duration:.2f}':>9}"
+            )
+            lines += [f"{'':14}{count} x {reason}" for reason, count in row["failures"].items()]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,70 @@
+"""The command line `noise`, and what it counts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ator_ros.experiments.execution import Run
+from ator_ros.experiments.noise import CONDITIONS, TRUTH, NoiseTask, execute, summarise
+from ator_ros.tools.noise import main
+
+
+def run(success: bool, duration: float = 10.0, reason: str = "") -> Run:
+    return Run(duration if success else 30.0, success, reason, (), 0.02)
+
+
+def test_a_row_compares_with_the_truth_in_the_same_situations() -> None:
+    results = [{TRUTH: run(True), "all": run(True, 11.0)} for _ in range(8)]
+    results += [
+        {TRUTH: run(True), "all": run(False, reason=lost.replace("0.16", f"0.{n}"))} for n in (17, 18)
+    ]
+    truth, noisy = summarise(results)
+    assert (truth["condition"], truth["success_percent"], truth["points_below_truth"]) == (TRUTH, 100.0, 0.0)
+    assert (noisy["success_percent"], noisy["points_below_truth"]) == (80.0, 20.0)
+    assert (truth["within_limit"], noisy["within_limit"]) == (True, False)
+    assert noisy["mean_duration_s"] == pytest.approx(11.0)
+    assert noisy["failures"] == {"lost the ball, it is # m from the front": 2}
+    low, high = noisy["points_below_truth_ci95"]
+    assert low < 20.0 < high
+
+
+def test_a_situation_depends_on_seed_and_number_only() -> None:
+    task = NoiseTask(412, 3, "dribble", "bearing", ("truth", "all"))
+    first, again = execute(task), execute(task)
+    assert first == again
+    assert first["all"].actions != first["truth"].actions
+    assert first["truth"].success
+
+
+def test_the_command_writes_its_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "noise.json"
+    words = [
+        "--situations",
+        "1",
+        "--seed",
+        "413",
+        "--jobs",
+        "1",
+        "--chains",
+        "dribble",
+        "--policy",
+        "bearing",
+    ]
+    assert main([*words, "--conditions", "ball noise", "--out", str(out)]) == 0
+    data = json.loads(out.read_text())
+    assert [row["condition"] for row in data["chains"]["dribble"]] == [TRUTH, "ball noise"]
+    assert data["command"].endswith("--out noise.json")
+    assert "below truth" in capsys.readouterr().out
+
+
+def test_no_situations_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--situations", "0"]) == 2
+    assert "--situations: expected at least 1, got 0" in capsys.readouterr().err
+
+
+def test_untracked_sights_are_a_condition_of_their_own() -> None:
+    assert not CONDITIONS["all, untracked"].tracked
+    assert CONDITIONS["all, untracked"].sensors == CONDITIONS["all"].sensors
