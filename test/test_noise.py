@@ -18,9 +18,8 @@ def run(success: bool, duration: float = 10.0, reason: str = "") -> Run:
 
 def test_a_row_compares_with_the_truth_in_the_same_situations() -> None:
     results = [{TRUTH: run(True), "all": run(True, 11.0)} for _ in range(8)]
-    results += [
-        {TRUTH: run(True), "all": run(False, reason=lost.replace("0.16", f"0.{n}"))} for n in (17, 18)
-    ]
+    reasons = (f"lost the ball, it is {offset} m from the front" for offset in (0.16, 0.2))
+    results += [{TRUTH: run(True), "all": run(False, reason=reason)} for reason in reasons]
     truth, noisy = summarise(results)
     assert (truth["condition"], truth["success_percent"], truth["points_below_truth"]) == (TRUTH, 100.0, 0.0)
     assert (noisy["success_percent"], noisy["points_below_truth"]) == (80.0, 20.0)
