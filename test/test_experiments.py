@@ -155,10 +155,8 @@ class TestExecution:
 
     def test_a_failed_chain_counts_at_the_time_limit(self) -> None:
         drawn = trial(5)
-        # The plan believes the ball elsewhere, so the first pre-condition does not hold.
-        chain = with_headings(drawn.chain, {0: 0.0})
-        wrong = dataclasses.replace(chain.calls[0].goal, pose=chain.calls[0].goal.pose._replace(x=3.0, y=2.0))
-        run = run_chain(ROBOT, LIBRARY, drawn.world, chain.with_goal(0, wrong))
+        without_ball = dataclasses.replace(drawn.world, ball=None)
+        run = run_chain(ROBOT, LIBRARY, without_ball, with_headings(drawn.chain, {0: 0.0}))
         assert not run.success
         assert run.duration == TIME_LIMIT
         assert "pre-condition of goToBall" in run.reason

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
+from ator_ros.geometry import FloatArray
 from ator_ros.performance.turns import Indices, RealArray, TurnTables, Way, turn_tables
 from ator_ros.robot import Limits, Robot
 
@@ -22,40 +22,34 @@ class Kind(NamedTuple):
 
     Attributes
     ----------
-    direction : float
-        1 for driving forward, -1 in reverse.
     first, last : Way
         How the turns are driven; the last as seen from the goal, backward in time.
     share : float
         Speed between last turn and run: between the least (0) and greatest (1) from which the run can end as
         it shall, or, where the run is as long as that needs, a share of the limit.
     entry : float
-        Speed in m/s to gain in a straight lead before the first turn; with more, it begins at once.
-    first_side, last_side : float
-        Which way the turns go: 1 left, -1 right.
+        Speed in m/s to reach in a straight lead before the first turn; NaN where that begins at once.
+    backward : bool
+        Whether the drive between the turns goes backward.
     """
 
-    direction: float
     first: Way
     last: Way
-    share: float
-    entry: float
-    first_side: float
-    last_side: float
+    share: float = 0.0
+    entry: float = np.nan
+    backward: bool = False
 
 
 class Columns(NamedTuple):
-    """The kinds of a family as arrays of shape (kinds, 1), to broadcast against situations."""
+    """The kinds of a family as columns (kinds, 1), to broadcast against situations, or both turns' rows."""
 
     first_way: Indices
     last_way: Indices
+    changes: FloatArray
+    rates: FloatArray
+    share: FloatArray
+    entry: FloatArray
     direction: RealArray
-    first_change: RealArray
-    last_change: RealArray
-    share: RealArray
-    entry: RealArray
-    first_side: RealArray
-    last_side: RealArray
 
 
 @dataclass(frozen=True)
@@ -68,19 +62,19 @@ class Family:
         Of speeds and accelerations.
     kinds : tuple of Kind
         The kinds.
-    radius : float
-        Of the circles, in m, with which the search for each motion begins.
     run : float or None
         Length in m of the straight run at the end; None where it is as long as its change of speed needs.
     passing : float
         Distance in m that the straight drive keeps from a ball at the goal; 0 without a ball.
+    forward : bool
+        Whether the robot never drives backward.
     """
 
     limits: Limits
     kinds: tuple[Kind, ...]
-    radius: float
     run: float | None = 0.0
     passing: float = 0.0
+    forward: bool = False
 
     @cached_property
     def _ways(self) -> tuple[Way, ...]:
@@ -95,69 +89,111 @@ class Family:
     def columns(self) -> Columns:
         """The kinds as columns."""
 
-        def column(values: Iterable[float]) -> RealArray:
-            return np.array([[value] for value in values], dtype=np.float32)
+        def column(values: Iterable[float]) -> FloatArray:
+            return np.array([[value] for value in values])
 
         def ways(which: Iterable[Way]) -> Indices:
             return np.array([[self._ways.index(way)] for way in which], dtype=np.intp)
 
         kinds = self.kinds
+        both = ([kind.first for kind in kinds], [kind.last for kind in kinds])
         return Columns(
             ways(kind.first for kind in kinds),
             ways(kind.last for kind in kinds),
-            column(kind.direction for kind in kinds),
-            column(kind.first.change for kind in kinds),
-            column(kind.last.change for kind in kinds),
+            np.array([[way.change for way in ways] for ways in both]),
+            np.array([[way.rate for way in ways] for ways in both]),
             column(kind.share for kind in kinds),
             column(kind.entry for kind in kinds),
-            column(kind.first_side for kind in kinds),
-            column(kind.last_side for kind in kinds),
+            column(-1.0 if kind.backward else 1.0 for kind in kinds).astype(np.float32),
         )
 
 
-def _to_all_sides(rows: Iterable[tuple[float, Way, Way, float, float]]) -> tuple[Kind, ...]:
-    sides = list(itertools.product((1.0, -1.0), repeat=2))
-    return tuple(Kind(*row, *side) for row in rows for side in sides)
+# The kinds below were chosen one by one, each as the one that brings the times nearest to those of all
+# combinations of a fine grid. Changes of speed and rates of turn are shares of the limits.
+_DRIVES = (
+    # first turn, last turn, backward
+    (1.0, 1.0, False),
+    (-0.6, -0.3, True),
+    (-1.0, -1.0, True),
+    (0.6, 0.3, False),
+    (-0.6, -0.6, True),
+    (0.3, 0.6, False),
+    (0.6, 0.6, False),
+    (-0.3, -1.0, True),
+)
+_APPROACHES = (
+    # first turn, last turn, speed between it and the run, backward
+    (1.0, 0.5, 0.8, False),
+    (0.3, -0.25, 0.8, False),
+    (-1.0, -1.0, 0.35, True),
+    (0.1, 0.25, 0.0, False),
+    (1.0, 1.0, 1.0, False),
+    (0.6, 0.0, 1.0, False),
+    (-0.6, -1.0, 0.8, True),
+    (0.1, 0.0, 0.35, False),
+)
+_AT_ONCE = np.nan
+_DRIBBLES = (
+    # speed before the first turn (m/s), its change and rate; change and rate of the last turn, speed after it
+    (_AT_ONCE, 0.75, 1.0, 0.0, 1.0, 0.5),
+    (0.55, 0.0, 1.0, 0.0, 1.0, 0.4),
+    (0.1, 0.0, 0.67, 0.0, 0.67, 0.1),
+    (_AT_ONCE, 0.96, 1.0, 0.5, 0.67, 0.3),
+    (0.2, 0.25, 1.0, 0.0, 1.0, 0.4),
+    (_AT_ONCE, 0.96, 1.0, 0.5, 0.83, 0.6),
+    (_AT_ONCE, 0.96, 1.0, 0.0, 1.0, 0.4),
+    (0.2, 0.25, 1.0, 0.0, 0.83, 0.2),
+    (_AT_ONCE, 0.96, 1.0, 0.0, 1.0, 0.95),
+    (0.1, 0.0, 0.67, 0.0, 0.83, 0.3),
+    (_AT_ONCE, 0.96, 1.0, 0.9, 0.5, 0.4),
+    (_AT_ONCE, 0.75, 1.0, 0.0, 1.0, 0.75),
+)
+_SHOTS = (
+    (_AT_ONCE, 0.75, 1.0, 0.0, 1.0, 0.5),
+    (_AT_ONCE, 0.96, 1.0, 0.0, 1.0, 0.75),
+    (0.1, 0.0, 0.67, 0.0, 0.67, 0.3),
+    (0.2, 0.25, 1.0, 0.0, 1.0, 0.3),
+    (0.55, 0.0, 1.0, 0.0, 1.0, 0.5),
+)
 
 
 @lru_cache(maxsize=8)
 def drive_family(robot: Robot) -> Family:
-    """Give the motions without a ball: forward or in reverse, at the limits throughout."""
+    """Give the motions without a ball, forward or in reverse."""
     limits = robot.limits
-    forward = (1.0, Way(limits.a, limits.w), Way(limits.brake, limits.w), 0.0, -limits.v)
-    reverse = (-1.0, Way(-limits.a, limits.w), Way(-limits.brake, limits.w), 0.0, -limits.v)
-    return Family(limits, _to_all_sides((forward, reverse)), radius=0.2)
+    kinds = (
+        Kind(Way(first * limits.a, limits.w), Way(last * limits.a, limits.w), backward=backward)
+        for first, last, backward in _DRIVES
+    )
+    return Family(limits, tuple(kinds))
 
 
 @lru_cache(maxsize=8)
 def approach_family(robot: Robot) -> Family:
     """Give the motions up to a ball: forward or in reverse to behind it, then straight."""
     limits = robot.limits
-    gain, lose = Way(limits.a, limits.w), Way(limits.brake, limits.w)
-    back, back_lose = Way(-limits.a, limits.w), Way(-limits.brake, limits.w)
-    at_once = -limits.v
-    rows = (
-        (1.0, gain, lose, 1.0, at_once),
-        (1.0, gain, lose, 0.5, at_once),
-        (-1.0, back, back_lose, 0.2, at_once),
+    kinds = (
+        Kind(Way(first * limits.a, limits.w), Way(last * limits.a, limits.w), share, backward=backward)
+        for first, last, share, backward in _APPROACHES
     )
-    return Family(limits, _to_all_sides(rows), radius=0.2, run=RUN, passing=PASSING)
+    return Family(limits, tuple(kinds), run=RUN, passing=PASSING)
 
 
 @lru_cache(maxsize=8)
 def dribble_family(robot: Robot) -> Family:
     """Give the motions with the ball: forward only; the more speed a last turn loses, the wider it is."""
-    limits = robot.dribble_limits
-    wide, tight = (Way(limits.a, limits.w), 0.0), (Way(0.25 * limits.a, limits.w), 0.2 * limits.v)
-    # Speed before the straight run, braking and rate of the turn before it, as shares of the limits.
-    short, curve, fast = (0.3, 0.0, 0.83), (0.5, 0.0, 1.0), (0.95, 0.5, 0.83)
-    slow, slower = (0.6, 0.9, 0.5), (0.3, 0.5, 0.65)
-    rows = [
-        (1.0, first, Way(brake * limits.brake, rate * limits.w), speed, entry)
-        for (first, entry), ends in (
-            (wide, (short, curve, fast, slow, slower)),
-            (tight, (short, curve, slower)),
-        )
-        for speed, brake, rate in ends
-    ]
-    return Family(limits, _to_all_sides(rows), radius=0.3, run=None)
+    return _pushing(robot.dribble_limits, _DRIBBLES)
+
+
+@lru_cache(maxsize=8)
+def shot_family(robot: Robot) -> Family:
+    """Give the motions with the ball that end in a run at full speed; where it leads there is a choice."""
+    return _pushing(robot.dribble_limits, _SHOTS)
+
+
+def _pushing(limits: Limits, rows: Sequence[tuple[float, ...]]) -> Family:
+    kinds = (
+        Kind(Way(gain * limits.a, begin * limits.w), Way(lose * limits.brake, end * limits.w), share, entry)
+        for entry, gain, begin, lose, end, share in rows
+    )
+    return Family(limits, tuple(kinds), run=None, forward=True)

@@ -5,6 +5,7 @@ One function, `feature_table`, serves learning and prediction. A feature is comp
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,12 +15,14 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import Direct, direct_arrays
-from ator_ros.performance.families import Family, approach_family, dribble_family, drive_family
+from ator_ros.performance.families import Family, approach_family, dribble_family, drive_family, shot_family
 from ator_ros.performance.ideal_times import Ends, Motions, drive_time, fastest_motions, turn_time
 from ator_ros.robot import Robot
 
 Mirror = Literal["even", "odd"]
-RELEASE = 0.4  # m before the goal at which a ball is let go
+RELEASE = 0.33  # m before the goal at which a ball is let go
+# Ways to shoot: where into the goal's mouth, in shares of its width from the middle, and in which direction.
+_AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
 
 
 class Geometry:
@@ -84,25 +87,40 @@ class Geometry:
         return np.where(self.to_dest >= 0.0, 1.0, -1.0)
 
     @cached_property
-    def _ends(self) -> Ends:
-        d = self.direct
-        cos, sin = np.cos(d["yaw"]), np.sin(d["yaw"])
-        ahead, left = cos * self.dx + sin * self.dy, cos * self.dy - sin * self.dx
-        return Ends(ahead, left, self.turn, d["v"], d["speedg"])
+    def _opening(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Pose (m, m, rad) and time (s) at which the rotation of the start is lost, at constant speed."""
+        d, aw = self.direct, self.robot.limits.aw
+        time = np.abs(d["w"]) * (1.0 / aw)
+        half = 0.5 * d["w"] * time
+        heading = d["yaw"] + (2.0 / 3.0) * half  # in the mean
+        way = d["v"] * time
+        return d["x"] + way * np.cos(heading), d["y"] + way * np.sin(heading), d["yaw"] + half, time
 
-    def _motions(self, family: Family) -> Motions:
-        return fastest_motions(self._ends, family, hold=self.robot.hold)
+    def _motions(
+        self, family: Family, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray
+    ) -> Motions:
+        """Give the fastest motions to the fastest of m destinations, shape (m, n), and speeds there (m/s)."""
+        from_x, from_y, yaw, opening = self._opening
+        dx, dy = x - from_x, y - from_y
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        turn = wrap_angles(heading - yaw)
+        columns = (cos * dx + sin * dy, cos * dy - sin * dx, turn, self.direct["v"], speed)
+        ends = Ends(*(column.ravel() for column in np.broadcast_arrays(*columns)))
+        return fastest_motions(ends, family, hold=self.robot.hold).best_of(len(opening)).after(opening)
+
+    def _to_goal(self, family: Family) -> Motions:
+        return self._motions(family, *self.destination, self.direct["yawg"], self.direct["speedg"])
 
     @cached_property
     def drive(self) -> Motions:
         """The fastest ideal motion without the ball, or up to it where the goal is to hold one."""
         holding = self.direct["hold"] > 0.5
         if holding.all():
-            return self._motions(approach_family(self.robot))
-        plain = self._motions(drive_family(self.robot))
+            return self._to_goal(approach_family(self.robot))
+        plain = self._to_goal(drive_family(self.robot))
         if not holding.any():
             return plain
-        approach = self._motions(approach_family(self.robot))
+        approach = self._to_goal(approach_family(self.robot))
         return Motions(
             np.where(holding, approach.time, plain.time), np.where(holding, approach.turn, plain.turn)
         )
@@ -110,7 +128,7 @@ class Geometry:
     @cached_property
     def dribble(self) -> Motions:
         """The fastest ideal motion with the ball."""
-        return self._motions(dribble_family(self.robot))
+        return self._to_goal(dribble_family(self.robot))
 
     def turn_drive_turn(self, *, reverse: bool = False) -> FloatArray:
         """Give the time in s of turning on the spot, driving, and turning again."""
@@ -120,7 +138,7 @@ class Geometry:
         limits = self.robot.limits
         rest = np.zeros_like(self.dist)
         driving = drive_time(self.dist, rest, self.direct["speedg"], limits)
-        return turn_time(first, limits) + driving + turn_time(last, limits)
+        return turn_time(first, limits.w, limits.aw) + driving + turn_time(last, limits.w, limits.aw)
 
     @cached_property
     def _from_hold(self) -> tuple[FloatArray, FloatArray]:
@@ -143,16 +161,13 @@ class Geometry:
 
     @cached_property
     def shot(self) -> Motions:
-        """The fastest ideal motion with the ball to a run straight at the goal, at full speed."""
-        d, heading, limits = self.direct, self.hold_bearing, self.robot.dribble_limits
+        """The fastest ideal motion with the ball to a run, at full speed, into the goal's mouth."""
+        d, width = self.direct, self.robot.field.goal_width
         back = RELEASE + self.robot.hold
-        dx = d["xg"] - back * np.cos(heading) - d["x"]
-        dy = d["yg"] - back * np.sin(heading) - d["y"]
-        cos, sin = np.cos(d["yaw"]), np.sin(d["yaw"])
-        turn = wrap_angles(heading - d["yaw"])
-        full = np.full_like(turn, limits.v)
-        ends = Ends(cos * dx + sin * dy, cos * dy - sin * dx, turn, d["v"], full)
-        return fastest_motions(ends, dribble_family(self.robot), hold=self.robot.hold)
+        heading = np.where(d["xg"] > 0.0, 0.0, np.pi) + _SHOTS
+        x = d["xg"] - back * np.cos(heading)
+        y = d["yg"] + width * _AIMS - back * np.sin(heading)
+        return self._motions(shot_family(self.robot), x, y, heading, self.robot.dribble_limits.v + 0.0 * x)
 
 
 @dataclass(frozen=True)
@@ -193,7 +208,7 @@ def _raw(name: str, unit: str, mirror: Mirror) -> Feature:
 
 _PLACES = _of("x y xg yg yawg hold")
 _POSES = _PLACES | {"yaw"}
-_MOTION = _POSES | {"v", "speedg"}
+_MOTION = _POSES | {"v", "w", "speedg"}
 _SHOT = _of("x y yaw xg yg")
 
 PAPER_11 = (
@@ -237,7 +252,7 @@ IDEAL = (
 SHOT = (
     Feature("hold_dist", "m", _SHOT, lambda g: g.hold_dist),
     Feature("hold_angle", "rad", _SHOT, lambda g: np.abs(wrap_angles(g.hold_bearing - g.direct["yaw"]))),
-    Feature("shot_time", "s", _SHOT | {"v"}, lambda g: g.shot.time),
+    Feature("shot_time", "s", _SHOT | {"v", "w"}, lambda g: g.shot.time, translation=False, rotation=False),
     Feature("hold_off_axis", "rad", _SHOT, lambda g: np.abs(g.hold_bearing), rotation=False),
     Feature(
         "heading_off_axis", "rad", _of("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"])), rotation=False

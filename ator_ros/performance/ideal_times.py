@@ -9,45 +9,60 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.families import Family
-from ator_ros.performance.turns import RealArray
+from ator_ros.performance.turns import HALF, STEP, TURNS, WIDEST, Indices
 from ator_ros.robot import Limits
 
-ITERATIONS = 3
-_STEP = 0.6  # rad by which an iteration changes the first turn at most
-_GRAIN = 0.02  # rad
-_BACKWARD = 5.0  # s per m that the straight drive would have to go against its direction
-_MISSED = 5.0  # s per m by which a motion misses the goal sideways
 _WAY_ROUND = 6.0  # s per m that a straight drive passes too near the ball
 _FULL_TURN = 2.0 * np.pi
+_AT_ONCE = 128  # situations
+_GRID = TURNS.astype(np.float32)
+_COS, _SIN = np.cos(_GRID), np.sin(_GRID)
+_OUTWARD = np.array([[1.0], [-1.0]])  # the last turn is driven from the goal
+_MOST_TURNED = np.radians(450.0)
 
 
-def turn_time(angle: FloatArray, limits: Limits) -> FloatArray:
-    """Give the time in s of turns on the spot by `angle` (rad, not negative), from rest to rest."""
-    ramped = limits.w * limits.w / limits.aw
-    short = 2.0 * np.sqrt(np.minimum(angle, ramped) / limits.aw)
-    result: FloatArray = short + np.maximum(angle - ramped, 0.0) / limits.w
-    return result
+def turn_time(angle: FloatArray | float, rate: FloatArray | float, aw: float) -> FloatArray:
+    """Give the time in s of turns by `angle` (rad, not negative) at up to `rate` (rad/s), rest to rest."""
+    ramped = rate * rate * (1.0 / aw)
+    short = 2.0 * np.sqrt(np.minimum(angle, ramped) * (1.0 / aw))
+    return np.asarray(short + np.maximum(angle - ramped, 0.0) / rate)
 
 
-def drive_time(distance: RealArray, before: RealArray, after: RealArray, limits: Limits) -> RealArray:
-    """Give the time in s of straight drives over `distance` (m) between two speeds (m/s).
+def change_distance(before: FloatArray, after: FloatArray, limits: Limits) -> FloatArray:
+    """Give the signed distance in m in which the speed goes straight from `before` to `after` (m/s)."""
+    gain = after - before
+    time = np.maximum(gain * (1.0 / limits.a), gain * (-1.0 / limits.brake))
+    return np.asarray(0.5 * (before + after) * time)
 
-    A distance too short for the change of speed takes the time of that change.
+
+def drive_time(distance: FloatArray, before: FloatArray, after: FloatArray, limits: Limits) -> FloatArray:
+    """Give the time in s of straight drives over signed `distance` (m) between two speeds (m/s).
+
+    Where the distance is too short for the change of speed, the motion overshoots and comes back.
     """
-    a, brake = limits.a, limits.brake
-    before2, after2 = before * before, after * after
-    peak2 = (2.0 * a * brake * distance + brake * before2 + a * after2) * (1.0 / (a + brake))
-    peak2 = np.maximum(np.minimum(peak2, limits.v * limits.v), np.maximum(before2, after2))
-    peak = np.sqrt(peak2)
-    cruise = distance - (peak2 - before2) * (0.5 / a) - (peak2 - after2) * (0.5 / brake)
-    ramps = (peak - before) * (1.0 / a) + (peak - after) * (1.0 / brake)
-    result: RealArray = ramps + np.maximum(cruise, 0.0) * (1.0 / limits.v)
-    return result
+    surplus = distance - change_distance(before, after, limits)
+    # What moves backward all the way is seen as a drive in that direction.
+    sign = np.where(surplus >= np.where(np.maximum(before, after) < 0.0, 1e-9, -1e-9), 1.0, -1.0)
+    return _forward_time(sign * distance, sign * before, sign * after, limits)
+
+
+def _forward_time(distance: FloatArray, before: FloatArray, after: FloatArray, limits: Limits) -> FloatArray:
+    """Give the time in s of drives that gain speed first, or keep it, and lose it at the end."""
+    up, down = limits.a, limits.brake
+    square1, square2 = before * before, after * after
+    square = (down * square1 + up * square2 + (2.0 * up * down) * distance) * (1.0 / (up + down))
+    most = np.maximum(np.maximum(before, after), 0.0)
+    square = np.minimum(np.maximum(square, most * most), limits.v * limits.v)
+    peak = np.sqrt(square)
+    cruise = distance - (square - square1) * (0.5 / up) - (square - square2) * (0.5 / down)
+    ramps = (peak - before) * (1.0 / up) + (peak - after) * (1.0 / down)
+    return np.asarray(ramps + np.maximum(cruise, 0.0) * (1.0 / limits.v))
 
 
 @dataclass(frozen=True)
@@ -65,6 +80,17 @@ class Motions:
     time: FloatArray
     turn: FloatArray
 
+    def best_of(self, count: int) -> Motions:
+        """Give the fastest of several motions in each of `count` situations, from shape (m * count,)."""
+        if len(self.time) == count:
+            return self
+        best = self.time.reshape(-1, count).argmin(axis=0) * count + np.arange(count)
+        return Motions(self.time[best], self.turn[best])
+
+    def after(self, time: FloatArray) -> Motions:
+        """Give the motions with `time` (s) before them."""
+        return Motions(self.time + time, self.turn)
+
 
 @dataclass(frozen=True)
 class Ends:
@@ -80,11 +106,27 @@ class Ends:
         Forward speeds at the start and at the destination in m/s.
     """
 
-    x: RealArray
-    y: RealArray
-    turn: RealArray
-    speed: RealArray
-    arrival: RealArray
+    x: FloatArray
+    y: FloatArray
+    turn: FloatArray
+    speed: FloatArray
+    arrival: FloatArray
+
+
+class _Found(NamedTuple):
+    """Motions found.
+
+    Attributes
+    ----------
+    cell, situation : ndarray of int, shape (m,)
+        Where they are in arrays of shape (kinds, n), flattened, and in those of shape (n,).
+    turns : ndarray, shape (2, m)
+        First and last turn in rad.
+    """
+
+    cell: Indices
+    situation: Indices
+    turns: FloatArray
 
 
 def fastest_motions(ends: Ends, family: Family, *, hold: float) -> Motions:
@@ -99,15 +141,28 @@ def fastest_motions(ends: Ends, family: Family, *, hold: float) -> Motions:
     hold : float
         Distance in m from the destination to the ball in front of it.
     """
-    single = Ends(*(getattr(ends, field.name).astype(np.float32) for field in dataclasses.fields(Ends)))
-    search = _Search(single, family, hold)
-    first, total = search.first_guess()
-    first = search.solve(first, total)
-    last = total - first
-    time = search.time(first, last)
-    best, each = time.argmin(axis=0), np.arange(time.shape[1])
-    turn = np.abs(first[best, each]) + np.abs(last[best, each])
-    return Motions(time[best, each].astype(np.float64), turn.astype(np.float64))
+    count = len(ends.x)
+    if count > _AT_ONCE:  # more would not fit into the processor's cache
+        cuts = range(_AT_ONCE, count, _AT_ONCE)
+        columns = (np.split(getattr(ends, field.name), cuts) for field in dataclasses.fields(Ends))
+        parts = [fastest_motions(Ends(*part), family, hold=hold) for part in zip(*columns, strict=True)]
+        return Motions(
+            *(np.concatenate([getattr(part, name) for part in parts]) for name in ("time", "turn"))
+        )
+    search = _Search(ends, family, hold)
+    found = search.find()
+    time = search.time(found)
+    # Turning on the spot at both ends is always possible, if rarely fast.
+    best, turn = np.full(len(ends.x), np.inf), np.empty(len(ends.x))
+    np.minimum.at(best, found.situation, time)
+    winner = np.flatnonzero(time == best.take(found.situation))
+    turn[found.situation.take(winner)] = np.abs(found.turns.take(winner, axis=1)).sum(axis=0)
+    missed = best == np.inf
+    if missed.any():  # ends so near each other that no motion has room
+        turned = 2.0 * np.pi if family.forward else np.pi
+        best[missed] = 2.0 * turn_time(turned, family.limits.w, family.limits.aw)
+        turn[missed] = 2.0 * turned
+    return Motions(best, turn)
 
 
 class _Search:
@@ -120,19 +175,24 @@ class _Search:
     """
 
     def __init__(self, ends: Ends, family: Family, hold: float) -> None:
-        kinds = family.columns
-        self.ends, self.family, self.kinds, self.hold = ends, family, kinds, hold
-        self.limits, self.tables = family.limits, family.tables
+        kinds, limits = family.columns, family.limits
+        self.ends, self.family, self.kinds = ends, family, kinds
+        self.limits, self.tables = limits, family.tables
         self.cos, self.sin = np.cos(ends.turn), np.sin(ends.turn)
         self.junction, self.run = self._before_run()
-        self.speed = np.maximum(ends.speed, kinds.entry)
-        lead = (self.speed - ends.speed) * (self.speed + ends.speed) * (0.5 / self.limits.a)
-        # All is seen from where the first turn begins.
-        self.goal_x, self.goal_y = ends.x - lead - self.run * self.cos, ends.y - self.run * self.sin
+        self.speed = np.where(np.isnan(kinds.entry), ends.speed, kinds.entry)
+        gain = self.speed - ends.speed
+        leading = np.maximum(gain * (1.0 / limits.a), gain * (-1.0 / limits.brake))
+        lead = 0.5 * (self.speed + ends.speed) * leading
+        self.ends_time = leading + _forward_time(self.run, self.junction, ends.arrival, limits)
+        # From where the first turn begins to where the last one ends.
+        self.x = ends.x - lead - self.run * self.cos
+        self.y = np.broadcast_to(ends.y - self.run * self.sin, self.x.shape)
+        self.ball_x, self.ball_y = ends.x + hold * self.cos - lead, ends.y + hold * self.sin
         self.first_row = self.tables.rows(kinds.first_way, self.speed)
         self.last_row = self.tables.rows(kinds.last_way, self.junction)
 
-    def _before_run(self) -> tuple[RealArray, RealArray]:
+    def _before_run(self) -> tuple[FloatArray, FloatArray]:
         """Give speed (m/s) and distance (m) to the goal where the straight run begins."""
         limits, run, arrival, share = self.limits, self.family.run, self.ends.arrival, self.kinds.share
         square = arrival * arrival
@@ -144,82 +204,64 @@ class _Search:
         least = np.sqrt(np.maximum(square - 2.0 * limits.a * run, 0.0))
         return least + share * (greatest - least), np.full_like(arrival, run)
 
-    def first_guess(self) -> tuple[RealArray, RealArray]:
-        """Give the first turn and the sum of both turns (rad) where turns are arcs of circles."""
-        kinds, radius = self.kinds, self.family.radius
-        first_radius, last_radius = radius * kinds.first_side, radius * kinds.last_side
-        # From centre to centre; in reverse the world is seen turned by half a turn about the start.
-        to_x = kinds.direction * self.goal_x - last_radius * self.sin
-        to_y = kinds.direction * self.goal_y + last_radius * self.cos - first_radius
-        offset = last_radius - first_radius
-        tangent = np.sqrt(np.maximum(to_x * to_x + to_y * to_y - offset * offset, 0.0))
-        heading = np.arctan2(to_y * tangent - to_x * offset, to_x * tangent + to_y * offset)
-        first = kinds.first_side * _within_turn(kinds.first_side * heading)
-        return first, first + kinds.last_side * _within_turn(kinds.last_side * (self.ends.turn - heading))
+    def find(self) -> _Found:
+        """Find the motions whose straight drive meets the last turn.
 
-    def _drive(self, first: RealArray, last: RealArray) -> tuple[RealArray, ...]:
-        """Give where the first turn ends, and the way from there to where the last one begins, in m."""
-        tables = self.tables
-        first_at, last_at = self.first_row + tables.columns(first), self.last_row + tables.columns(-last)
-        begin_x, begin_y = tables.ahead.take(first_at), tables.left.take(first_at)
-        back_x, back_y = tables.ahead.take(last_at), tables.left.take(last_at)
-        to_x = self.goal_x - begin_x - (self.cos * back_x - self.sin * back_y)
-        to_y = self.goal_y - begin_y - (self.sin * back_x + self.cos * back_y)
-        return begin_x, begin_y, to_x, to_y
+        The heading of the drive is the only unknown. Its roots are bracketed on a grid of first turns, where
+        the parts of both turns just add; the whole change of heading may go either way round.
+        """
+        total = self._changes_of_heading()
+        ways = total.shape[1]
+        x, y = (side.astype(np.float32)[:, :, None] for side in (self.x, self.y))
+        lane = y * _COS - x * _SIN - self.tables.brackets[self.first_row]
+        gap = lane[:, :, None] - self.tables.across_from(self.last_row[:, :, None], -total)
+        # The gap falls through zero where the drive then goes forward, and rises where it goes backward.
+        above = gap * self.kinds.direction[:, :, None, None] > 0.0
+        place = np.flatnonzero(above[..., :-1] & ~above[..., 1:])
+        row = place // (2 * HALF)
+        flat = place + row  # a row of gaps is longer by one
+        before, after = gap.take(flat), gap.take(flat + 1)
+        first = TURNS.take(place - row * (2 * HALF)) + STEP * (before / (before - after))
+        cell = row // ways
+        situation = cell % len(self.ends.x)
+        last = total.take(situation * ways + row % ways) - first
+        turns = np.array((first, last))
+        likely = np.flatnonzero((np.abs(last) < WIDEST) & (np.abs(turns).sum(axis=0) < _MOST_TURNED))
+        return _Found(cell.take(likely), situation.take(likely), turns.take(likely, axis=1))
 
-    def solve(self, first: RealArray, total: RealArray) -> RealArray:
-        """Give the first turns (rad) whose drives meet the last turns, by the secant method."""
-        before = gap_before = first
-        for iteration in range(ITERATIONS):
-            _, _, to_x, to_y = self._drive(first, total - first)
-            cos, sin = np.cos(first), np.sin(first)
-            gap = cos * to_y - sin * to_x
-            along = cos * to_x + sin * to_y
-            change = gap / np.where(along == 0.0, 1.0, along)
-            if iteration == 0:
-                change *= 0.5
-            else:
-                step, slope = first - before, gap_before - gap
-                # After a small step the tables' grain, not the geometry, would make the secant's slope.
-                steep = (np.abs(step) > _GRAIN) & (slope != 0.0)
-                change = np.where(steep, gap * step / np.where(steep, slope, 1.0), change)
-            before, gap_before = first, gap
-            first = first + np.minimum(np.maximum(change, -_STEP), _STEP)
-        return first
+    def _changes_of_heading(self) -> FloatArray:
+        """Give the sums of both turns in rad, shape (n, ways): either way round, or a circle more."""
+        turn = self.ends.turn
+        ways = [turn, turn - np.copysign(_FULL_TURN, turn)]
+        if self.family.forward:
+            ways.append(turn + np.copysign(_FULL_TURN, turn))
+        return np.stack(ways, axis=1)
 
-    def time(self, first: RealArray, last: RealArray) -> RealArray:
-        """Give the times in s of motions with these turns (rad), and of what they lack, shape (kinds, n)."""
-        begin_x, begin_y, to_x, to_y = self._drive(first, last)
+    def time(self, found: _Found) -> FloatArray:
+        """Give the times in s of motions, infinite for those that are not allowed, shape (m,)."""
+        cell, at, turns = found
+        limits, tables, ends = self.limits, self.tables, self.ends
+        first = turns[0]
         cos, sin = np.cos(first), np.sin(first)
-        length = cos * to_x + sin * to_y
-        result = self._moving_time(first, last, self.kinds.direction * length)
-        result += _MISSED * np.abs(cos * to_y - sin * to_x)
+        rows = np.array((self.first_row.take(cell), self.last_row.take(cell)))
+        places = tables.place(rows, turns * _OUTWARD)
+        begun, ending = tables.at(tables.along, places)
+        length = cos * self.x.take(cell) + sin * self.y.take(cell) - begun - ending
+        kind = cell // len(ends.x)
+        turning = turn_time(np.abs(turns), self.kinds.rates.take(kind, axis=1), limits.aw)
+        speeds = np.array((self.speed.take(cell), self.junction.take(cell)))
+        speeds += self.kinds.changes.take(kind, axis=1) * turning
+        before, after = np.minimum(np.maximum(speeds, -limits.v), limits.v)
+        result = turning.sum(axis=0) + self.ends_time.take(cell)
+        if self.family.forward:
+            result += _forward_time(length, before, after, limits)
+            result[length < change_distance(before, after, limits)] = np.inf
+        else:
+            result += drive_time(length, before, after, limits)
         if self.family.passing:
-            x, y = self.ends.x + self.hold * self.cos - begin_x, self.ends.y + self.hold * self.sin - begin_y
-            along, beside = cos * x + sin * y, np.abs(cos * y - sin * x)
-            passes = (along > np.minimum(length, 0.0)) & (along < np.maximum(length, 0.0))
-            result += _WAY_ROUND * np.maximum(self.family.passing - beside, 0.0) * passes
-        return result
-
-    def _moving_time(self, first: RealArray, last: RealArray, length: RealArray) -> RealArray:
-        """Give the times in s of motions whose straight drive is `length` m long in its direction."""
-        limits, tables, kinds = self.limits, self.tables, self.kinds
-        first_time = tables.time.take(kinds.first_way * tables.angles + tables.columns(first))
-        last_time = tables.time.take(kinds.last_way * tables.angles + tables.columns(last))
-        before = kinds.direction * (self.speed + kinds.first_change * first_time)
-        after = kinds.direction * (self.junction + kinds.last_change * last_time)
-        # Speeds against the direction of the drive have to be lost first.
-        wrong = np.minimum(before, 0.0) + np.minimum(after, 0.0)
-        before, after = (np.minimum(np.maximum(speed, 0.0), limits.v) for speed in (before, after))
-        driving = drive_time(np.maximum(length, 0.0), before, after, limits)
-        running = drive_time(self.run, self.junction, self.ends.arrival, limits)
-        leading = (self.speed - self.ends.speed) * (1.0 / limits.a)
-        result: RealArray = leading + first_time + last_time + driving + running
-        result -= wrong * (1.0 / limits.a) + _BACKWARD * np.minimum(length, 0.0)
-        return result
-
-
-def _within_turn(angle: RealArray) -> RealArray:
-    """Give the same angle in [0, 2 pi)."""
-    result: RealArray = angle - _FULL_TURN * np.floor(angle * (1.0 / _FULL_TURN))
-    return result
+            left, _ = tables.at(tables.across, places)
+            x, y = self.ball_x.take(cell), self.ball_y.take(at)
+            along, beside = cos * x + sin * y - begun, cos * y - sin * x - left
+            passed = (along > np.minimum(length, 0.0)) & (along < np.maximum(length, 0.0))
+            result += _WAY_ROUND * np.maximum(self.family.passing - np.abs(beside), 0.0) * passed
+        return np.asarray(result)

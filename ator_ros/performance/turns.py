@@ -14,11 +14,14 @@ from ator_ros.robot import Limits
 
 Indices = NDArray[np.intp]
 RealArray = NDArray[np.floating[Any]]
-"""Searches are in single precision: far finer than the tables, and half the time of double."""
 
-ANGLE_STEP = 0.01  # rad; entries are looked up, not interpolated: half a step is 2 mm or 2 ms
+STEP = np.pi / 8.0  # rad between the turns among which motions are bracketed
+HALF = 12  # turns of up to 270 degrees either way
+FINE = 36  # entries of the tables per step
 SPEED_STEP = 0.02  # m/s
-LARGEST = 9.5  # rad either way: a full turn and what a search for the right one adds
+TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
+WIDEST = (HALF + 0.99) * STEP  # up to which turns can be looked up
+_EDGE = (HALF + 1) * FINE
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
 
@@ -32,56 +35,80 @@ class Way(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TurnTables:
-    """Displacements and durations of turns by angles from -9.5 to 9.5 rad, for some ways to drive them.
+    """Displacements of turns by angles from -292.5 to 292.5 degrees, for some ways to drive them.
+
+    They are given along and across (to the left of) the heading that lies between the turn and the straight
+    drive: there the parts of both turns of a motion just add.
 
     Attributes
     ----------
-    ahead, left : ndarray, shape (ways * speeds * angles,)
-        Where the turn ends in m, seen from where it begins.
-    time : ndarray, shape (ways * angles,)
-        Duration in s.
-    speeds, angles : int
-        Sizes of the tables.
+    along, across : ndarray, shape (rows * angles,)
+        In m; a row for each way and speed.
+    brackets : ndarray, shape (rows, len(TURNS))
+        Across, at TURNS.
+    windows : ndarray, shape (rows, FINE, windows, len(TURNS))
+        Across, at TURNS moved by whole steps and fractions of one; see `window`.
     lowest : float
         First speed in m/s.
+    speeds : int
+        Number of speeds.
     """
 
-    ahead: RealArray
-    left: RealArray
-    time: RealArray
-    speeds: int
-    angles: int
+    along: FloatArray
+    across: FloatArray
+    brackets: RealArray
+    windows: RealArray
     lowest: float
+    speeds: int
 
     def rows(self, way: Indices, speed: RealArray) -> Indices:
-        """Give where the angles of turns begin that are driven in `way` from `speed` (m/s)."""
+        """Give the rows of turns that are driven in `way` from `speed` (m/s)."""
         row = ((speed - self.lowest) * (1.0 / SPEED_STEP) + 0.5).astype(np.intp)
-        result: Indices = (way * self.speeds + row.clip(0, self.speeds - 1)) * self.angles
+        result: Indices = way * self.speeds + row.clip(0, self.speeds - 1)
         return result
 
-    def columns(self, angle: RealArray) -> Indices:
-        """Give where turns by `angle` (rad) are within a row."""
-        return (angle * (1.0 / ANGLE_STEP) + (LARGEST / ANGLE_STEP + 0.5)).astype(np.intp)
+    def across_from(self, row: Indices, moved: RealArray) -> RealArray:
+        """Give across at TURNS moved by `moved` (rad, within 540 degrees), shape (..., len(TURNS))."""
+        step, fraction = np.divmod((2 * HALF * FINE + 0.5 + moved * (FINE / STEP)).astype(np.intp), FINE)
+        return self.windows[row, fraction, step]
+
+    def place(self, row: Indices, angle: FloatArray) -> tuple[Indices, FloatArray]:
+        """Give where turns by `angle` (rad) lie in the tables: the entry before, and the share beyond it."""
+        place = angle * (FINE / STEP) + _EDGE
+        low = place.astype(np.intp)
+        share = place - low
+        return low + row * (2 * _EDGE + 1), share
+
+    def at(self, table: FloatArray, place: tuple[Indices, FloatArray]) -> FloatArray:
+        """Look up `along` or `across` at a place."""
+        low, share = place
+        below = table.take(low)
+        result: FloatArray = below + share * (table.take(low + 1) - below)
+        return result
 
 
 @lru_cache(maxsize=32)
 def turn_tables(limits: Limits, ways: tuple[Way, ...]) -> TurnTables:
     """Compute the tables of `ways` for a robot's limits; cached."""
-    angles = np.arange(0.0, LARGEST + ANGLE_STEP / 2, ANGLE_STEP)
-    speeds = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP)
+    angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, _EDGE + 1)
+    speeds: FloatArray = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP, dtype=np.float64)
     parts = [_displacements(limits, way, speeds, angles) for way in ways]
     # A turn to the right is the mirror image of one to the left.
-    ahead = np.concatenate([np.hstack((x[:, :0:-1], x)).ravel() for x, _, _ in parts])
-    left = np.concatenate([np.hstack((-y[:, :0:-1], y)).ravel() for _, y, _ in parts])
-    time = np.concatenate([np.hstack((t[:0:-1], t)) for _, _, t in parts])
-    ahead, left, time = (table.astype(np.float32) for table in (ahead, left, time))
-    return TurnTables(ahead, left, time, len(speeds), 2 * len(angles) - 1, -limits.v)
+    along = np.concatenate([np.hstack((x[:, :0:-1], x)) for x, _ in parts])
+    across = np.concatenate([np.hstack((-y[:, :0:-1], y)) for _, y in parts])
+    # TURNS moved by up to 2 * HALF steps either way; what lies beyond the table is found, and then left out.
+    beyond = (2 * HALF - 1) * FINE
+    wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
+    fractions = np.ascontiguousarray(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2))
+    windows = np.lib.stride_tricks.sliding_window_view(fractions, len(TURNS), axis=-1)
+    brackets = across[:, FINE:-FINE:FINE].astype(np.float32)
+    return TurnTables(along.ravel(), across.ravel(), brackets, windows, -limits.v, len(speeds))
 
 
 def _displacements(
     limits: Limits, way: Way, speeds: FloatArray, angles: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Give ahead and left, shape (speeds, angles), and the duration, shape (angles,), of turns in one way."""
+) -> tuple[FloatArray, FloatArray]:
+    """Give along and across, shapes (speeds, angles), of turns to the left in one way."""
     ramp = np.minimum(np.sqrt(angles / limits.aw), way.rate / limits.aw)
     time = 2.0 * ramp + np.maximum(angles - limits.aw * ramp * ramp, 0.0) / way.rate
     now, ramp = time[:, None] * _NODES, ramp[:, None]
@@ -91,9 +118,10 @@ def _displacements(
     # Ramp up, even rate, ramp down: the last part is what the mirrored ramp still lacks.
     heading = 0.5 * limits.aw * (begin * begin + ramp * ramp - end * end) + even
     weight = _WEIGHTS * time[:, None]
-    cos, sin = weight * np.cos(heading), weight * np.sin(heading)
-    ahead, left = (np.empty((len(speeds), len(angles))) for _ in range(2))
+    left = angles[:, None] - heading
+    cos, sin = weight * np.cos(left), -weight * np.sin(left)
+    along, across = (np.empty((len(speeds), len(angles))) for _ in range(2))
     for row, speed in enumerate(speeds):
         driven = np.clip(speed + way.change * now, -limits.v, limits.v)
-        ahead[row], left[row] = (driven * cos).sum(axis=1), (driven * sin).sum(axis=1)
-    return ahead, left, time
+        along[row], across[row] = (driven * cos).sum(axis=1), (driven * sin).sum(axis=1)
+    return along, across
