@@ -35,7 +35,7 @@ from ator_ros.nodes.node_support import (
     declare_parameters,
     run_node,
 )
-from ator_ros.nodes.phases import Deadlines, Ending
+from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.rehearsal import rehearse
 from ator_ros.performance.model_file import ModelFileError, load_models
@@ -145,7 +145,9 @@ class ExecutorNode(Node):
             return
         except TimeWentBackError as error:
             self._note(str(error))
-            self._end(Ending.INPUT_LOST, f"time went back: {error}")
+            # A goal that waits for its first state has nothing to lose, as after a restart of the simulation.
+            if self._run is not None and self._run.execution.phase is not Phase.WAITING:
+                self._end(Ending.INPUT_LOST, f"time went back: {error}")
             return
         if world is None:
             return

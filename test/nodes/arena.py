@@ -1,0 +1,158 @@
+"""The three nodes, of which any may fail, and what must hold whatever fails."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import domain_coordinator
+from chain_client import ChainClient, Sent, call
+from ledger import Ledger
+from process import Process, Processes
+from ros_client import Client
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import Outcome, TopCall
+from ator_ros.geometry import Pose
+
+START = Pose(-1.2, 0.0, 0.0)
+BALL = (0.0, 0.0)
+LONGEST_STOP = 0.5
+"""Simulated seconds from the last command to move until the robot stands."""
+LONG_START = 60.0
+"""Real seconds that a node may need to start on a loaded machine."""
+
+READY = {
+    "simulation": "simulating pioneer",
+    "executor": "ready for chains",
+    "refinement": "refining chains",
+}
+SETTINGS: dict[str, dict[str, object]] = {
+    # Deadlines long enough for a loaded machine, short enough to wait for.
+    "simulation": {"real_time_factor": 2.0, "log_level": "debug"},
+    "executor": {"odom_timeout": 1.5, "refinement_timeout": 3.0, "start_timeout": 20.0},
+    "refinement": {},
+}
+_STOP = re.compile(r"the robot stands since (\S+) s, last told to move at (\S+) s")
+
+
+class Visit:
+    """A client that came to the arena after the last node had started.
+
+    Discovery forgets a node that was killed only after seconds; a newcomer never hears of it.
+    """
+
+    def __init__(self, client: Client, ledger: Ledger) -> None:
+        self.ros = client
+        self._chains = ChainClient(client)
+        self._ledger = ledger
+
+    def place(self) -> None:
+        """Put robot and ball to where the chain of the tests starts, and wait until that is known."""
+        self.ros.place(robot=START, ball=BALL)
+        self.ros.eventually(
+            lambda: self.ros.robot().pose.distance(START) < 0.02 and abs(self.ros.ball().x) < 0.02,
+            "robot and ball at their places",
+        )
+
+    def send(self, calls: list[TopCall], *, refine: bool = False) -> Sent:
+        """Send a chain."""
+        return self._chains.send(calls, refine=refine)
+
+    def ended(self, sent: Sent) -> ExecuteChain.Result:
+        """Wait for a goal's end, which must have a reason, and whose record must be announced."""
+        result = sent.result()
+        assert result.outcome.code
+        assert result.outcome.reason
+        assert result.record.outcome == result.outcome
+        self._ledger.expect(result.record)
+        return result
+
+    def succeed(self) -> None:
+        """Show that a new goal works."""
+        self.place()
+        outcome = self.ended(self.send([call("goToPose", START.ahead(0.15))])).outcome
+        assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+
+
+class Arena:
+    """The three nodes on a domain of their own.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain.
+    logs : Path
+        Folder for the nodes' output.
+    settings : dict
+        Parameters by node, which replace those of `SETTINGS`.
+    """
+
+    def __init__(self, domain: int, logs: Path, settings: dict[str, dict[str, object]] | None = None) -> None:
+        self._settings = {name: own | (settings or {}).get(name, {}) for name, own in SETTINGS.items()}
+        self.domain = domain
+        self._processes = Processes(domain, logs)
+        self.observer = Client(domain)
+        self._visit: Visit | None = None
+        self._started: dict[str, list[Process]] = {name: [] for name in SETTINGS}
+        self.ledger = Ledger(self.observer)
+        self.nodes: dict[str, Process] = {}
+
+    def start(self, *names: str) -> None:
+        """Start nodes, side by side, and wait until they are ready."""
+        self._leave()
+        for name in names:
+            self.nodes[name] = self._processes.start(name, **self._settings[name])
+            self._started[name].append(self.nodes[name])
+        for name in names:
+            self.observer.eventually(lambda n=name: self._ready(n), f"{name} is ready", LONG_START)
+        executors = len(self._started["executor"])
+        self.observer.eventually(lambda: self.ledger.listens_to(executors), "the ledger listens")
+
+    def _ready(self, name: str) -> bool:
+        node = self.nodes[name]
+        assert node.running, node.output
+        return READY[name] in node.output
+
+    def visit(self) -> Visit:
+        """Give a client that has come after the last node was started."""
+        if self._visit is None:
+            self._visit = Visit(Client(self.domain), self.ledger)
+        return self._visit
+
+    def _leave(self) -> None:
+        if self._visit is not None:
+            self._visit.ros.close()
+            self._visit = None
+
+    def check(self) -> None:
+        """Make sure that the robot always stood in time, and that the records are complete."""
+        late = [stop for stop in self.stops() if stop[1] - stop[0] > LONGEST_STOP + 1e-6]
+        assert not late, f"expected the robot to stand within {LONGEST_STOP} s, (told, stood): {late}"
+        self.ledger.check()
+        nodes = [node for nodes in self._started.values() for node in nodes]
+        assert not [node.output for node in nodes if "Traceback" in node.output]
+
+    def stops(self) -> list[tuple[float, float]]:
+        """Give, from the simulations' logs, when the robot was last told to move and since when it stood."""
+        logs = "".join(node.output for node in self._started["simulation"])
+        return [(float(told), float(stood)) for stood, told in _STOP.findall(logs)]
+
+    def close(self) -> None:
+        """End all."""
+        self._leave()
+        self.observer.close()
+        self._processes.kill()
+
+
+@contextmanager
+def arena_with(logs: Path, settings: dict[str, dict[str, object]] | None = None) -> Iterator[Arena]:
+    """Give an arena, without nodes, on a domain that nobody else uses."""
+    with domain_coordinator.domain_id() as domain:
+        arena = Arena(domain, logs, settings)
+        try:
+            yield arena
+        finally:
+            arena.close()
