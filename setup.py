@@ -5,7 +5,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 PACKAGE = "ator_ros"
-DATA_FOLDERS = ("config", "launch", "models", "rviz", "urdf")
+DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
     "nodes": ("simulation", "executor", "refinement"),
     "tools": ("collect", "train", "gate", "evaluate", "qualify", "demo", "bench", "soak", "noise"),

@@ -1,0 +1,84 @@
+"""The SROS2 policy against the graph that our nodes really open: all of it in both, nothing more."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import domain_coordinator
+import pytest
+from graph import surface
+from process import Processes
+from rclpy.node import NodeNameNonExistentError
+from ros_client import Client
+from sros2_policy import allowed, faults, read_policy
+
+from ator_ros.resources import share_folder
+
+POLICY = read_policy(share_folder() / "security" / "ator_ros.policy.xml")
+NODES: dict[str, dict[str, bool]] = {"simulation": {"publish_clock": True}, "executor": {}, "refinement": {}}
+EVERYWHERE = {"/parameter_events", "/rosout"}
+
+
+@pytest.fixture(scope="module")
+def observer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    """Start the three nodes and give a client that sees them."""
+    with domain_coordinator.domain_id() as domain:
+        processes = Processes(domain, tmp_path_factory.mktemp("logs"))
+        for name, parameters in NODES.items():
+            processes.start(name, **parameters)
+        client = Client(domain)
+        yield client
+        client.close()
+        processes.kill()
+
+
+@pytest.mark.node
+@pytest.mark.parametrize("node", NODES)
+def test_a_node_opens_what_its_profile_allows(observer: Client, node: str) -> None:
+    profile = allowed(POLICY, node)
+
+    def opened() -> object:
+        try:
+            return surface(observer.node, node)
+        except NodeNameNonExistentError:
+            return None
+
+    try:
+        observer.eventually(lambda: opened() == profile, "the node's whole profile")
+    except AssertionError:
+        assert opened() == profile  # tells the difference
+
+
+def test_the_policy_has_the_form_that_sros2_reads() -> None:
+    assert POLICY.attrib == {"version": "0.2.0"}
+    assert list(faults(POLICY)) == []
+
+
+def test_the_form_is_looked_at() -> None:
+    profiles = "<profiles><node/></profiles>"
+    wrong = f"<policy version='0.2.0'><enclaves><enclave>{profiles}</enclave></enclaves></policy>"
+    told = " ".join(faults(ET.fromstring(wrong)))  # noqa: S314
+    assert "enclave: expected the attributes ['path']" in told
+    assert "profiles: expected ['profile'], got node" in told
+
+
+def test_every_enclave_is_that_of_its_node() -> None:
+    paths = {enclave.attrib["path"]: enclave for enclave in POLICY.iter("enclave")}
+    assert set(paths) == {"/ator/simulation", "/ator/executor", "/ator/refinement", "/ator/client"}
+    for path, enclave in paths.items():
+        assert [profile.attrib for profile in enclave.iter("profile")] == [
+            {"ns": "/", "node": Path(path).name}
+        ]
+
+
+def test_a_client_uses_what_the_nodes_offer_and_does_not_steer() -> None:
+    client, nodes = allowed(POLICY, "client"), [allowed(POLICY, node) for node in NODES]
+    offered = frozenset.union(*(node.replies for node in nodes))
+    assert client.requests == {name for name in offered if "/set_parameters" not in name}
+    assert client.subscribes == frozenset.union(*(node.publishes for node in nodes))
+    assert client.calls == frozenset.union(*(node.executes for node in nodes))
+    assert client.publishes == EVERYWHERE
+    assert not client.executes
+    assert all(name.startswith("/client/") for name in client.replies)
