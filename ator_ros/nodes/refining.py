@@ -70,7 +70,7 @@ class Refining:
 
     @property
     def reason(self) -> str:
-        """What became of the first question, of the last one that changed the chain, and of one since then."""
+        """What became of the first question, of the last that changed the chain, and of one since then."""
         return (self._first or _NOT_ASKED) + self._changed + self._left
 
     def ask(self, world: World, chain: TopChain, now: float, *, step: int = 0) -> None:
