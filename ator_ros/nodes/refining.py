@@ -66,12 +66,12 @@ class Refining:
         self._robot, self._again_after = robot, again_after
         self._known: BallState | None = None
         self._first: str | None = None
-        self._later = ""
+        self._changed = self._left = ""
 
     @property
     def reason(self) -> str:
-        """What became of the first question, and of the last one when there were more."""
-        return (self._first or _NOT_ASKED) + self._later
+        """What became of the first question, of the last that changed the chain, and of one since then."""
+        return (self._first or _NOT_ASKED) + self._changed + self._left
 
     def ask(self, world: World, chain: TopChain, now: float, *, step: int = 0) -> None:
         """Ask about `chain` from `step` on."""
@@ -97,8 +97,11 @@ class Refining:
         if self._first is None:
             self._first = why
             return
-        self.again += changed
-        self._later = f"; {'refined' if changed else 'asked'} again after {elapsed:.2f} s: {why}"
+        if changed:
+            self.again += 1
+            self._changed, self._left = f"; refined again after {elapsed:.2f} s: {why}", ""
+        else:
+            self._left = f"; asked again after {elapsed:.2f} s: {why}"
 
 
 def refined_chain(chain: TopChain, step: int, answer: TopChain, world: World, robot: Robot) -> TopChain:
