@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bag_types import own_types
 from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.resources import share_folder
 from ator_ros.robot import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.world import STOP, Command, World
@@ -149,18 +149,6 @@ def test_records_of_the_executor_are_taken_as_they_are(tmp_path: Path) -> None:
     ]
     assert frame["yawg"].iloc[0] == pytest.approx(0.7)
     assert frame["position_error"].iloc[0] == 0.01
-
-
-def own_types() -> Any:
-    """Give a store with our interfaces, read from their files."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types: dict[str, Any] = {}
-    for file in sorted(share_folder().glob("ator_interfaces/msg/*.msg")):
-        types |= get_types_from_msg(file.read_text(), f"ator_interfaces/msg/{file.stem}")
-    store.register(types)
-    return store
 
 
 def action_performance(store: Any, *, goal: Pose, speed: float, duration: float, code: int) -> Any:

@@ -175,7 +175,8 @@ def _drives(streams: _Streams, robot: Robot) -> Iterator[Episode]:
     odom = _in_order(streams.odom)
     odom[:, 3] = np.unwrap(odom[:, 3])
     ball = _in_order(streams.ball) if streams.ball else None
-    for begin, end in _spans(_in_order(streams.cmd_vel)):
+    for begin, ceased in _spans(_in_order(streams.cmd_vel)):
+        end = _rest(odom, ceased)
         if end - begin >= SHORTEST and odom[0, 0] <= begin and end <= odom[-1, 0]:
             yield _episode(odom, ball, begin, end, robot)
 
@@ -201,6 +202,13 @@ def _spans(commands: FloatArray) -> Iterator[tuple[float, float]]:
             end = begin - 1.0
     if begin is not None and end >= begin:
         yield begin, end
+
+
+def _rest(odom: FloatArray, ceased: float) -> float:
+    """Give when (s) the robot stood still after its commands had ceased; `ceased` when it never did."""
+    after = odom[(odom[:, 0] >= ceased) & (odom[:, 0] <= ceased + PAUSE)]
+    still = (np.abs(after[:, 4]) <= STILL[0]) & (np.abs(after[:, 5]) <= STILL[1])
+    return float(after[still][0, 0]) if still.any() else ceased
 
 
 def _episode(odom: FloatArray, ball: FloatArray | None, begin: float, end: float, robot: Robot) -> Episode:

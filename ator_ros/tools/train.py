@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -87,8 +87,8 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
     rows, source = _experience(options.experience, robot)
     fresh, fresh_source = _experience(options.fresh, robot) if options.fresh else (rows[:0], {})
     by_action = dict(iter(rows.groupby("action", sort=False)))
-    for action, examples in by_action.items():
-        model = train(action, examples, robot)
+    for action, model in _learn(by_action, robot).items():
+        examples = by_action[action]
         measured: dict[str, Any] = {}
         tests = fresh[fresh["action"] == action]
         if len(tests):
@@ -116,6 +116,22 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
             by_action, dict(iter(fresh.groupby("action"))), robot, seed=fresh_source["seed"]
         )
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
+
+
+def _learn(by_action: Mapping[str, pd.DataFrame], robot: Robot) -> dict[str, PerformanceModel]:
+    """Learn from what suffices, and tell what does not: a recording rarely holds enough of every action."""
+    models: dict[str, PerformanceModel] = {}
+    errors: list[str] = []
+    for action, examples in by_action.items():
+        try:
+            models[action] = train(action, examples, robot)
+        except TrainingError as error:
+            errors.append(str(error))
+    if not models:
+        raise TrainingError("; ".join(errors))
+    for missing in errors:
+        print(f"train: {missing}; the other actions are learned", file=sys.stderr)
+    return models
 
 
 def _experience(paths: Sequence[Path], robot: Robot) -> tuple[pd.DataFrame, dict[str, Any]]:

@@ -1,0 +1,145 @@
+"""`train` learns from a recording of our own nodes."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import domain_coordinator
+import pandas as pd
+import pytest
+from ament_index_python.packages import get_package_prefix
+from chain_client import ChainClient, call, chain_of_the_paper
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from process import Processes
+from recorder import Recorder
+from ros_client import Client
+
+from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall
+from ator_ros.experience.recordings import read_recording
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_from
+from ator_ros.nodes.node_support import LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.performance.model_file import load_model
+from ator_ros.robot import load_robot
+
+pytestmark = pytest.mark.node
+
+TOPICS = {
+    "/performance/action": (ActionPerformance, RESULTS),
+    "/performance/chain": (ChainPerformance, LATCHED),
+    "/odom": (Odometry, SENSOR_DATA),
+    "/cmd_vel": (Twist, SENSOR_DATA),
+}
+DRIVES, TOUR = 3, 18
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording, with the records as they were heard, and those of single drives with a rest between."""
+
+    recorder: Recorder
+    records: list[ActionPerformance]
+    drives: list[ActionPerformance]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recording]:
+    """Let the nodes execute single drives, the paper's chain, and a tour; record all of it."""
+    with domain_coordinator.domain_id() as domain:
+        processes = Processes(domain, tmp_path_factory.mktemp("logs"))
+        processes.start("simulation", real_time_factor=0.0, command_wait=1.0)
+        processes.start("executor", odom_timeout=10.0, start_timeout=30.0)
+        client = Client(domain)
+        chains = ChainClient(client)
+        recorder = Recorder(client, TOPICS)
+        drives = [
+            done
+            for goal in tour(DRIVES, seed=31)
+            for done in execute(chains, [goal]).actions
+            if rest(client) is None
+        ]
+        client.place(robot=Pose(-2.0, 0.0, 0.0), ball=(0.0, 0.0))
+        execute(chains, chain_of_the_paper())
+        client.place(robot=Pose(0.0, 0.0, 0.0), ball=(3.0, 2.0))
+        execute(chains, tour(TOUR, seed=32))
+        yield Recording(recorder, chains.actions, drives)
+        client.close()
+        processes.kill()
+
+
+def tour(length: int, *, seed: int) -> list[TopCall]:
+    """Give goals, each at least 0.5 m from the one before and away from the ball."""
+    draw = random.Random(seed)
+    poses = [Pose(draw.uniform(-2.0, 1.5), draw.uniform(-1.5, -0.6), draw.uniform(-3.0, 3.0))]
+    while len(poses) < length:
+        pose = Pose(draw.uniform(-2.0, 1.5), draw.uniform(-1.5, -0.6), draw.uniform(-3.0, 3.0))
+        if pose.distance(poses[-1]) > 0.5:
+            poses.append(pose)
+    return [call("goToPose", pose) for pose in poses]
+
+
+def execute(chains: ChainClient, calls: list[TopCall]) -> ChainPerformance:
+    """Execute a chain to its successful end, and wait until all of it has been heard."""
+    heard = len(chains.actions)
+    result = chains.send(calls).result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    chains.ros.eventually(lambda: len(chains.actions) == heard + len(calls), "the actions' records")
+    return result.record
+
+
+def rest(client: Client) -> None:
+    """Let a second pass, so that one drive can be told from the next."""
+    ended = client.time()
+    client.eventually(lambda: client.time() > ended + 1.0, "a second of rest")
+
+
+def starts(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame[frame["t"] == 0.0].reset_index(drop=True)
+
+
+def check_places(frame: pd.DataFrame, records: list[ActionPerformance], *, within: float) -> None:
+    """Make sure that episodes begin and are bound for where the records say; `within` in m."""
+    for row, record in zip(frame.to_dict("records"), records, strict=True):
+        begin = pose_from(record.start.robot, "start")
+        goal = pose_from(record.call.goal.pose, "goal")
+        assert begin.distance(Pose(row["x"], row["y"], 0.0)) < within
+        assert goal.distance(Pose(row["xg"], row["yg"], 0.0)) < within
+
+
+def test_records_of_the_executor_are_the_episodes(recording: Recording, tmp_path: Path) -> None:
+    folder = recording.recorder.write(tmp_path / "bag", *TOPICS)
+    assert (folder / "metadata.yaml").is_file()
+    experience = read_recording(folder, load_robot())
+    for action in ("goToPose", "dribbleBall", "shoot"):
+        records = [record for record in recording.records if record.action == action]
+        episodes = experience.of(action)
+        assert episodes["duration"].tolist() == [record.actual.duration for record in records]
+        assert episodes["success"].all()
+        check_places(episodes, records, within=1e-9)
+
+
+def test_drives_are_found_in_odometry_and_commands(recording: Recording, tmp_path: Path) -> None:
+    folder = recording.recorder.write(tmp_path / "bag", "/odom", "/cmd_vel")
+    drives = starts(read_recording(folder, load_robot()).of("goToPose")).head(DRIVES)
+    durations = [record.actual.duration for record in recording.drives]
+    assert drives["duration"].tolist() == pytest.approx(durations, abs=0.25)
+    check_places(drives, recording.drives, within=0.08)
+
+
+def test_the_installed_train_learns_from_it(recording: Recording, tmp_path: Path) -> None:
+    folder = recording.recorder.write(tmp_path / "bag", *TOPICS)
+    train = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "train")
+    models = tmp_path / "models"
+    ended = subprocess.run(
+        [str(train), str(folder), "--models", str(models)], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "dribbleBall: expected at least 20 episodes" in ended.stderr
+    model = load_model(models / "goToPose.json", load_robot())
+    assert model.metadata["training"]["episodes"] == DRIVES + TOUR + 1
+    assert str(tmp_path) not in (models / "goToPose.json").read_text(encoding="utf-8")
