@@ -115,6 +115,17 @@ def test_a_rolling_ball_is_approached_where_it_rolls_out() -> None:
     assert drive.executor.chain.calls[0].goal.pose.y == pytest.approx(drive.world.ball.y, abs=0.15)
 
 
+def test_a_ball_that_comes_into_the_way_is_stopped_for() -> None:
+    def into_the_way(simulation: PioneerSimulation) -> None:
+        ahead = simulation.world().robot.pose.ahead(0.75)
+        simulation.place_ball(ahead.x, ahead.y)
+
+    drive = Drive(APPROACH, once(0, 1.5, into_the_way))
+    assert drive.status is Status.SUCCEEDED
+    assert "stopping" in {step.message.partition(",")[0] for step in drive.steps}
+    assert drive.executor.records[1].start.robot.v == pytest.approx(0.0, abs=0.02)
+
+
 def test_a_lost_ball_is_noticed_at_once() -> None:
     drive = Drive(DRIBBLE, once(1, 1.0, away))
     assert drive.status is Status.FAILED

@@ -23,7 +23,7 @@ IDEAL: Mapping[str, tuple[str, Callable[[Geometry], FloatArray]]] = MappingProxy
     {
         "goToPose": ("drive_time", lambda geometry: geometry.drive.time),
         "dribbleBall": ("dribble_time", lambda geometry: geometry.dribble.time),
-        "shoot": ("hold_dist", lambda geometry: geometry.hold_dist / geometry.robot.dribble_limits.v),
+        "shoot": ("shot_time", lambda geometry: geometry.shot.time),
     }
 )
 """By action: a feature of the same direct variables, and what gives the ideal time in s."""

@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 from ator_ros.actions.base import Goal
+from ator_ros.geometry import Pose
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopCall
 from ator_ros.tops.conditions import Condition
@@ -17,6 +18,7 @@ _AT_HOLD = frozenset({("hold.x", "ball.x"), ("hold.y", "ball.y")})
 _AT_FRONT = frozenset({("ball.x", "hold.x"), ("ball.y", "hold.y")})
 _AT_GOAL = frozenset({("ball.x", "goal.x"), ("ball.y", "goal.y")})
 _TOUCHING = 0.08
+_ROOM = 0.06
 _LOST = 0.12
 _AT_REST = 1e-3
 
@@ -99,3 +101,18 @@ def is_lost(world: World, robot: Robot) -> bool:
 def is_at_front(world: World, robot: Robot) -> bool:
     """Say whether the robot's front touches the ball, or nearly: what moves it then is the robot."""
     return hold_offset(world, robot) < robot.fin_length + _TOUCHING
+
+
+def is_in_the_way(world: World, robot: Robot) -> bool:
+    """Say whether the robot, braking as actions do, cannot stop before the ball, much less drive round it.
+
+    Planning from there would take long and find nothing.
+    """
+    ball, v = world.ball, world.robot.v
+    if ball is None or v <= 0.0:
+        return False
+    place = world.robot.pose.relative(Pose(ball.x, ball.y, 0.0))
+    reach = robot.front + robot.fin_length + robot.ball.radius + _ROOM
+    braking = v * v / (2.0 * robot.limits.brake)
+    beside = abs(place.y) > robot.half_width + robot.ball.radius + _ROOM
+    return not beside and 0.0 < place.x < reach + braking

@@ -12,6 +12,7 @@ from ator_ros.tops.ball import (
     fetches_ball,
     has_left,
     is_at_front,
+    is_in_the_way,
     is_lost,
     starts_holding,
 )
@@ -112,7 +113,7 @@ class ChainExecutor:
         """
         if chain.calls[self._index] != self._run.call:
             run = self._new_run(chain, self._index, standing_first=self._run.stopping)
-            if self._run.begun and run.begin(world) is not None:
+            if self._run.begun and (self._is_blocked(world) or run.begin(world) is not None):
                 return False
             self._replace_run(world, run)
         self._chain = chain
@@ -128,6 +129,10 @@ class ChainExecutor:
         if not self.head_for(world, chain):
             self._replace_run(world, self._new_run(chain, self._index, standing_first=True))
             self._chain = chain
+
+    def _is_blocked(self, world: World) -> bool:
+        """Say whether the ball that is driven to lies where the robot can only stop."""
+        return drives_to_ball(self._run.call.top) and is_in_the_way(world, self._library.robot)
 
     def _replace_run(self, world: World, run: StepRun) -> None:
         if self._run.begun:
