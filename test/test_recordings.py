@@ -151,6 +151,18 @@ def test_records_of_the_executor_are_taken_as_they_are(tmp_path: Path) -> None:
     assert frame["position_error"].iloc[0] == 0.01
 
 
+def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None:
+    store = own_types()
+    good = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.25, code=1)
+    bad = [
+        action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=np.nan, code=1),
+        action_performance(store, goal=Pose(np.inf, 0.5, 0.7), speed=0.3, duration=3.0, code=1),
+        action_performance(store, goal=Pose(1.5, 0.5, np.nan), speed=0.3, duration=3.0, code=2),
+    ]
+    write_records(tmp_path / "bag", store, [*bad, good])
+    assert read_recording(tmp_path / "bag", ROBOT).of("goToPose")["duration"].tolist() == [3.25]
+
+
 def action_performance(store: Any, *, goal: Pose, speed: float, duration: float, code: int) -> Any:
     """Give the record of a goToBall from (-1, 0.25)."""
     types = store.types

@@ -8,6 +8,7 @@ its goal; with the ball held at both ends it was a dribble.
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -94,27 +95,32 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
 
 def _read(file: Path) -> dict[str, _Streams]:
     """Give the streams by the namespace of their robot."""
+    by_robot: dict[str, _Streams] = defaultdict(_Streams)
+    now: dict[str, float] = {}
+    for name, message in _messages(file):
+        topic = _kind(name)
+        namespace = name[: -len(topic)] or "/"
+        if topic != RECORDS:
+            _add(by_robot[namespace], topic, message, now, namespace)
+        elif message.outcome.code in (SUCCEEDED, FAILED) and _finite(_numbers(episode := _record(message))):
+            by_robot[namespace].records.append(episode)
+    return by_robot
+
+
+def _messages(file: Path) -> Iterator[tuple[str, Any]]:
+    """Yield topic and message of all that is of use, in the order of their arrival."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise RecordingError("recordings need the package rosbags: pip install rosbags") from error
-    by_robot: dict[str, _Streams] = defaultdict(_Streams)
     try:
         with AnyReader([file], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             wanted = [c for c in reader.connections if _kind(c.topic)]
-            now: dict[str, float] = {}
             for connection, _, raw in reader.messages(connections=wanted):
-                topic = _kind(connection.topic)
-                namespace = connection.topic[: -len(topic)] or "/"
-                message = reader.deserialize(raw, connection.msgtype)
-                if topic != RECORDS:
-                    _add(by_robot[namespace], topic, message, now, namespace)
-                elif message.outcome.code in (SUCCEEDED, FAILED):
-                    by_robot[namespace].records.append(_record(message))
-    except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
+                yield connection.topic, reader.deserialize(raw, connection.msgtype)
+    except Exception as error:  # a damaged file makes rosbags raise anything, MemoryError included
         raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {error}") from error
-    return by_robot
 
 
 def _kind(topic: str) -> str:
@@ -147,6 +153,17 @@ def _record(message: Any) -> Episode:
     )
 
 
+def _numbers(episode: Episode) -> tuple[float, ...]:
+    """Give what a model learns from."""
+    robot, goal = episode.situation.robot, episode.situation.goal
+    return (episode.duration, *robot.pose, robot.v, robot.w, *goal.pose, goal.speed)
+
+
+def _finite(row: tuple[float, ...]) -> bool:
+    """Say whether a row can be used: a sensor may have sent NaN."""
+    return all(map(math.isfinite, row))
+
+
 def _pose_of(pose: Any) -> Pose:
     q = pose.orientation
     return Pose(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
@@ -156,17 +173,19 @@ def _add(streams: _Streams, topic: str, message: Any, now: dict[str, float], nam
     if topic == "cmd_vel":
         # A Twist has no stamp: it counts from the last odometry on, which is in the robot's own time.
         twist = getattr(message, "twist", message)
-        if namespace in now:
-            streams.cmd_vel.append((now[namespace], twist.linear.x, twist.angular.z))
+        command = (now.get(namespace, math.nan), twist.linear.x, twist.angular.z)
+        if _finite(command):
+            streams.cmd_vel.append(command)
         return
     stamp = message.header.stamp
     time = stamp.sec + 1e-9 * stamp.nanosec
     pose, twist = _pose_of(message.pose.pose), message.twist.twist
     if topic == "ball":
-        streams.ball.append((time, pose.x, pose.y))
-        return
-    now[namespace] = time
-    streams.odom.append((time, *pose, twist.linear.x, twist.angular.z))
+        if _finite(pose):
+            streams.ball.append((time, pose.x, pose.y))
+    elif _finite(row := (time, *pose, twist.linear.x, twist.angular.z)):
+        now[namespace] = time
+        streams.odom.append(row)
 
 
 def _drives(streams: _Streams, robot: Robot) -> Iterator[Episode]:
