@@ -47,6 +47,10 @@ class Sent:
         self._client.eventually(future.done, "an answer to cancel")
         assert future.result().goals_canceling
 
+    def ended(self) -> bool:
+        """Say whether it has ended."""
+        return bool(self._future.done())
+
     def result(self, patience: float = 2 * PATIENCE) -> ExecuteChain.Result:
         """Wait for its end."""
         self._client.eventually(self._future.done, "the goal's end", patience)

@@ -1,0 +1,208 @@
+"""Nonsense for the nodes, over topics, goals, parameters and command lines: said clearly, and survived."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import domain_coordinator
+import pytest
+from chain_client import ChainClient, call
+from nav_msgs.msg import Odometry
+from process import Process, Processes
+from ros_client import Client
+from std_msgs.msg import String
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import Outcome, TopCall
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import ball_odometry_of, odometry_of
+from ator_ros.nodes.node_support import SENSOR_DATA
+from ator_ros.world import BallState, RobotState
+
+pytestmark = pytest.mark.node
+
+GOAL = Pose(1.0, 0.0, 0.0)
+SENSED = {"odom": "/sensed/odom", "ball": "/sensed/ball"}
+"""Where the executor listens here: the test's own client hears no nonsense."""
+
+
+class Sensors:
+    """Odometry and ball of a robot that stands at the origin, sent by the test."""
+
+    def __init__(self, client: Client, stranger: Client) -> None:
+        self._odom = client.node.create_publisher(Odometry, SENSED["odom"], SENSOR_DATA)
+        self._ball = client.node.create_publisher(Odometry, SENSED["ball"], SENSOR_DATA)
+        # A participant of its own: within one, a topic has one type.
+        self._words = stranger.node.create_publisher(String, SENSED["odom"], SENSOR_DATA)
+        self._time = 1.0
+
+    def send(self, change: Callable[[Odometry], None] | None = None, *, ball: bool = False) -> None:
+        """Send the next state, changed; `ball` says which of both messages is changed."""
+        self._time += 0.05
+        robot = odometry_of(self._time, RobotState(Pose(0.0, 0.0, 0.0)), frame="odom", child="base_link")
+        place = ball_odometry_of(self._time, BallState(-2.0, 1.0), frame="odom", height=0.1)
+        if change is not None:
+            change(place if ball else robot)
+        self._words.publish(String(data="another type of message"))
+        self._ball.publish(place)
+        self._odom.publish(robot)
+
+
+@pytest.fixture(scope="module")
+def executor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, ChainClient, Sensors]]:
+    """Start the executor alone; the test is its world."""
+    with domain_coordinator.domain_id() as domain:
+        processes = Processes(domain, tmp_path_factory.mktemp("logs"))
+        node = processes.start("executor", remap=SENSED, odom_timeout=2.0, start_timeout=5.0)
+        client, stranger = Client(domain), Client(domain, "stranger")
+        yield node, ChainClient(client), Sensors(client, stranger)
+        client.close()
+        stranger.close()
+        processes.kill()
+
+
+def not_a_number(message: Odometry) -> None:
+    message.pose.pose.position.x = math.nan
+
+
+def infinite_speed(message: Odometry) -> None:
+    message.twist.twist.linear.x = math.inf
+
+
+def no_quaternion(message: Odometry) -> None:
+    message.pose.pose.orientation.w = 0.0
+
+
+def long_quaternion(message: Odometry) -> None:
+    message.pose.pose.orientation.w = 7.0
+
+
+def tilted(message: Odometry) -> None:
+    message.pose.pose.orientation.x = message.pose.pose.orientation.w = math.sqrt(0.5)
+
+
+def strange_frame(message: Odometry) -> None:
+    message.header.frame_id = "moon"
+
+
+def strange_child(message: Odometry) -> None:
+    message.child_frame_id = "moon"
+
+
+NONSENSE = [
+    (not_a_number, False, "odom.pose.pose.position.x: expected a finite number"),
+    (infinite_speed, False, "odom.twist.twist.linear.x: expected a finite number"),
+    (no_quaternion, False, "odom.pose.pose.orientation: expected a quaternion"),
+    (long_quaternion, False, "odom.pose.pose.orientation: expected a quaternion"),
+    (tilted, False, "expected roll and pitch 0"),
+    (strange_frame, False, "odom.header.frame_id: expected the frame 'odom', got 'moon'"),
+    (not_a_number, True, "ball.pose: x: expected a finite number"),
+    (infinite_speed, True, "ball.twist: x: expected a finite number"),
+    (strange_frame, True, "ball.header.frame_id: expected the frame 'odom', got 'moon'"),
+    (strange_child, True, "ball.child_frame_id: expected the frame 'odom', got 'moon'"),
+]
+
+
+@pytest.mark.parametrize(("change", "ball", "expected"), NONSENSE)
+def test_nonsense_from_the_sensors_is_named_and_moves_nothing(executor, change, ball, expected) -> None:
+    node, chains, sensors = executor
+    heard = len(chains.commands)
+    # Warnings are throttled: it comes again until it is told.
+    chains.ros.eventually(lambda: sensors.send(change, ball=ball) or expected in node.output, expected)
+    assert all(command.linear.x == command.angular.z == 0.0 for command in chains.commands[heard:])
+    assert node.running
+    assert "Traceback" not in node.output
+
+
+def test_goals_work_afterwards(executor) -> None:
+    _, chains, sensors = executor
+    sent = chains.send([call("goToPose", GOAL)])
+    chains.ros.eventually(
+        lambda: sensors.send() or any(c.linear.x or c.angular.z for c in chains.commands), "a command to move"
+    )
+    sent.cancel()
+    # The robot of this test stands whatever it is told.
+    chains.ros.eventually(lambda: sensors.send() or sent.ended(), "the goal's end")
+    assert sent.outcome().code == Outcome.CANCELED
+
+
+def goal_of(change: Callable[[TopCall], None]) -> list[TopCall]:
+    made = call("goToPose", GOAL)
+    change(made)
+    return [made]
+
+
+BAD_GOALS = {
+    "chain.calls[0].goal.pose.orientation: expected a quaternion": lambda c: setattr(
+        c.goal.pose.orientation, "w", 0.0
+    ),
+    "chain.calls[0].goal.header.frame_id: expected the frame 'odom'": lambda c: setattr(
+        c.goal.header, "frame_id", "map"
+    ),
+    "chain.calls[0].speed: expected a finite number": lambda c: setattr(c, "speed", -1.0),
+    "chain.calls[0].bound: expected names of": lambda c: setattr(c, "bound", ["x", "colour"]),
+    "chain.calls[0].open, of those not bound: expected names of": lambda c: setattr(c, "open", ["x"]),
+}
+
+
+@pytest.mark.parametrize("expected", BAD_GOALS)
+def test_nonsense_in_a_goal_is_refused(executor, expected: str) -> None:
+    _, chains, _ = executor
+    outcome = chains.send(goal_of(BAD_GOALS[expected])).outcome()
+    assert outcome.code == Outcome.REFUSED
+    assert expected in outcome.reason
+
+
+def test_enormous_chains_weights_and_sets_are_refused(executor) -> None:
+    _, chains, _ = executor
+    one = call("goToPose", GOAL)
+    outcome = chains.send([one] * 5000).outcome()
+    assert "chain.calls: expected 1 to 32 items, got 5000" in outcome.reason
+    goal = ExecuteChain.Goal()
+    goal.objective.success = -1.0
+    outcome = chains.send([one], refine=True, objective=goal.objective).outcome()
+    assert "objective: expected a weight of success that is not negative" in outcome.reason
+    goal.chain.action_set = "../../etc/passwd"
+    goal.chain.calls = [one]
+    outcome = chains.send([one], chain=goal.chain).outcome()
+    assert "chain.action_set: expected one of" in outcome.reason
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "expected"),
+    [
+        ("executor", {"odom_timeout": "nan"}, "odom_timeout"),
+        ("executor", {"odom_timeout": -1.0}, "odom_timeout"),
+        ("executor", {"frame": 3}, "frame"),
+        ("executor", {"stamped_commands": "maybe"}, "stamped_commands"),
+        ("refinement", {"gate": 0.5}, "gate"),
+        ("refinement", {"models": "[a, b]"}, "models"),
+        ("simulation", {"seed": 1.5}, "seed"),
+        ("simulation", {"ball_dropouts": 2.0}, "ball_dropouts"),
+    ],
+)
+def test_wrong_parameters_end_a_node_with_one_line(start, name: str, parameters, expected: str) -> None:
+    node = start(name, **parameters)
+    assert node.wait() == 1
+    assert expected in node.output
+    assert "Traceback" not in node.output
+
+
+@pytest.mark.parametrize(
+    "content", [None, "{", "executor: [", "/**:\n  ros__parameters:\n    frame: [1, a]\n"]
+)
+def test_a_damaged_parameter_file_ends_a_node_with_one_line(
+    domain: int, tmp_path: Path, content: str | None
+) -> None:
+    file = tmp_path / "executor.yaml"
+    if content is not None:
+        file.write_text(content)
+    node = Process("executor", tmp_path / "log", domain, ["--ros-args", "--params-file", str(file)])
+    try:
+        assert node.wait() == 1
+    finally:
+        node.kill()
+    assert "Traceback" not in node.output
+    assert str(file) in node.output or "frame" in node.output
