@@ -55,7 +55,7 @@ def fastest(
     obstacles: Obstacles,
     *,
     forward_only: bool = False,
-    tries: int = 3000,
+    tries: int = 1000,
 ) -> Manoeuvre:
     """Give the fastest allowed manoeuvre among the `tries` fastest ones.
 
