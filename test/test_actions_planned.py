@@ -185,3 +185,11 @@ def test_starts_in_motion_are_driven_as_planned() -> None:
 def test_backward_at_both_ends_takes_no_time_over_no_distance() -> None:
     assert float(straight_times(0.0, -0.35, -0.35, LIMITS)) == pytest.approx(0.0)
     assert float(straight_times(0.0, 0.35, 0.35, LIMITS)) == pytest.approx(0.0)
+
+
+def test_no_way_is_searched_from_a_start_that_touches_something() -> None:
+    beside = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), BallState(0.0, 0.31))
+    in_post = World(0.0, RobotState(Pose(4.0, 1.0, 0.0)))
+    for world in (beside, in_post):
+        with pytest.raises(ActionError, match="too near"):
+            GoToPose(ROBOT).start(world, Goal(Pose(-2.0, 0.0, 0.0), 0.0, Point.AXLE))

@@ -92,9 +92,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Draw the figure to a file; give the exit code."""
     parser = argparse.ArgumentParser(prog="figure6", description=__doc__)
     parser.add_argument("--action-set", default="default")
+    parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")
     parser.add_argument("--out", type=Path, default=Path("docs/figure6.svg"))
     options = parser.parse_args(argv)
-    source = ToolsetSource(options.action_set)
+    source = ToolsetSource(options.action_set, options.models)
     tools = make_toolset(source)
     save_svg(figure6(tools.robot, tools.models["learned"], make_library(tools.robot, source)), options.out)
     return 0

@@ -15,8 +15,9 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import Direct, direct_arrays
+from ator_ros.performance.durations import drive_time, turn_time
 from ator_ros.performance.families import Family, approach_family, dribble_family, drive_family, shot_family
-from ator_ros.performance.ideal_times import Ends, Motions, drive_time, fastest_motions, turn_time
+from ator_ros.performance.ideal_times import Ends, Motions, fastest_motions
 from ator_ros.robot import Robot
 
 Mirror = Literal["even", "odd"]

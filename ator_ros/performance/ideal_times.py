@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.durations import change_distance, drive_time, forward_time, turn_time
 from ator_ros.performance.families import Family
 from ator_ros.performance.turns import HALF, STEP, TURNS, WIDEST, Indices
-from ator_ros.robot import Limits
 
 _WAY_ROUND = 6.0  # s per m that a straight drive passes too near the ball
 _FULL_TURN = 2.0 * np.pi
@@ -25,44 +25,6 @@ _GRID = TURNS.astype(np.float32)
 _COS, _SIN = np.cos(_GRID), np.sin(_GRID)
 _OUTWARD = np.array([[1.0], [-1.0]])  # the last turn is driven from the goal
 _MOST_TURNED = np.radians(450.0)
-
-
-def turn_time(angle: FloatArray | float, rate: FloatArray | float, aw: float) -> FloatArray:
-    """Give the time in s of turns by `angle` (rad, not negative) at up to `rate` (rad/s), rest to rest."""
-    ramped = rate * rate * (1.0 / aw)
-    short = 2.0 * np.sqrt(np.minimum(angle, ramped) * (1.0 / aw))
-    return np.asarray(short + np.maximum(angle - ramped, 0.0) / rate)
-
-
-def change_distance(before: FloatArray, after: FloatArray, limits: Limits) -> FloatArray:
-    """Give the signed distance in m in which the speed goes straight from `before` to `after` (m/s)."""
-    gain = after - before
-    time = np.maximum(gain * (1.0 / limits.a), gain * (-1.0 / limits.brake))
-    return np.asarray(0.5 * (before + after) * time)
-
-
-def drive_time(distance: FloatArray, before: FloatArray, after: FloatArray, limits: Limits) -> FloatArray:
-    """Give the time in s of straight drives over signed `distance` (m) between two speeds (m/s).
-
-    Where the distance is too short for the change of speed, the motion overshoots and comes back.
-    """
-    surplus = distance - change_distance(before, after, limits)
-    # What moves backward all the way is seen as a drive in that direction.
-    sign = np.where(surplus >= np.where(np.maximum(before, after) < 0.0, 1e-9, -1e-9), 1.0, -1.0)
-    return _forward_time(sign * distance, sign * before, sign * after, limits)
-
-
-def _forward_time(distance: FloatArray, before: FloatArray, after: FloatArray, limits: Limits) -> FloatArray:
-    """Give the time in s of drives that gain speed first, or keep it, and lose it at the end."""
-    up, down = limits.a, limits.brake
-    square1, square2 = before * before, after * after
-    square = (down * square1 + up * square2 + (2.0 * up * down) * distance) * (1.0 / (up + down))
-    most = np.maximum(np.maximum(before, after), 0.0)
-    square = np.minimum(np.maximum(square, most * most), limits.v * limits.v)
-    peak = np.sqrt(square)
-    cruise = distance - (square - square1) * (0.5 / up) - (square - square2) * (0.5 / down)
-    ramps = (peak - before) * (1.0 / up) + (peak - after) * (1.0 / down)
-    return np.asarray(ramps + np.maximum(cruise, 0.0) * (1.0 / limits.v))
 
 
 @dataclass(frozen=True)
@@ -152,7 +114,6 @@ def fastest_motions(ends: Ends, family: Family, *, hold: float) -> Motions:
     search = _Search(ends, family, hold)
     found = search.find()
     time = search.time(found)
-    # Turning on the spot at both ends is always possible, if rarely fast.
     best, turn = np.full(len(ends.x), np.inf), np.empty(len(ends.x))
     np.minimum.at(best, found.situation, time)
     winner = np.flatnonzero(time == best.take(found.situation))
@@ -184,7 +145,7 @@ class _Search:
         gain = self.speed - ends.speed
         leading = np.maximum(gain * (1.0 / limits.a), gain * (-1.0 / limits.brake))
         lead = 0.5 * (self.speed + ends.speed) * leading
-        self.ends_time = leading + _forward_time(self.run, self.junction, ends.arrival, limits)
+        self.ends_time = leading + forward_time(self.run, self.junction, ends.arrival, limits)
         # From where the first turn begins to where the last one ends.
         self.x = ends.x - lead - self.run * self.cos
         self.y = np.broadcast_to(ends.y - self.run * self.sin, self.x.shape)
@@ -254,7 +215,7 @@ class _Search:
         before, after = np.minimum(np.maximum(speeds, -limits.v), limits.v)
         result = turning.sum(axis=0) + self.ends_time.take(cell)
         if self.family.forward:
-            result += _forward_time(length, before, after, limits)
+            result += forward_time(length, before, after, limits)
             result[length < change_distance(before, after, limits)] = np.inf
         else:
             result += drive_time(length, before, after, limits)

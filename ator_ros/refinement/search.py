@@ -20,9 +20,9 @@ from ator_ros.refinement.free_variables import Domain
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
 """Gives the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
 
-SINGLE = 60
-"""Candidates for one free variable on its own: 6 degrees of an angle. Nothing finer is searched then."""
-ALONE = 216
+SINGLE = 120
+"""Candidates for one free variable on its own: 3 degrees of an angle. Nothing finer is searched then."""
+ALONE = 432
 """First candidates of a subgoal with several free variables whose neighbours are fixed."""
 PAIRED = 16
 """First candidates per free variable of a subgoal whose neighbour has free variables too."""

@@ -12,20 +12,18 @@ from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experience.collect import collect
-from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
+from ator_ros.experience.parallel import BACKENDS, cluster
 from ator_ros.experience.situations import SITUATIONS
 from ator_ros.experience.table import (
     Experience,
-    ExperienceError,
     join,
     library_versions,
     require_pyarrow,
     write_experience,
 )
 from ator_ros.files import portable_command
-from ator_ros.robot import ConfigError, load_robot
-
-INTERRUPTED = 130
+from ator_ros.robot import load_robot
+from ator_ros.tools.command_line import INTERRUPTED, guarded
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -47,11 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     options = arguments().parse_args(words)
-    try:
-        return _collect(options, portable_command("collect", words))
-    except (BackendError, ConfigError, ExperienceError) as error:
-        print(f"collect: {error}", file=sys.stderr)
-        return 1
+    command = portable_command("collect", words)
+    return guarded("collect", lambda: _collect(options, command))
 
 
 def _collect(options: argparse.Namespace, command: str) -> int:

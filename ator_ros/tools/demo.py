@@ -14,12 +14,12 @@ from pathlib import Path
 from ator_ros.experiments.trials import Trial, open_speeds, random_trial
 from ator_ros.refinement.free_variables import goal_values, with_values
 from ator_ros.robot import Robot, load_robot
+from ator_ros.tools.command_line import INTERRUPTED
 from ator_ros.tools.demo_report import DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 
-INTERRUPTED = 130
 _FRAME = "odom"
 _DOMAINS = 100
 _LONGEST_DEMO = 200

@@ -10,8 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
-from ator_ros.experience.table import ExperienceError
+from ator_ros.experience.parallel import BACKENDS, cluster
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Record, Settings
 from ator_ros.experiments.policies import POLICIES
@@ -21,12 +20,7 @@ from ator_ros.experiments.storage import PartialResults, write_result
 from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command
-from ator_ros.performance.model_file import ModelFileError
-from ator_ros.refinement.errors import RefinementError
-from ator_ros.resources import ResourceError
-from ator_ros.robot import ConfigError
-
-INTERRUPTED = 130
+from ator_ros.tools.command_line import RESUMES, guarded
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -73,23 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     options = arguments().parse_args(words)
-    try:
-        with cluster(options.cluster):
-            return _evaluate(options, portable_command("evaluate", words))
-    except KeyboardInterrupt:
-        print("evaluate: interrupted; the same command goes on from here", file=sys.stderr)
-        return INTERRUPTED
-    except (
-        BackendError,
-        ConfigError,
-        EvaluationError,
-        ExperienceError,
-        ModelFileError,
-        RefinementError,
-        ResourceError,
-    ) as error:
-        print(f"evaluate: {error}", file=sys.stderr)
-        return 1
+    command = portable_command("evaluate", words)
+    return guarded("evaluate", lambda: _evaluate(options, command), interrupted=RESUMES)
 
 
 def _evaluate(options: argparse.Namespace, command: str) -> int:
@@ -113,14 +92,15 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
         oracle_speeds=tuple(options.oracle_speeds),
         source=source,
     )
-    records = run_situations(
-        settings,
-        situations=options.situations,
-        folder=options.out,
-        jobs=options.workers,
-        backend=options.backend,
-        progress=_bar,
-    )
+    with cluster(options.cluster):
+        records = run_situations(
+            settings,
+            situations=options.situations,
+            folder=options.out,
+            jobs=options.workers,
+            backend=options.backend,
+            progress=_bar,
+        )
     result = describe(settings, records, command)
     path = write_result(options.out, result, records)
     print(table_text(result["summary"]))

@@ -11,21 +11,17 @@ from typing import Any
 from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
-from ator_ros.experience.table import ExperienceError
-from ator_ros.experiments.errors import EvaluationError
+from ator_ros.experience.parallel import BACKENDS, cluster
 from ator_ros.experiments.evaluation import Settings
 from ator_ros.experiments.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
 from ator_ros.experiments.heuristics import save_baselines
 from ator_ros.experiments.running import run_situations
 from ator_ros.experiments.toolset import BASELINES, GATE, ToolsetSource, read_rows
 from ator_ros.files import portable_command
-from ator_ros.performance.model_file import ModelFileError
 from ator_ros.refinement.gate_file import save_gate
-from ator_ros.resources import ResourceError
-from ator_ros.robot import ConfigError, load_robot
+from ator_ros.robot import load_robot
+from ator_ros.tools.command_line import RESUMES, guarded
 
-INTERRUPTED = 130
 POLICIES = ("naive", "refined", "refined_speed")
 
 
@@ -55,22 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     options = arguments().parse_args(words)
-    try:
-        with cluster(options.cluster):
-            return _learn(options, portable_command("gate", words))
-    except KeyboardInterrupt:
-        print("gate: interrupted; the same command goes on from here", file=sys.stderr)
-        return INTERRUPTED
-    except (
-        BackendError,
-        ConfigError,
-        EvaluationError,
-        ExperienceError,
-        ModelFileError,
-        ResourceError,
-    ) as error:
-        print(f"gate: {error}", file=sys.stderr)
-        return 1
+    command = portable_command("gate", words)
+    return guarded("gate", lambda: _learn(options, command), interrupted=RESUMES)
 
 
 def _learn(options: argparse.Namespace, command: str) -> int:
@@ -78,16 +60,17 @@ def _learn(options: argparse.Namespace, command: str) -> int:
     if options.experience is not None:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, policies=POLICIES, source=source)
-    records = run_situations(
-        settings,
-        situations=options.situations,
-        folder=options.work,
-        jobs=options.workers,
-        backend=options.backend,
-        progress=lambda rows, done, total: tqdm(
-            rows, initial=done, total=total, unit="situation", disable=None
-        ),
-    )
+    with cluster(options.cluster):
+        records = run_situations(
+            settings,
+            situations=options.situations,
+            folder=options.work,
+            jobs=options.workers,
+            backend=options.backend,
+            progress=lambda rows, done, total: tqdm(
+                rows, initial=done, total=total, unit="situation", disable=None
+            ),
+        )
     examples = gate_examples(records)
     comparison = compare_gates(examples)
     tree, threshold = fit_tree(examples), fit_threshold(examples)

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experience.parallel import run_tasks
+from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.noise import CONDITIONS, POINTS, TRUTH, NoiseTask, execute, summarise
 from ator_ros.experiments.policies import POLICIES
 from ator_ros.experiments.toolset import ToolsetSource
@@ -21,6 +22,7 @@ from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
 from ator_ros.simulation.sensors import REALISTIC
+from ator_ros.tools.command_line import guarded
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -45,11 +47,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     options = arguments().parse_args(words)
+    return guarded("noise", lambda: _noise(options, portable_command("noise", words)))
+
+
+def _noise(options: argparse.Namespace, command: str) -> int:
     if options.situations < 1:
-        print(f"noise: --situations: expected at least 1, got {options.situations}", file=sys.stderr)
-        return 2
+        raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
     result = {
-        "command": portable_command("noise", words),
+        "command": command,
         "seed": options.seed,
         "situations": options.situations,
         "policy": options.policy,

@@ -18,6 +18,7 @@ from ator_ros.experiments.action_quality import KINDS, Outcome, Task, execute, r
 from ator_ros.experiments.action_slices import draw_slices
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
+from ator_ros.tools.command_line import guarded
 
 RULED = ("pose", "approach", "dribble")
 
@@ -47,9 +48,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     options = arguments().parse_args(words)
+    return guarded("qualify", lambda: _qualify(options, portable_command("qualify", words)))
+
+
+def _qualify(options: argparse.Namespace, command: str) -> int:
     rows = [_measure(kind, options) for kind in KINDS]
     result = {
-        "command": portable_command("qualify", words),
+        "command": command,
         "seed": options.seed,
         "action_set": options.action_set,
         "robot_digest": load_robot().digest(),

@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.experience.recordings import RecordingError, read_recording
+from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import ExperienceError, join, library_versions, read_experience
 from ator_ros.experiments.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.files import portable_command, write_text
@@ -22,9 +22,8 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
 from ator_ros.performance.training import TrainingError, digest, train
 from ator_ros.resources import resource_path
-from ator_ros.robot import ConfigError, Robot, load_robot
-
-ERRORS = (ConfigError, ExperienceError, ModelFileError, RecordingError, TrainingError)
+from ator_ros.robot import Robot, load_robot
+from ator_ros.tools.command_line import guarded
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -65,21 +64,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(words)
     if not (options.experience or options.fresh or options.rules or options.report):
         parser.error("expected experience to learn from, --fresh, --rules or --report")
-    try:
-        robot = load_robot(options.robot)
-        folder = options.models if options.models is not None else resource_path("models")
-        if options.rules:
-            print(_rules(options, robot, folder))
-            return 0
-        if options.experience:
-            _train(options, robot, folder, portable_command("train", words))
-        elif options.fresh:
-            _measure_again(options.fresh, robot, folder)
-        if options.report:
-            _report(options.report, robot, folder)
-    except ERRORS as error:
-        print(f"train: {error}", file=sys.stderr)
-        return 1
+    return guarded("train", lambda: _run(options, portable_command("train", words)))
+
+
+def _run(options: argparse.Namespace, command: str) -> int:
+    robot = load_robot(options.robot)
+    folder = options.models if options.models is not None else resource_path("models")
+    if options.rules:
+        print(_rules(options, robot, folder))
+        return 0
+    if options.experience:
+        _train(options, robot, folder, command)
+    elif options.fresh:
+        _measure_again(options.fresh, robot, folder)
+    if options.report:
+        _report(options.report, robot, folder)
     return 0
 
 

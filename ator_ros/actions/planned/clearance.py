@@ -8,7 +8,7 @@ import numpy as np
 
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.trajectory import Trajectory
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.goals import touches_goals
 from ator_ros.robot import Robot
 from ator_ros.world import BallState
@@ -49,6 +49,16 @@ def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
         last = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
         poses = poses[:last]
     return not bool(np.any(ball_distances(poses[::_STRIDE], ball, robot) < obstacles.ball_margin))
+
+
+def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool:
+    """Say whether the robot touches no obstacle at the start; otherwise no motion to `goal` is clear."""
+    pose, ball = np.array([start]), obstacles.ball
+    if touches_goals(pose, robot):
+        return False
+    if ball is None or start.distance(goal) <= obstacles.run:
+        return True
+    return bool(ball_distances(pose, ball, robot)[0] >= obstacles.ball_margin)
 
 
 def ball_distances(poses: FloatArray, ball: BallState, robot: Robot) -> FloatArray:

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.actions.base import ActionError
-from ator_ros.actions.planned.clearance import Obstacles, is_clear
+from ator_ros.actions.planned.clearance import Obstacles, is_clear, is_free
 from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side, closed
 from ator_ros.actions.planned.search import Candidates, find_candidates
 from ator_ros.actions.planned.turns import Driving
@@ -55,7 +55,7 @@ def fastest(
     obstacles: Obstacles,
     *,
     forward_only: bool = False,
-    tries: int = 3000,
+    tries: int = 1000,
 ) -> Manoeuvre:
     """Give the fastest allowed manoeuvre among the `tries` fastest ones.
 
@@ -64,6 +64,11 @@ def fastest(
     ActionError
         No manoeuvre between the poses is clear of the obstacles.
     """
+    if not is_free(start, goal, obstacles, robot):
+        raise ActionError(
+            f"expected a start clear of ball and goals, got ({start.x:.2f}, {start.y:.2f}) m, "
+            "which is too near one of them"
+        )
     candidates = find_candidates(start, goal, entries, exits, limits)
     for manoeuvre in itertools.islice(_in_order(candidates, forward_only), tries):
         if is_clear(manoeuvre, obstacles, robot):

@@ -1,0 +1,51 @@
+"""What all commands do with an error that has a reason, and with Ctrl-C."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+from ator_ros.experience.parallel import BackendError
+from ator_ros.experience.table import ExperienceError
+from ator_ros.experiments.errors import EvaluationError
+from ator_ros.performance.model_file import ModelFileError
+from ator_ros.performance.training import TrainingError
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.robot import ConfigError
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
+RESUMES = "the same command goes on from here"
+
+_EXPECTED = (
+    BackendError,
+    ConfigError,
+    EvaluationError,
+    ExperienceError,
+    ModelFileError,
+    OSError,
+    RefinementError,
+    TrainingError,
+)
+
+
+def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothing was written") -> int:
+    """Run a command; tell an expected error in one line instead of a traceback.
+
+    Parameters
+    ----------
+    program : str
+        Its name, for the message.
+    work : callable
+        Gives the exit code.
+    interrupted : str
+        What to tell after Ctrl-C.
+    """
+    try:
+        return work()
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
+        return INTERRUPTED
+    except _EXPECTED as error:
+        print(f"{program}: {error}", file=sys.stderr)
+        return 1
