@@ -23,7 +23,7 @@ from ator_ros.experience.table import (
 )
 from ator_ros.files import portable_command
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import INTERRUPTED, guarded
+from ator_ros.tools.command_line import INTERRUPTED, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -31,8 +31,8 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
     parser.add_argument("--actions", nargs="+", choices=list(SITUATIONS), default=list(SITUATIONS))
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
-    parser.add_argument("--episodes", type=int, default=1000, help="per action (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=101, help="the same seed gives the same table")
+    parser.add_argument("--episodes", type=whole(1), default=1000, help="per action (default: %(default)s)")
+    parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
     parser.add_argument("--jobs", type=int, default=-1, help="worker processes (default: one per core)")
     parser.add_argument("--backend", choices=BACKENDS, default="loky")
     parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")

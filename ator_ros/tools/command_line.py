@@ -1,7 +1,8 @@
-"""What all commands do with an error that has a reason, and with Ctrl-C."""
+"""What all commands share: whole numbers as arguments, errors that have a reason, Ctrl-C."""
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable
 
@@ -49,3 +50,16 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
     except _EXPECTED as error:
         print(f"{program}: {error}", file=sys.stderr)
         return 1
+
+
+def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:
+    """Give a type for argparse: a whole number from `least` to `most`, where there is a most."""
+    expected = f"a whole number from {least}" + (f" to {most}" if most is not None else "")
+
+    def read(text: str) -> int:
+        number = int(text) if text.isdecimal() else least - 1
+        if number < least or (most is not None and number > most):
+            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        return number
+
+    return read

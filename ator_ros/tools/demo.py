@@ -14,7 +14,7 @@ from pathlib import Path
 from ator_ros.experiments.trials import Trial, open_speeds, random_trial
 from ator_ros.refinement.free_variables import goal_values, with_values
 from ator_ros.robot import Robot, load_robot
-from ator_ros.tools.command_line import INTERRUPTED
+from ator_ros.tools.command_line import INTERRUPTED, whole
 from ator_ros.tools.demo_report import DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
 from ator_ros.tops.chain import TopChain
@@ -30,8 +30,10 @@ _ODOM_TIMEOUT = 2.0
 def arguments() -> argparse.ArgumentParser:
     """Give the command line of `demo`."""
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
-    parser.add_argument("--situations", type=_count, default=6, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=int, default=401, help="of the situations (default: %(default)s)")
+    parser.add_argument(
+        "--situations", type=whole(1, _LONGEST_DEMO), default=6, metavar="N", help="default: %(default)s"
+    )
+    parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
     parser.add_argument(
         "--real-time-factor",
         type=float,
@@ -42,12 +44,6 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--models", default="", metavar="DIR", help="of other performance models")
     parser.add_argument("--out", type=Path, default=Path("build/demo.png"), metavar="FILE.png")
     return parser
-
-
-def _count(text: str) -> int:
-    if not (text.isdecimal() and 1 <= int(text) <= _LONGEST_DEMO):
-        raise argparse.ArgumentTypeError(f"expected a whole number from 1 to {_LONGEST_DEMO}, got {text!r}")
-    return int(text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -20,16 +20,16 @@ from ator_ros.experiments.storage import PartialResults, write_result
 from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command
-from ator_ros.tools.command_line import RESUMES, guarded
+from ator_ros.tools.command_line import RESUMES, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
     """Give the command line of `evaluate`."""
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
-    parser.add_argument("--situations", type=_count, default=100, metavar="N")
-    parser.add_argument("--seed", type=_count, default=401, help="of the situations (default: %(default)s)")
+    parser.add_argument("--situations", type=whole(), default=100, metavar="N")
+    parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
     parser.add_argument(
-        "--oracle", type=_count, default=0, metavar="K", help="also execute K approach headings each time"
+        "--oracle", type=whole(), default=0, metavar="K", help="also execute K approach headings each time"
     )
     parser.add_argument(
         "--oracle-speeds",
@@ -115,13 +115,6 @@ def _bar(records: Iterable[Record], done: int, total: int) -> Iterable[Record]:
         records, initial=done, total=total, unit="situation", smoothing=0.05, disable=None
     )
     return bar
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"expected a number that is not negative, got {text}")
-    return value
 
 
 def _speed(text: str) -> float:

@@ -20,7 +20,7 @@ from ator_ros.experiments.toolset import BASELINES, GATE, ToolsetSource, read_ro
 from ator_ros.files import portable_command
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import RESUMES, guarded
+from ator_ros.tools.command_line import RESUMES, guarded, whole
 
 POLICIES = ("naive", "refined", "refined_speed")
 
@@ -28,8 +28,8 @@ POLICIES = ("naive", "refined", "refined_speed")
 def arguments() -> argparse.ArgumentParser:
     """Give the command line of `gate`."""
     parser = argparse.ArgumentParser(prog="gate", description=__doc__)
-    parser.add_argument("--situations", type=int, default=400, metavar="N")
-    parser.add_argument("--seed", type=int, default=301, help="of the situations (default: %(default)s)")
+    parser.add_argument("--situations", type=whole(10), default=400, metavar="N")
+    parser.add_argument("--seed", type=whole(), default=301, help="of the situations (default: %(default)s)")
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
     parser.add_argument(
         "--models", default="", metavar="DIR", help="folder of the models (default: as shipped)"

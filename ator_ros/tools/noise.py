@@ -22,14 +22,16 @@ from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
 from ator_ros.simulation.sensors import REALISTIC
-from ator_ros.tools.command_line import guarded
+from ator_ros.tools.command_line import guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
     """Give the command line of `noise`."""
     parser = argparse.ArgumentParser(prog="noise", description=__doc__)
-    parser.add_argument("--situations", type=int, default=200, help="for each chain (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=911)
+    parser.add_argument(
+        "--situations", type=whole(1), default=200, help="for each chain (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=whole(), default=911)
     parser.add_argument("--chains", nargs="+", choices=list(CHAINS), default=list(CHAINS))
     parser.add_argument("--policy", choices=list(POLICIES), default="refined")
     parser.add_argument(

@@ -18,7 +18,7 @@ from ator_ros.experiments.action_quality import KINDS, Outcome, Task, execute, r
 from ator_ros.experiments.action_slices import draw_slices
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import guarded
+from ator_ros.tools.command_line import guarded, whole
 
 RULED = ("pose", "approach", "dribble")
 
@@ -26,12 +26,16 @@ RULED = ("pose", "approach", "dribble")
 def arguments() -> argparse.ArgumentParser:
     """Give the command line of `qualify`."""
     parser = argparse.ArgumentParser(prog="qualify", description=__doc__)
-    parser.add_argument("--situations", type=int, default=1000, help="of each kind (default: %(default)s)")
-    parser.add_argument("--turned", type=int, default=300, help="of them also turned by 1 degree either way")
     parser.add_argument(
-        "--pairs", type=int, default=200, help="of them compared with the time-optimal motion"
+        "--situations", type=whole(1), default=1000, help="of each kind (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=int, default=901)
+    parser.add_argument(
+        "--turned", type=whole(), default=300, help="of them also turned by 1 degree either way"
+    )
+    parser.add_argument(
+        "--pairs", type=whole(), default=200, help="of them compared with the time-optimal motion"
+    )
+    parser.add_argument("--seed", type=whole(), default=901)
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
     parser.add_argument("--jobs", type=int, default=-1)
     parser.add_argument("--out", type=Path, default=Path("docs/actions.json"))

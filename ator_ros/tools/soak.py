@@ -19,6 +19,7 @@ from ator_ros.experience.table import library_versions
 from ator_ros.experiments.trials import random_trial
 from ator_ros.files import write_text
 from ator_ros.robot import load_robot
+from ator_ros.tools.command_line import whole
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
 from ator_ros.tops.library import TopLibrary
 
@@ -137,7 +138,7 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="soak", description=__doc__)
     parser.add_argument("--duration", type=_positive, default=120.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--real-time-factor", type=float, default=0.0, metavar="F", help="0: highest")
-    parser.add_argument("--seed", type=int, default=701)
+    parser.add_argument("--seed", type=whole(), default=701)
     parser.add_argument("--out", type=Path, default=Path("build/soak.json"), metavar="FILE.json")
     return parser
 
