@@ -37,7 +37,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def evaluate(models: Path, out: Path, *words: str, situations: int = 3, workers: int = 1) -> dict[str, Any]:
-    options = ["--situations", str(situations), "--workers", str(workers), "--seed", "405"]
+    options = ["--situations", str(situations), "--jobs", str(workers), "--seed", "405"]
     command = [*options, "--models", str(models), "--out", str(out), "--policies", *POLICIES, *words]
     assert main(command) == 0
     data: dict[str, Any] = json.loads((out / "evaluation.json").read_text())
@@ -118,7 +118,7 @@ def test_goes_on_after_an_interruption(models: Path, tmp_path: Path) -> None:
 def test_what_cannot_be_run_is_said_in_one_line(
     words: list[str], message: str, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["--models", str(models), "--out", str(tmp_path), "--workers", "1", *words]) == 1
+    assert main(["--models", str(models), "--out", str(tmp_path), "--jobs", "1", *words]) == 1
     error = capsys.readouterr().err
     assert message in error
     assert len(error.splitlines()) == 1
@@ -132,7 +132,7 @@ def test_gate_is_learned_and_rulers_are_refitted(models: Path, tmp_path: Path) -
     options = ["--situations", "6", "--seed", "305", "--models", str(models), "--work", str(work)]
     before = (models / GATE).read_text()
     try:
-        assert gate_main([*options, "--workers", "1", "--experience", str(table)]) == 0
+        assert gate_main([*options, "--jobs", "1", "--experience", str(table)]) == 0
         training = json.loads((models / GATE).read_text())["training"]
         assert training["seed"] == 305
         assert set(training["cross_validation"]) == {"open", "threshold", "tree"}

@@ -1,4 +1,8 @@
+<<<<<<< HEAD
 """What all commands share: whole numbers as arguments, errors that have a reason, Ctrl-C."""
+=======
+"""What commands have in common: options for parallel work, expected errors told in one line, Ctrl-C."""
+>>>>>>> main
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import argparse
 import sys
 from collections.abc import Callable
 
-from ator_ros.experience.parallel import BackendError
+from ator_ros.experience.parallel import BACKENDS, BackendError
 from ator_ros.experience.table import ExperienceError
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.performance.model_file import ModelFileError
@@ -28,6 +32,13 @@ _EXPECTED = (
     RefinementError,
     TrainingError,
 )
+
+
+def add_parallel_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say where the work is done: jobs, backend, cluster."""
+    parser.add_argument("--jobs", type=int, default=-1, help="worker processes (default: one per core)")
+    parser.add_argument("--backend", choices=BACKENDS, default="loky")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
 
 
 def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothing was written") -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experience.parallel import BACKENDS, cluster
+from ator_ros.experience.parallel import cluster
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Record, Settings
 from ator_ros.experiments.policies import POLICIES
@@ -20,7 +20,11 @@ from ator_ros.experiments.storage import PartialResults, write_result
 from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command
+<<<<<<< HEAD
 from ator_ros.tools.command_line import RESUMES, guarded, whole
+=======
+from ator_ros.tools.command_line import RESUMES, add_parallel_options, guarded
+>>>>>>> main
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -57,9 +61,7 @@ def arguments() -> argparse.ArgumentParser:
         metavar="FILE",
         help="tables from collect, for the policy hist_gradient_boosting",
     )
-    parser.add_argument("--workers", type=int, default=-1, help="processes (default: one per core)")
-    parser.add_argument("--backend", choices=BACKENDS, default="loky")
-    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
+    add_parallel_options(parser)
     return parser
 
 
@@ -97,7 +99,7 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
             settings,
             situations=options.situations,
             folder=options.out,
-            jobs=options.workers,
+            jobs=options.jobs,
             backend=options.backend,
             progress=_bar,
         )

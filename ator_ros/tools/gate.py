@@ -11,7 +11,7 @@ from typing import Any
 from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experience.parallel import BACKENDS, cluster
+from ator_ros.experience.parallel import cluster
 from ator_ros.experiments.evaluation import Settings
 from ator_ros.experiments.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
 from ator_ros.experiments.heuristics import save_baselines
@@ -20,7 +20,7 @@ from ator_ros.experiments.toolset import BASELINES, GATE, ToolsetSource, read_ro
 from ator_ros.files import portable_command
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import RESUMES, guarded, whole
+from ator_ros.tools.command_line import RESUMES, add_parallel_options, guarded, whole
 
 POLICIES = ("naive", "refined", "refined_speed")
 
@@ -41,9 +41,7 @@ def arguments() -> argparse.ArgumentParser:
         help="tables: refit the rulers' models to them",
     )
     parser.add_argument("--work", type=Path, default=Path("gate"), metavar="DIR", help="for partial results")
-    parser.add_argument("--workers", type=int, default=-1, help="processes (default: one per core)")
-    parser.add_argument("--backend", choices=BACKENDS, default="loky")
-    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
+    add_parallel_options(parser)
     return parser
 
 
@@ -65,7 +63,7 @@ def _learn(options: argparse.Namespace, command: str) -> int:
             settings,
             situations=options.situations,
             folder=options.work,
-            jobs=options.workers,
+            jobs=options.jobs,
             backend=options.backend,
             progress=lambda rows, done, total: tqdm(
                 rows, initial=done, total=total, unit="situation", disable=None
