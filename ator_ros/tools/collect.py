@@ -23,11 +23,7 @@ from ator_ros.experience.table import (
 )
 from ator_ros.files import portable_command
 from ator_ros.robot import load_robot
-<<<<<<< HEAD
-from ator_ros.tools.command_line import INTERRUPTED, guarded, whole
-=======
-from ator_ros.tools.command_line import INTERRUPTED, add_parallel_options, guarded
->>>>>>> main
+from ator_ros.tools.command_line import INTERRUPTED, add_parallel_options, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -35,17 +31,9 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
     parser.add_argument("--actions", nargs="+", choices=list(SITUATIONS), default=list(SITUATIONS))
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
-<<<<<<< HEAD
     parser.add_argument("--episodes", type=whole(1), default=1000, help="per action (default: %(default)s)")
     parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
-    parser.add_argument("--jobs", type=int, default=-1, help="worker processes (default: one per core)")
-    parser.add_argument("--backend", choices=BACKENDS, default="loky")
-    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
-=======
-    parser.add_argument("--episodes", type=int, default=1000, help="per action (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=101, help="the same seed gives the same table")
     add_parallel_options(parser)
->>>>>>> main
     parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
     parser.add_argument("--out", type=Path, default=Path("experience.parquet"))
     return parser

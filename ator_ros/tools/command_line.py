@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""What all commands share: whole numbers as arguments, errors that have a reason, Ctrl-C."""
-=======
-"""What commands have in common: options for parallel work, expected errors told in one line, Ctrl-C."""
->>>>>>> main
+"""What commands have in common: options, expected errors told in one line, Ctrl-C."""
 
 from __future__ import annotations
 

@@ -20,11 +20,7 @@ from ator_ros.experiments.storage import PartialResults, write_result
 from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command
-<<<<<<< HEAD
-from ator_ros.tools.command_line import RESUMES, guarded, whole
-=======
-from ator_ros.tools.command_line import RESUMES, add_parallel_options, guarded
->>>>>>> main
+from ator_ros.tools.command_line import RESUMES, add_parallel_options, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
