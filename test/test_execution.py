@@ -242,6 +242,18 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     assert not other.refining.refined
 
 
+def test_open_variables_are_filled_in_also_where_nothing_is_refined() -> None:
+    sent = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0)))
+    filled = sent.with_goal(0, dataclasses.replace(sent.calls[0].goal, pose=Pose(1.0, 0.0, 0.7)))
+    state = world(ball=BallState(1.0, 0.0))
+    run = execution(sent, refine=True)
+    run.tick(state, 100.0)
+    run.refined_to(filled, False, "the gate is closed")
+    run.tick(dataclasses.replace(state, time=1.05), 100.1)
+    assert run.chain == filled
+    assert (run.refining.refined, run.refining.reason) == (False, "the gate is closed")
+
+
 def test_without_models_nothing_is_predicted() -> None:
     run = execution(FORWARD)
     run.tick(world(), 100.0)

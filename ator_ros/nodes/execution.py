@@ -130,15 +130,18 @@ class Execution:
             self.ending, self.reason, self.phase = ending, reason, Phase.STOPPING
 
     def refined_to(self, chain: TopChain, refined: bool, reason: str) -> None:
-        """Take the answer to `question`; when the robot drives, with the next state."""
+        """Take the answer to `question`; when the robot drives, with the next state.
+
+        A chain that was not refined may have had open variables: in the answer they are filled in.
+        """
         if self.question is None:
             return
-        if not refined:
-            self._go_on(reason, changed=False)
-        elif self._executor is not None:
+        if self._executor is None:
+            self._start_with(chain, refined, reason)
+        elif refined:
             self._answer = chain, reason
-        else:
-            self._start_with(chain, reason)
+        else:  # the chain that is executed has nothing open
+            self._go_on(reason, changed=False)
 
     def unrefined(self, why: str) -> None:
         """Go on with the chain as it is, since there is no good answer to `question`."""
@@ -150,14 +153,14 @@ class Execution:
             self.refining.close(why, changed=changed, elapsed=self.elapsed)
             self.phase = Phase.EXECUTING
 
-    def _start_with(self, chain: TopChain, reason: str) -> None:
+    def _start_with(self, chain: TopChain, refined: bool, reason: str) -> None:
         assert self.start is not None
         try:
             self.chain = refined_chain(self.chain, 0, chain, self.start, self._library.robot)
         except InvalidChainError as error:
             self.unrefined(str(error))
         else:
-            self._go_on(reason, changed=True)
+            self._go_on(reason, changed=refined)
 
     def _take_answer(self, world: World, executor: ChainExecutor) -> None:
         """Head for other goals from where the robot is, if that is still possible."""
