@@ -28,7 +28,7 @@ class BallTracker:
     noise : float
         Standard deviation of a sight's coordinates in m; 0 takes every sight as it is.
     velocity_noise : float
-        Standard deviation of a sight's velocity components in m/s.
+        Standard deviation of a sight's velocity components in m/s; above 0 where `noise` is.
     """
 
     def __init__(self, noise: float, velocity_noise: float) -> None:
@@ -43,14 +43,17 @@ class BallTracker:
         self._covariance = self._seen
 
     def update(self, time: float, ball: BallState) -> BallState:
-        """Take a sight of the ball at `time` s; give the ball as it is believed to be."""
+        """Take a sight of the ball at `time` s; give the ball as it is believed to be.
+
+        A repeated time is no new sight, unless the ball is suddenly elsewhere.
+        """
         if self._exact:
             return ball
         sight = np.array([[ball.x, ball.y], [ball.vx, ball.vy]])
         elapsed = time - self._time
         if not 0.0 <= elapsed <= _FORGET or self._surprised(sight, elapsed):
             self._state, self._covariance = sight, self._seen
-        else:
+        elif elapsed > 0.0:
             self._believe(sight, elapsed)
         self._time = time
         (x, y), (vx, vy) = self._state.tolist()

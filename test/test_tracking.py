@@ -58,6 +58,16 @@ def test_without_noise_sights_are_believed_as_they_are() -> None:
     assert [tracker.update(tick * TICK, ball) for tick, ball in enumerate(balls)] == balls
 
 
+def test_a_repeated_stamp_is_no_new_sight_unless_the_ball_is_elsewhere() -> None:
+    tracker = BallTracker(NOISE, VELOCITY_NOISE)
+    for tick, ball in enumerate(sights([BallState(1.0, 0.0)] * 20)):
+        believed = tracker.update(tick * TICK, ball)
+    assert tracker.update(19 * TICK, BallState(1.02, 0.01)) == believed
+    assert tracker.update(19 * TICK, BallState(2.0, 0.0)) == BallState(2.0, 0.0)
+    exact = BallTracker(NOISE, 0.0)
+    assert exact.update(1.0, BallState(1.0, 0.0)) == exact.update(1.0, BallState(1.01, 0.0))
+
+
 def test_time_that_goes_back_or_a_ball_that_was_gone_starts_anew() -> None:
     tracker = BallTracker(NOISE, VELOCITY_NOISE)
     robot = RobotState(Pose(0.0, 0.0, 0.0))

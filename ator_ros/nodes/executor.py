@@ -95,8 +95,7 @@ class ExecutorNode(Node):
         self._predictors = {name: self._predictor(robot, name) for name in ACTION_SETS}
         for name, library in self._libraries.items():
             rehearse(robot, library, self._predictors[name])
-        tracker = BallTracker(self._settings["ball_noise"], self._settings["ball_velocity_noise"])
-        self._inputs = Inputs(self._settings["ball_timeout"], tracker)
+        self._inputs = Inputs(self._settings["ball_timeout"], self._tracker())
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard = self._latest_tick = 0.0
@@ -113,6 +112,15 @@ class ExecutorNode(Node):
             self._missing[action_set] = str(error)
             self.get_logger().warning(f"action set {action_set}: no predictions: {error}")
             return Predictor(robot, {})
+
+    def _tracker(self) -> BallTracker:
+        noise, velocity_noise = self._settings["ball_noise"], self._settings["ball_velocity_noise"]
+        if (noise > 0.0) != (velocity_noise > 0.0):
+            raise SetupError(
+                "parameters ball_noise and ball_velocity_noise: expected both above 0 or both 0, "
+                f"got {noise:g} and {velocity_noise:g}"
+            )
+        return BallTracker(noise, velocity_noise)
 
     def _offer(self) -> None:
         kind = TwistStamped if self._settings["stamped_commands"] else Twist

@@ -177,6 +177,8 @@ def test_enormous_chains_weights_and_sets_are_refused(executor) -> None:
         ("executor", {"odom_timeout": -1.0}, "odom_timeout"),
         ("executor", {"frame": 3}, "frame"),
         ("executor", {"stamped_commands": "maybe"}, "stamped_commands"),
+        ("executor", {"ball_noise": 0.02}, "parameters ball_noise and ball_velocity_noise: expected both"),
+        ("executor", {"ball_velocity_noise": 0.1}, "expected both above 0 or both 0, got 0 and 0.1"),
         ("refinement", {"gate": 0.5}, "gate"),
         ("refinement", {"models": "[a, b]"}, "models"),
         ("simulation", {"seed": 1.5}, "seed"),
