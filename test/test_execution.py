@@ -109,6 +109,22 @@ def test_a_robot_that_never_stands_does_not_hold_the_goal_for_ever() -> None:
     assert run.phase is Phase.ENDED
 
 
+def test_a_goal_that_is_canceled_before_any_odom_ends() -> None:
+    run = execution(FORWARD)
+    run.end(Ending.CANCELED, "canceled by the client")
+    assert run.phase is Phase.STOPPING  # the robot may still move, as after the goal before
+    run.watch(100.35)
+    assert (run.phase, run.ending, run.reason) == (Phase.ENDED, Ending.CANCELED, "canceled by the client")
+
+
+def test_a_goal_that_is_canceled_long_before_any_odom_ends_at_once() -> None:
+    run = execution(FORWARD)
+    run.watch(101.0)
+    run.end(Ending.CANCELED, "canceled by the client")
+    run.watch(101.0)
+    assert run.phase is Phase.ENDED
+
+
 def test_silence_ends_it_with_a_reason() -> None:
     run = execution(FORWARD)
     run.tick(world(), 100.0)

@@ -126,8 +126,11 @@ class Execution:
 
     def end(self, ending: Ending, reason: str) -> None:
         """End for a reason from outside, or from within; the first one counts."""
-        if self.ending is None:
-            self.ending, self.reason, self.phase = ending, reason, Phase.STOPPING
+        if self.ending is not None:
+            return
+        self.ending, self.reason, self.phase = ending, reason, Phase.STOPPING
+        if math.isinf(self._heard):  # then odometry that never came counts as missing since the acceptance
+            self._heard = self._accepted
 
     def refined_to(self, chain: TopChain, refined: bool, reason: str) -> None:
         """Take the answer to `question`; when the robot drives, with the next state.
