@@ -14,6 +14,8 @@ from ator_ros.tops.ball import drives_to_ball, fetches_ball, keeps_holding, need
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.executor import ChainExecutor, ChainStep
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.step_run import StepRun
+from ator_ros.world import STOP, BallState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = TopLibrary(ROBOT)
@@ -124,6 +126,40 @@ def test_a_ball_that_comes_into_the_way_is_stopped_for() -> None:
     assert drive.status is Status.SUCCEEDED
     assert "stopping" in {step.message.partition(",")[0] for step in drive.steps}
     assert drive.executor.records[1].start.robot.v == pytest.approx(0.0, abs=0.02)
+
+
+def test_an_approach_that_follows_the_ball_has_one_time_limit() -> None:
+    def aside(simulation: PioneerSimulation) -> None:
+        ball = simulation.world().ball
+        assert ball is not None
+        simulation.place_ball(0.3, 0.5 if ball.y < 0.25 else 0.0)
+
+    executor = ChainExecutor(LIBRARY, APPROACH, time_limit=1.0)
+    with PioneerSimulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        simulation.place_ball(0.0, 0.0)
+        for tick in range(30):
+            if tick % 8 == 7:
+                aside(simulation)
+            step = executor.step(simulation.world())
+            if step.status is not Status.RUNNING:
+                break
+            simulation.command(step.command)
+            simulation.tick()
+    assert step.message == "goToBall took longer than 1 s"
+    assert step.elapsed == pytest.approx(1.05)
+    assert [record.outcome for record in executor.records[:2]] == [Status.RUNNING] * 2
+
+
+def test_a_robot_that_never_stands_does_not_hold_up_its_step_for_ever() -> None:
+    goal = Pose(0.0, 0.0, 0.0)
+    moving = [World(0.05 * tick, RobotState(goal, 0.5), BallState(1.0, 0.0)) for tick in range(60)]
+    run = StepRun(LIBRARY, 0, APPROACH.calls[0], time_limit=2.0, standing_first=True)
+    steps = [run.step(world) for world in moving]
+    failed = next(tick for tick, step in enumerate(steps) if step.status is Status.FAILED)
+    assert failed == 41
+    assert not run.begun
+    assert (steps[failed].command, steps[failed].message) == (STOP, "goToBall took longer than 2 s")
 
 
 def test_a_lost_ball_is_noticed_at_once() -> None:

@@ -43,7 +43,7 @@ class ChainExecutor:
     chain : TopChain
         What to execute; each pre-condition is checked when its turn comes.
     time_limit : float
-        Time in s that each action may take.
+        Time in s that each step may take, however often its goal moves with the ball.
     predict : callable, optional
         Predicts the performance of a step from the world in which it starts, for the record.
     fetches : int
@@ -112,7 +112,7 @@ class ChainExecutor:
             False, and nothing has changed: there is no way from here to the present step's new goal.
         """
         if chain.calls[self._index] != self._run.call:
-            run = self._new_run(chain, self._index, standing_first=self._run.stopping)
+            run = self._changed_run(chain, standing_first=self._run.stopping)
             if self._run.begun and (self._is_blocked(world) or run.begin(world) is not None):
                 return False
             self._replace_run(world, run)
@@ -127,7 +127,7 @@ class ChainExecutor:
             return
         chain = self._chain.with_goal(self._index, at_ball(call.goal, resting))
         if not self.head_for(world, chain):
-            self._replace_run(world, self._new_run(chain, self._index, standing_first=True))
+            self._replace_run(world, self._changed_run(chain, standing_first=True))
             self._chain = chain
 
     def _is_blocked(self, world: World) -> bool:
@@ -162,7 +162,13 @@ class ChainExecutor:
         self._index = index
         self._run = self._new_run(self._chain, index, standing_first=standing_first)
 
-    def _new_run(self, chain: TopChain, index: int, *, standing_first: bool = False) -> StepRun:
+    def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:
+        """Give a run of the present step with the goal in `chain`; its time goes on."""
+        return self._new_run(chain, self._index, standing_first=standing_first, since=self._run.since)
+
+    def _new_run(
+        self, chain: TopChain, index: int, *, standing_first: bool = False, since: float | None = None
+    ) -> StepRun:
         return StepRun(
             self._library,
             index,
@@ -170,6 +176,7 @@ class ChainExecutor:
             time_limit=self._time_limit,
             predict=self._predict,
             standing_first=standing_first,
+            since=since,
         )
 
     def _told(self, world: World, step: Step) -> ChainStep:

@@ -79,11 +79,13 @@ class StepRun:
     call : TopCall
         What to execute.
     time_limit : float
-        Time in s that it may take.
+        Time in s that it may take, stopping first included.
     predict : callable, optional
         Predicts the performance of the step from the world in which it starts.
     standing_first : bool
         Whether the robot shall stand before it starts.
+    since : float, optional
+        Time in s from which the limit counts, where it replaces a run with another goal.
     """
 
     def __init__(
@@ -95,9 +97,11 @@ class StepRun:
         time_limit: float,
         predict: Predict | None = None,
         standing_first: bool = False,
+        since: float | None = None,
     ) -> None:
         self.call = call
         self.stopping = standing_first
+        self.since = since
         self._library, self._index = library, index
         self._time_limit, self._predict = time_limit, predict
         self._action: Action | None = None
@@ -127,6 +131,13 @@ class StepRun:
 
     def step(self, world: World) -> Step:
         """Give the command of this tick; the action starts when its turn has come."""
+        self.since = world.time if self.since is None else self.since
+        step = self._next(world)
+        if step.status is Status.RUNNING and world.time - self.since > self._time_limit:
+            return Step(STOP, Status.FAILED, f"{self.call.top.name} took longer than {self._time_limit:g} s")
+        return step
+
+    def _next(self, world: World) -> Step:
         self.stopping = self.stopping and not is_standing(world.robot)
         if self.stopping:
             return Step(STOP, Status.RUNNING, "stopping, to drive to the ball from there")
@@ -134,11 +145,7 @@ class StepRun:
         if fault is not None:
             return Step(STOP, Status.FAILED, fault)
         assert self._action is not None
-        assert self._start is not None
-        step = self._action.step(world)
-        if step.status is Status.RUNNING and world.time - self._start.time > self._time_limit:
-            return Step(STOP, Status.FAILED, f"{self.call.top.name} took longer than {self._time_limit:g} s")
-        return self._confirmed(world, step)
+        return self._confirmed(world, self._action.step(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:
         """Believe in success only when the post-condition holds."""
