@@ -71,6 +71,13 @@ def test_conditions_know_what_they_bind_and_wrap_angles() -> None:
     assert len(condition.violations({"ball.vx": 0.0}, {"yaw": 0.0})) == 1
 
 
+def test_a_condition_takes_whole_numbers() -> None:
+    condition = Condition((Term("ball.x", 1, 0.2),))
+    assert condition.violations({"ball.x": 1.1}, {}) == []
+    assert condition.apply({"ball.x": 3.0}, {}) == {"ball.x": 1}
+    assert not condition.bound()
+
+
 def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
     executor, steps, world = execute(PLAN)
     assert steps[-1].status is Status.SUCCEEDED

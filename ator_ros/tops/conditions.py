@@ -30,7 +30,7 @@ class Term:
     def error(self, state: State, goal: Mapping[str, float]) -> float | None:
         """Give how far the variable is from its target; None where one of the two is unknown."""
         value = state.get(self.variable)
-        target = self.target if isinstance(self.target, float) else lookup(self.target, state, goal)
+        target = lookup(self.target, state, goal) if isinstance(self.target, str) else self.target
         if value is None or target is None:
             return None
         difference = value - target
@@ -66,7 +66,7 @@ class Condition:
         """Give the state with every variable at its target: what the world looks like once this holds."""
         result = dict(state)
         for term in self.terms:
-            target = term.target if isinstance(term.target, float) else lookup(term.target, state, goal)
+            target = lookup(term.target, state, goal) if isinstance(term.target, str) else term.target
             if target is not None:
                 result[term.variable] = target
         return result
