@@ -16,6 +16,7 @@ from experience_rows import made_up_experience
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import (
     ModelFileError,
+    NoModelsError,
     RobotMismatchWarning,
     load_model,
     load_models,
@@ -138,5 +139,8 @@ def test_action_sets_lie_in_folders_of_their_own(model: PerformanceModel, tmp_pa
     (tmp_path / "gate.json").write_text("{}")
     assert list(load_models(ROBOT, folder=tmp_path)) == ["goToPose"]
     assert list(load_models(ROBOT, action_set="bezier", folder=tmp_path)) == ["goToPose"]
-    with pytest.raises(ModelFileError, match="run train to make them"):
+    with pytest.raises(NoModelsError, match="run train to make them"):
         load_models(ROBOT, action_set="other", folder=tmp_path)
+    with pytest.raises(ModelFileError, match="expected a folder of models") as caught:
+        load_models(ROBOT, folder=tmp_path / "none")
+    assert not isinstance(caught.value, NoModelsError)

@@ -5,9 +5,8 @@ Every function that reads a message raises MessageError, with `where` naming the
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -21,7 +20,7 @@ from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes import checks
 from ator_ros.nodes.checks import MessageError
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import goal_values, with_values
+from ator_ros.refinement.free_variables import FreeVariable, goal_values, with_values
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import TopCall, TopChain
@@ -170,10 +169,8 @@ def action_set_from(chain: msg.TopChain, *, allowed: Mapping[str, Any], where: s
     return name
 
 
-def chain_from(
-    chain: msg.TopChain, library: TopLibrary, *, frame: str, keep_open: bool = False, where: str = "chain"
-) -> TopChain:
-    """Read a chain.
+def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: str = "chain") -> TopChain:
+    """Read a chain, with the values that the message has for open variables.
 
     Parameters
     ----------
@@ -181,18 +178,22 @@ def chain_from(
         Knows the TOPs.
     frame : str
         The frame that goals must be given in.
-    keep_open : bool
-        Whether the goal variables listed as open become NaN, as refinement wants them; otherwise they keep
-        the values in the message.
     """
     checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     calls = [_call_from(call, library, frame, f"{where}.calls[{i}]") for i, call in enumerate(chain.calls)]
-    if keep_open:
-        calls = [
-            dataclasses.replace(call, goal=with_values(call.goal, dict.fromkeys(message.open, math.nan)))
-            for call, message in zip(calls, chain.calls, strict=True)
-        ]
     return TopChain(tuple(calls))
+
+
+def opened(chain: TopChain, message: msg.TopChain, free: Iterable[FreeVariable]) -> TopChain:
+    """Give `chain`, read from `message`, with its open variables NaN, as refinement wants them.
+
+    Those that are not among `free` keep their values: nothing could choose a better one.
+    """
+    for variable in free:
+        if variable.name in message.calls[variable.subgoal].open:
+            goal = with_values(chain.calls[variable.subgoal].goal, {variable.name: math.nan})
+            chain = chain.with_goal(variable.subgoal, goal)
+    return chain
 
 
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:

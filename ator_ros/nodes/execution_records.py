@@ -20,6 +20,8 @@ _ENDINGS = {
     Status.RUNNING: Ending.PREEMPTED,
 }
 
+_BROKEN_OFF = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
+
 
 def outcome_of(ending: Ending, reason: str) -> Outcome:
     """Write how something ended."""
@@ -78,6 +80,6 @@ def chain_record_of(
 
 
 def actual(duration: float, ending: Ending, accuracy: float = math.nan) -> Performance:
-    """Write an actual performance."""
-    success = math.nan if ending is Ending.PREEMPTED else float(ending is Ending.SUCCEEDED)
+    """Write an actual performance; whether it would have succeeded is not known where it was broken off."""
+    success = math.nan if ending in _BROKEN_OFF else float(ending is Ending.SUCCEEDED)
     return performance_of({"duration": duration, "spread": 0.0, "success": success, "accuracy": accuracy})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -20,8 +19,9 @@ from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.deferred_action import DeferredActionServer
-from ator_ros.nodes.goal_run import GoalRun, refusal
+from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.inputs import Inputs, TimeWentBackError
+from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.node_support import (
     COMMANDS,
     LATCHED,
@@ -38,9 +38,7 @@ from ator_ros.nodes.node_support import (
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.rehearsal import rehearse
-from ator_ros.performance.model_file import ModelFileError, load_models
-from ator_ros.resources import ResourceError, resource_path
-from ator_ros.robot import ConfigError, Robot, load_robot
+from ator_ros.robot import ConfigError, load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tracking import BallTracker
 from ator_ros.world import STOP, Command, World
@@ -70,8 +68,9 @@ class ExecutorNode(Node):
     Parameters: see `PARAMETERS`; all are read at the start only.
 
     Action server
-        execute_chain (ator_interfaces/ExecuteChain): a newer goal preempts the running one. The robot stands
-        before a goal ends, and the result says in words why it ended.
+        execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
+        The robot stands before a goal ends, or is told to for 2 s; where a newer goal takes over, odometry is
+        lost or the node ends, the goal ends once the robot is told. The result says in words why it ended.
     Subscribes to
         odom, ball (nav_msgs/Odometry): their stamps are the time of the control programs.
     Publishes
@@ -91,8 +90,9 @@ class ExecutorNode(Node):
         except ConfigError as error:
             raise SetupError(str(error)) from error
         self._libraries = {name: TopLibrary(robot, name) for name in ACTION_SETS}
-        self._missing: dict[str, str] = {}
-        self._predictors = {name: self._predictor(robot, name) for name in ACTION_SETS}
+        folder = self._settings["models"]
+        self._models = {name: read_models(self, robot, name, folder) for name in ACTION_SETS}
+        self._predictors = {name: Predictor(robot, read.models) for name, read in self._models.items()}
         for name, library in self._libraries.items():
             rehearse(robot, library, self._predictors[name])
         self._inputs = Inputs(self._settings["ball_timeout"], self._tracker())
@@ -103,15 +103,6 @@ class ExecutorNode(Node):
         self._offer()
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info("ready for chains")
-
-    def _predictor(self, robot: Robot, action_set: str) -> Predictor:
-        try:
-            folder = Path(self._settings["models"] or resource_path("models"))
-            return Predictor(robot, load_models(robot, action_set=action_set, folder=folder))
-        except (ModelFileError, ResourceError) as error:
-            self._missing[action_set] = str(error)
-            self.get_logger().warning(f"action set {action_set}: no predictions: {error}")
-            return Predictor(robot, {})
 
     def _tracker(self) -> BallTracker:
         noise, velocity_noise = self._settings["ball_noise"], self._settings["ball_velocity_noise"]
@@ -175,30 +166,36 @@ class ExecutorNode(Node):
     # Goals
 
     def _accept(self, handle: ServerGoalHandle) -> None:
-        self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._goals += 1
-        frame = self._settings["frame"]
-        names = (field.name for field in dataclasses.fields(Deadlines))
-        deadlines = Deadlines(**{name: self._settings[f"{name}_timeout"] for name in names})
         try:
-            action_set = conversions.action_set_from(handle.request.chain, allowed=self._libraries)
-            self._run = GoalRun(
-                handle,
-                self._libraries[action_set],
-                self._predictors[action_set],
-                self._refinement,
-                deadlines=deadlines,
-                refine_again_after=self._settings["refine_again_after"],
-                frame=frame,
-            )
-        except MessageError as error:
-            self._note(f"refused: {error}")
-            result = refusal(handle, str(error), frame=frame)
-            self._chains.publish(result.record)
-            handle.abort()
-            self._server.finish(handle, result)
+            run = self._run_of(handle)
+        except MessageError as error:  # the running goal goes on
+            self._refuse(handle, str(error))
+            return
+        self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
+        self._run = run
         # A simulation as fast as possible waits for who steers: so also while the first action plans.
         self._send(STOP)
+
+    def _run_of(self, handle: ServerGoalHandle) -> GoalRun:
+        action_set = conversions.action_set_from(handle.request.chain, allowed=self._libraries)
+        names = (field.name for field in dataclasses.fields(Deadlines))
+        return GoalRun(
+            handle,
+            self._libraries[action_set],
+            self._predictors[action_set],
+            self._refinement,
+            deadlines=Deadlines(**{name: self._settings[f"{name}_timeout"] for name in names}),
+            refine_again_after=self._settings["refine_again_after"],
+            frame=self._settings["frame"],
+        )
+
+    def _refuse(self, handle: ServerGoalHandle, reason: str) -> None:
+        self._note(f"refused: {reason}")
+        result = unstarted(handle, Ending.REFUSED, reason, frame=self._settings["frame"])
+        self._chains.publish(result.record)
+        handle.abort()
+        self._server.finish(handle, result)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._run is None or self._run.handle is not handle:
@@ -259,9 +256,10 @@ class ExecutorNode(Node):
             "goal": "none" if self._run is None else self._run.execution.phase.value,
             "goals": self._goals,
             "last error": self._last_error,
+            **told_of(self._models),
         }
-        values |= {f"models of {name}": error for name, error in self._missing.items()}
-        return Health("odom is missing" if stale else "", error=self._run is not None, values=values)
+        problems = ("odom is missing" if stale else "", problems_of(self._models))
+        return Health("; ".join(filter(None, problems)), error=stale and self._run is not None, values=values)
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""

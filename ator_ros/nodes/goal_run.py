@@ -171,9 +171,8 @@ class GoalRun:
             self.handle.canceled()
         else:
             self.handle.abort()
-        outcome = outcome_of(ending, self.execution.reason)
         if world is None:
-            return refusal_with(self.handle, outcome, frame=self._frame)
+            return unstarted(self.handle, ending, self.execution.reason, frame=self._frame)
         record = chain_record_of(
             self.execution,
             self._records,
@@ -182,7 +181,7 @@ class GoalRun:
             action_set=self._library.action_set,
             frame=self._frame,
         )
-        return ExecuteChain.Result(outcome=outcome, record=record)
+        return ExecuteChain.Result(outcome=record.outcome, record=record)
 
 
 def id_of(handle: ServerGoalHandle) -> str:
@@ -190,19 +189,15 @@ def id_of(handle: ServerGoalHandle) -> str:
     return bytes(handle.goal_id.uuid).hex()
 
 
-def refusal(handle: ServerGoalHandle, reason: str, *, frame: str) -> Any:
-    """Write the result for a goal that cannot be used."""
-    return refusal_with(handle, outcome_of(Ending.REFUSED, reason), frame=frame)
-
-
-def refusal_with(handle: ServerGoalHandle, outcome: Any, *, frame: str) -> Any:
-    """Write the result for a goal that ended before any state was known."""
+def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: str) -> Any:
+    """Write the result for a goal that cannot be used, or ended before any state was known."""
+    outcome = outcome_of(ending, reason)
     record = ChainPerformance(
         chain_id=id_of(handle),
         chain=handle.request.chain,
         refinement="never came to that",
         predicted=conversions.performance_of(),
-        actual=actual(0.0, Ending.REFUSED),
+        actual=actual(0.0, ending),
         outcome=outcome,
     )
     record.header.frame_id = frame

@@ -42,7 +42,8 @@ class Deadlines:
     refinement : float
         Real time in s that refinement may take.
     action : float
-        Time in s on the odometry's clock that one action may take, however often its goal moves with the ball.
+        Time in s on the odometry's clock that one action may take, however often its goal
+        moves with the ball.
     """
 
     start: float = 2.0

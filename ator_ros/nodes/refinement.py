@@ -12,6 +12,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
 from ator_ros.nodes.node_support import (
     RESULTS,
     Diagnostics,
@@ -23,12 +24,11 @@ from ator_ros.nodes.node_support import (
 )
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refusal_of
 from ator_ros.nodes.rehearsal import rehearse_refinement
-from ator_ros.performance.model_file import ModelFileError, load_models, model_path
+from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refinement, Refiner
-from ator_ros.resources import ResourceError, resource_path
 from ator_ros.robot import ConfigError, Robot, load_robot
 from ator_ros.tops.library import TopLibrary
 
@@ -59,7 +59,7 @@ class RefinementNode(Node):
         self._settings = declare_parameters(self, PARAMETERS)
         self._refiners: dict[str, Refiner] = {}
         self._libraries: dict[str, TopLibrary] = {}
-        self._missing: dict[str, str] = {}
+        self._models: dict[str, ModelSet] = {}
         try:
             robot = load_robot()
         except ConfigError as error:
@@ -76,15 +76,10 @@ class RefinementNode(Node):
     def _load(self, robot: Robot, action_set: str) -> None:
         """Read models and gate of one action set; without models its chains are refused, with the reason."""
         self._libraries[action_set] = TopLibrary(robot, action_set)
-        try:
-            folder = Path(self._settings["models"] or resource_path("models"))
-            models = load_models(robot, action_set=action_set, folder=folder)
-        except (ModelFileError, ResourceError) as error:
-            self._missing[action_set] = str(error)
-            self.get_logger().warning(f"action set {action_set}: {error}")
-        else:
-            gate = self._load_gate(folder / model_path("gate", action_set))
-            self._refiners[action_set] = Refiner(robot, models, gate)
+        self._models[action_set] = read = read_models(self, robot, action_set, self._settings["models"])
+        if read.models:
+            gate = self._load_gate(read.folder / model_path("gate", action_set))
+            self._refiners[action_set] = Refiner(robot, read.models, gate)
             rehearse_refinement(self._libraries[action_set], self._refiners[action_set])
 
     def _load_gate(self, file: Path) -> Gate | None:
@@ -116,28 +111,41 @@ class RefinementNode(Node):
         return response
 
     def _refine(self, request: RefineSubgoal.Request, action_set: str) -> Refinement:
-        frame = self._settings["frame"]
-        if action_set in self._missing:
-            raise RefinementError(f"action set {action_set}: {self._missing[action_set]}")
-        world = conversions.world_from(request.situation, frame=frame)
-        library = self._libraries[action_set]
-        chain = conversions.chain_from(request.chain, library, frame=frame, keep_open=True)
-        objective = conversions.objective_from(request.objective)
-        return self._refiners[action_set].refine(world, chain, objective)
+        if action_set not in self._refiners:
+            raise RefinementError(f"action set {action_set}: {self._models[action_set].absent}")
+        library, refiner = self._libraries[action_set], self._refiners[action_set]
+        return refinement_of(request, refiner, library, frame=self._settings["frame"])
 
     def _health(self) -> Health:
-        problem = "; ".join(f"action set {name}: {error}" for name, error in self._missing.items())
+        problem = problems_of(self._models)
         return Health(
-            problem,
+            problem if self._refiners else problem or "no models for any action set",
             error=not self._refiners,
             values={
-                "action sets": ", ".join(self._refiners),
+                **told_of(self._models),
                 "requests answered": self._answered,
                 "requests refused": self._refused,
                 "last refusal": self._last_refusal,
                 "last computation (ms)": f"{1000.0 * self._last_time:.2f}",
             },
         )
+
+
+def refinement_of(
+    request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary, *, frame: str
+) -> Refinement:
+    """Do what a request asks for.
+
+    Raises
+    ------
+    MessageError, RefinementError
+        It cannot be read, or not be evaluated.
+    """
+    world = conversions.world_from(request.situation, frame=frame)
+    chain = conversions.chain_from(request.chain, library, frame=frame)
+    objective = conversions.objective_from(request.objective)
+    chain = conversions.opened(chain, request.chain, refiner.analyse(world, chain).free)
+    return refiner.refine(world, chain, objective)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -40,6 +40,10 @@ class ModelFileError(ValueError):
     """A model file that cannot be used; the message names the file, the field and what was expected."""
 
 
+class NoModelsError(ModelFileError):
+    """A folder of models without a single one for an action set."""
+
+
 class RobotMismatchWarning(UserWarning):
     """A model was learned with another robot than the one that it is to predict for."""
 
@@ -140,14 +144,18 @@ def load_models(
 
     Raises
     ------
+    NoModelsError
+        There are none.
     ModelFileError
-        There are none, or one of them cannot be used.
+        One of them cannot be used, or `folder` is none.
     """
     top = folder if folder is not None else resource_path("models")
+    if not top.is_dir():
+        raise ModelFileError(f"{top}: expected a folder of models, found none")
     place = (top / model_path("any", action_set)).parent
     models = {file.stem: load_model(file, robot) for file in sorted(place.glob("*.json")) if is_model(file)}
     if not models:
-        raise ModelFileError(f"{place}: expected model files such as goToPose.json: run train to make them")
+        raise NoModelsError(f"{place}: expected model files such as goToPose.json: run train to make them")
     return models
 
 

@@ -129,7 +129,7 @@ class Refiner:
             number that is not finite where it must be.
         """
         objective = objective if objective is not None else Objective()
-        analysis = self._analyse(world, chain)
+        analysis = self.analyse(world, chain)
         if not analysis.free:
             reason = "nothing is free: " + "; ".join(analysis.reasons)
             return Refinement(chain, False, reason, chain, chain)
@@ -157,7 +157,7 @@ class Refiner:
         RefinementError
             As in `refine`.
         """
-        return self._fastest_alone(world, chain, self._analyse(world, chain).free)
+        return self._fastest_alone(world, chain, self.analyse(world, chain).free)
 
     def _fastest_alone(self, world: World, chain: TopChain, free: Sequence[FreeVariable]) -> TopChain:
         resting = [variable for variable in free if variable.domain.rest is not None]
@@ -175,7 +175,14 @@ class Refiner:
             chain = _replaced(chain, index, dict(zip(model.names[index], optimum.values[index], strict=True)))
         return chain
 
-    def _analyse(self, world: World, chain: TopChain) -> Analysis:
+    def analyse(self, world: World, chain: TopChain) -> Analysis:
+        """Give the free variables of `chain`, which need not be open yet.
+
+        Raises
+        ------
+        RefinementError
+            As in `refine`.
+        """
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
         for call in chain.calls:

@@ -14,6 +14,7 @@ from ator_interfaces.msg import TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError
+from ator_ros.nodes.refinement import refinement_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.errors import RefinementError
@@ -73,9 +74,7 @@ class Generator:
 def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary) -> str:
     """Do what the node does with a request; give "answered" or "refused"."""
     try:
-        world = conversions.world_from(request.situation, frame=FRAME)
-        chain = conversions.chain_from(request.chain, library, frame=FRAME, keep_open=True)
-        refinement = refiner.refine(world, chain, conversions.objective_from(request.objective))
+        refinement = refinement_of(request, refiner, library, frame=FRAME)
     except (MessageError, RefinementError):
         return "refused"
     answer = answer_of(refinement, action_set="default", frame=FRAME, want_curve=request.want_curve)

@@ -15,6 +15,7 @@ from ator_interfaces.msg import Objective, Situation, TopCall, TopChain
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError
+from ator_ros.refinement.free_variables import Domain, FreeVariable
 from ator_ros.robot import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
@@ -82,7 +83,10 @@ def test_open_variables_are_nan_for_refinement_and_as_given_otherwise() -> None:
     message.calls[0].goal.pose = conversions.pose_of(Pose(1.0, 2.0, 0.5))
     given_goal = conversions.chain_from(message, LIBRARY, frame=FRAME).calls[0].goal
     assert given_goal.pose.yaw == pytest.approx(0.5)
-    chain = conversions.chain_from(message, LIBRARY, frame=FRAME, keep_open=True)
+    read = conversions.chain_from(message, LIBRARY, frame=FRAME)
+    free = [FreeVariable(0, name, Domain(0.0, 1.0, 5)) for name in ("yaw", "speed")]
+    assert conversions.opened(read, message, free[1:]) == read  # nobody could choose a better yaw
+    chain = conversions.opened(read, message, free)
     assert math.isnan(chain.calls[0].goal.pose.yaw)
     assert chain.calls[0].goal.speed == 0.0
     assert list(conversions.chain_of(chain, action_set="default", frame=FRAME).calls[0].open) == ["yaw"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from chain_client import ChainClient, call, chain_of_the_paper
 from conftest import Start
@@ -49,3 +51,12 @@ def test_what_never_comes_is_named(start: Start, client: Client) -> None:
     outcome = chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))]).outcome()
     assert outcome.code == Outcome.INPUT_LOST
     assert "odom is missing: expected one within 0.5 s of the goal, got none" in outcome.reason
+
+
+def test_a_goal_can_be_canceled_before_any_odom(start: Start, client: Client) -> None:
+    start("executor", **GENEROUS)
+    sent = ChainClient(client).send([call("goToPose", Pose(1.0, 0.0, 0.0))])
+    sent.cancel()
+    result = sent.result()
+    assert result.outcome.code == result.record.outcome.code == Outcome.CANCELED
+    assert math.isnan(result.record.actual.success)

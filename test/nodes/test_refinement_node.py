@@ -84,6 +84,18 @@ def test_an_open_angle_is_compared_with_the_fastest_approach(start, client: Clie
     assert response.after.duration <= response.before.duration
 
 
+def test_an_open_variable_that_no_model_uses_keeps_its_value(start, client: Client, models: Path) -> None:
+    start("refinement", models=models)
+    request = request_of_the_paper()
+    request.chain.calls[0].open = ["yaw"]
+    request.chain.calls.append(call("shoot", Pose(4.0, 0.0, 0.0), bound=("x", "y", "speed")))
+    request.chain.calls[2].open = ["yaw"]
+    response = refine(client, request)
+    assert response.accepted, response.reason
+    assert response.original.calls[2].goal == response.chain.calls[2].goal
+    assert response.chain.calls[2].goal.pose == request.chain.calls[2].goal.pose
+
+
 def test_a_bound_chain_is_left_alone_with_the_reason(start, client: Client, models: Path) -> None:
     start("refinement", models=models)
     request = request_of_the_paper()

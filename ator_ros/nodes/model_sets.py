@@ -1,0 +1,82 @@
+"""The performance models of each action set, read at a node's start, and what is to be said of them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rclpy.node import Node
+
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import ModelFileError, NoModelsError, RobotMismatchWarning, load_models
+from ator_ros.resources import ResourceError, resource_path
+from ator_ros.robot import Robot
+
+
+@dataclass(frozen=True, slots=True)
+class ModelSet:
+    """The performance models of one action set.
+
+    Attributes
+    ----------
+    folder : Path
+        Where they lie.
+    models : mapping
+        Action name to model; empty where there are none.
+    absent : str
+        Why there are none; empty where there are some.
+    problem : str
+        What is wrong with them: a damaged file, another robot. An action set may have no models.
+    """
+
+    folder: Path = Path()
+    models: Mapping[str, PerformanceModel] = field(default_factory=dict)
+    absent: str = ""
+    problem: str = ""
+
+
+def read_models(node: Node, robot: Robot, action_set: str, folder: str) -> ModelSet:
+    """Read the models of an action set; what is wrong or missing is logged once.
+
+    Parameters
+    ----------
+    node : Node
+        Whose log tells it.
+    robot : Robot
+        For whom they are to predict.
+    action_set : str
+        Name of the set.
+    folder : str
+        Of all sets; empty: those that are shipped.
+    """
+    log = node.get_logger()
+    try:
+        place = Path(folder or resource_path("models"))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", RobotMismatchWarning)
+            models = load_models(robot, action_set=action_set, folder=place)
+    except NoModelsError as error:
+        log.info(f"action set {action_set}: no models: {error}")
+        return ModelSet(absent=str(error))
+    except (ModelFileError, ResourceError) as error:
+        log.warning(f"action set {action_set}: no models: {error}")
+        return ModelSet(absent=str(error), problem=str(error))
+    problem = "; ".join(str(warning.message) for warning in caught)
+    if problem:
+        log.warning(f"action set {action_set}: {problem}")
+    return ModelSet(place, models, problem=problem)
+
+
+def told_of(sets: Mapping[str, ModelSet]) -> dict[str, object]:
+    """Give what diagnostics say of each action set's models."""
+    return {
+        f"models of {name}": ", ".join(read.models) or read.problem or "no models"
+        for name, read in sets.items()
+    }
+
+
+def problems_of(sets: Mapping[str, ModelSet]) -> str:
+    """Say what is wrong with models; empty where nothing is."""
+    return "; ".join(f"action set {name}: {read.problem}" for name, read in sets.items() if read.problem)

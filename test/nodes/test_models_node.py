@@ -1,0 +1,74 @@
+"""What the nodes say of the performance models that they read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from conftest import Start
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from ros_client import Client
+
+from ator_ros.nodes.node_support import RESULTS
+from ator_ros.resources import resource_path
+
+BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
+
+
+@pytest.fixture
+def models(tmp_path: Path) -> Path:
+    """Give a folder with the shipped models of the default action set alone."""
+    folder = tmp_path / "models"
+    folder.mkdir()
+    for file in Path(resource_path("models")).glob("*.json"):
+        (folder / file.name).write_bytes(file.read_bytes())
+    return folder
+
+
+def status_of(client: Client, name: str) -> DiagnosticStatus:
+    """Wait for what a node says of its health."""
+    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+
+    def told() -> list[DiagnosticStatus]:
+        return [message.status[0] for message in health if message.status[0].name == f"/{name}"]
+
+    return client.eventually(told, "diagnostics")[0]
+
+
+@BOTH
+def test_an_action_set_without_models_is_no_problem(start: Start, client: Client, models: Path, name) -> None:
+    node = start(name, models=models)
+    status = status_of(client, name)
+    values = {value.key: value.value for value in status.values}
+    assert values["models of default"] == "dribbleBall, goToPose, shoot"
+    assert values["models of bezier"] == "no models"
+    assert status.message == {"executor": "odom is missing", "refinement": "running"}[name]
+    assert node.output.count("action set bezier: no models") == 1
+    assert "[WARN]" not in node.output
+
+
+@BOTH
+def test_a_damaged_model_is_a_problem(start: Start, client: Client, models: Path, name: str) -> None:
+    (models / "bezier").mkdir()
+    text = (models / "goToPose.json").read_text(encoding="utf-8")
+    (models / "bezier" / "goToPose.json").write_text(text[: len(text) // 2], encoding="utf-8")
+    node = start(name, models=models)
+    status = status_of(client, name)
+    assert status.level == DiagnosticStatus.WARN
+    assert "action set bezier: " in status.message
+    assert "goToPose.json: expected a readable JSON file" in status.message
+    assert "[WARN]" in node.output
+
+
+@BOTH
+def test_models_of_another_robot_are_a_problem(start: Start, client: Client, models: Path, name: str) -> None:
+    data = json.loads((models / "shoot.json").read_text(encoding="utf-8"))
+    data["robot_digest"] = "of another"
+    (models / "shoot.json").write_text(json.dumps(data), encoding="utf-8")
+    node = start(name, models=models)
+    status = status_of(client, name)
+    assert status.level == DiagnosticStatus.WARN
+    assert "shoot.json: robot_digest: this model of shoot was learned with ANOTHER ROBOT" in status.message
+    assert "models of default" in {value.key for value in status.values}
+    assert "ANOTHER ROBOT" in node.output
