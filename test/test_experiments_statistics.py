@@ -96,7 +96,7 @@ def examples(count: int = 400) -> GateExamples:
     features = rng.uniform(0.0, 1.0, (count, len(FEATURES)))
     gain = features[:, list(FEATURES).index("gain")]
     actual = np.where(gain > 0.3, 1.0, -0.5)
-    return GateExamples(features, np.full(count, 10.0), 10.0 - actual, np.arange(count))
+    return GateExamples(features, np.full(count, 10.0), 10.0 - actual, np.arange(count), np.arange(count) % 2)
 
 
 def test_both_gates_find_where_refinement_pays() -> None:
@@ -121,8 +121,22 @@ def test_threshold_is_chosen_from_the_spread_where_the_spread_tells() -> None:
     features = rng.uniform(0.1, 1.0, (400, len(FEATURES)))
     gain, spread = (features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     actual = np.where(gain > spread, 1.0, -1.0)
-    gate = fit_threshold(GateExamples(features, np.full(400, 10.0), 10.0 - actual, np.arange(400)))
+    numbers = np.arange(400)
+    gate = fit_threshold(GateExamples(features, np.full(400, 10.0), 10.0 - actual, numbers, numbers % 2))
     assert gate == ThresholdGate(0.0, 1.0)
+
+
+def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
+    rng = np.random.default_rng(3)
+    features = np.zeros((400, len(FEATURES)))
+    kind = np.arange(400) % 2
+    gain = rng.uniform(0.0, 0.3, 400) + kind  # with speeds everything is far above any threshold
+    features[:, list(FEATURES).index("gain")] = gain
+    features[:, list(FEATURES).index("spread")] = 0.1
+    actual = np.where(rng.random(400) < 0.02, -0.5, gain)
+    gate = fit_threshold(GateExamples(features, np.full(400, 10.0), 10.0 - actual, np.arange(400), kind))
+    angle = (kind == 0) & (gain > gate.gain + gate.spread_factor * 0.1)
+    assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()
 
 
 def test_examples_of_records_hold_both_kinds_of_refinement() -> None:
@@ -133,6 +147,7 @@ def test_examples_of_records_hold_both_kinds_of_refinement() -> None:
     data = gate_examples(rows)
     assert list(data.refined) == [9.0, 7.0]
     assert list(data.situation) == [0, 0]
+    assert list(data.kind) == [0, 1]
 
 
 def test_columns_and_records_are_the_same_data() -> None:

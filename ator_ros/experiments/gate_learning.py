@@ -19,8 +19,8 @@ GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
 HARM = 3.0
 """What a run made worse by more than 2 % weighs, in s, beside the time it loses."""
-NEAR = 0.01
-"""Share of the best utility that is given up for refining less often."""
+KEPT = 0.97
+"""Least share of the ungated gain that a threshold keeps, of headings alone and of headings and speeds."""
 FOLDS = 10
 TREE_DEPTH = 3
 TREE_LEAF = 10
@@ -38,40 +38,46 @@ class GateExamples:
         Durations in s.
     situation : ndarray of int, shape (n,)
         Which examples are of the same situation.
+    kind : ndarray of int, shape (n,)
+        0 where the heading alone was refined, 1 where the arrival speed was too.
     """
 
     features: FloatArray
     naive: FloatArray
     refined: FloatArray
     situation: NDArray[np.int64]
+    kind: NDArray[np.int64]
 
     def part(self, rows: NDArray[Any]) -> GateExamples:
         """Give some of the examples."""
-        return GateExamples(self.features[rows], self.naive[rows], self.refined[rows], self.situation[rows])
+        columns = (self.features, self.naive, self.refined, self.situation, self.kind)
+        return GateExamples(*(column[rows] for column in columns))
 
 
 def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
     """Give the examples, with and without arrival speed, of records as `evaluate_trial` makes them."""
-    rows, naive, refined, situation = [], [], [], []
+    rows, naive, refined, situation, kinds = [], [], [], [], []
     for record in records:
-        for policy, key in (("refined", "features"), ("refined_speed", "features_speed")):
+        for kind, (policy, key) in enumerate((("refined", "features"), ("refined_speed", "features_speed"))):
             if record.get(key):
                 rows.append([record[key][name] for name in FEATURES])
                 naive.append(record["policies"]["naive"]["duration"])
                 refined.append(record["policies"][policy]["duration"])
                 situation.append(record["index"])
-    return GateExamples(np.array(rows, dtype=float), np.array(naive), np.array(refined), np.array(situation))
+                kinds.append(kind)
+    return GateExamples(
+        np.array(rows, dtype=float), *(np.array(column) for column in (naive, refined, situation, kinds))
+    )
 
 
 def fit_threshold(examples: GateExamples) -> ThresholdGate:
-    """Give the most cautious threshold of the predicted gain whose utility is near the best."""
+    """Give the threshold that harms least, of those that keep nearly all of the gain."""
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
     refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
-    utility = np.array([_utility(examples, rows) for rows in refine])
-    cautious = [int(rows.sum()) for rows in refine]
-    near = np.flatnonzero(utility >= utility.max() - NEAR * abs(utility.max()))
-    return gates[min(near, key=lambda index: (cautious[index], -utility[index]))]
+    allowed = [index for index, rows in enumerate(refine) if _kept(examples, rows) >= KEPT]
+    harm = [_worse(examples, rows) for rows in refine]
+    return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
 
 
 def fit_tree(examples: GateExamples) -> TreeGate:
@@ -94,10 +100,27 @@ def decisions(gate: LearnedGate, examples: GateExamples) -> NDArray[np.bool_]:
     return np.array([gate.decide(dict(zip(FEATURES, row, strict=True)))[0] for row in examples.features])
 
 
-def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
+def _gain(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
+    return float((examples.naive - examples.refined)[refine].sum())
+
+
+def _worse(examples: GateExamples, refine: NDArray[np.bool_]) -> int:
     taken = np.where(refine, examples.refined, examples.naive)
-    worse = labels(taken, examples.naive) == "Lower"
-    return float((examples.naive - taken).sum() - HARM * worse.sum())
+    return int(np.sum(labels(taken, examples.naive) == "Lower"))
+
+
+def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
+    """Give the share of the ungated gain that is kept, of the kind of refinement that keeps least."""
+    shares = []
+    for kind in np.unique(examples.kind):
+        of_kind = examples.kind == kind
+        possible = _gain(examples, of_kind)
+        shares.append(_gain(examples, refine & of_kind) / possible if possible > 0.0 else 1.0)
+    return min(shares)
+
+
+def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
+    return _gain(examples, refine) - HARM * _worse(examples, refine)
 
 
 def compare_gates(examples: GateExamples) -> dict[str, dict[str, float]]:
