@@ -60,8 +60,9 @@ def test_the_command_writes_its_result(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_no_situations_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--situations", "0"]) == 2
-    assert "--situations: expected at least 1, got 0" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["--situations", "0"])
+    assert "expected a whole number from 1, got '0'" in capsys.readouterr().err
 
 
 def test_untracked_sights_are_a_condition_of_their_own() -> None:

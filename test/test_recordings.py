@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,13 @@ ROBOT = load_robot()
 GOALS = (Pose(1.0, 0.5, 1.0), Pose(-0.5, 0.5, 3.0))
 
 
-def record(folder: Path, *, topics: tuple[str, ...] = ("/robot/odom", "/robot/cmd_vel")) -> list[float]:
-    """Record two drives with pauses as the nodes would, and give their durations in s."""
+def record(
+    folder: Path, *, topics: tuple[str, ...] = ("/robot/odom", "/robot/cmd_vel"), jump: float = 0.0
+) -> list[float]:
+    """Record two drives with pauses as the nodes would, and give their durations in s.
+
+    The robot's clock jumps by `jump` s between them.
+    """
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -48,7 +54,8 @@ def record(folder: Path, *, topics: tuple[str, ...] = ("/robot/odom", "/robot/cm
 
         def tick(command: Command) -> World:
             world = sim.world()
-            write("odom", odometry(store, world), world.time)
+            shifted = dataclasses.replace(world, time=world.time + jump * bool(durations))
+            write("odom", odometry(store, shifted), world.time)
             write("cmd_vel", twist(store, command), world.time + 0.001)
             sim.command(command)
             sim.tick()
@@ -102,6 +109,13 @@ def test_drives_are_found_with_their_goals_and_durations(tmp_path: Path) -> None
     assert set(frame["hold"]) == {0}
     assert starts["v"].abs().max() < 0.05
     assert experience.metadata["robot_digest"] == ROBOT.digest()
+
+
+@pytest.mark.parametrize("jump", [-2.0, 1e9])
+def test_the_robots_clock_may_jump_between_drives(tmp_path: Path, jump: float) -> None:
+    durations = record(tmp_path / "bag", jump=jump)
+    frame = read_recording(tmp_path / "bag", ROBOT).frame
+    assert frame.groupby("episode")["duration"].first().max() < max(durations) + 0.1
 
 
 def test_a_single_file_can_be_given(tmp_path: Path) -> None:

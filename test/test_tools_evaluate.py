@@ -129,7 +129,7 @@ def test_gate_is_learned_and_rulers_are_refitted(models: Path, tmp_path: Path) -
     frames = [made_up_experience(action) for action in ACTIONS]
     write_experience(table, Experience(join(frames), {"seed": 1}))
     work = tmp_path / "work"
-    options = ["--situations", "6", "--seed", "305", "--models", str(models), "--work", str(work)]
+    options = ["--situations", "10", "--seed", "305", "--models", str(models), "--work", str(work)]
     before = (models / GATE).read_text()
     try:
         assert gate_main([*options, "--jobs", "1", "--experience", str(table)]) == 0

@@ -29,6 +29,7 @@ from ator_ros.world import BallState, RobotState
 PAUSE = 0.3  # s without a command to move that separates two drives
 SHORTEST = 0.5  # s that a drive lasts at least
 STILL = (0.01, 0.02)  # m/s and rad/s up to which a command is one to stop
+SILENCE = 1.0  # s without odometry after which another stretch of time begins
 PERIOD = 0.1  # s between examples, the paper's 10 Hz
 TOPICS = ("odom", "cmd_vel", "ball")
 RECORDS = "performance/action"
@@ -41,15 +42,31 @@ class RecordingError(ExperienceError):
 
 @dataclass
 class _Streams:
-    """What one robot recorded.
-
-    Rows of odom (t, x, y, yaw, v, w), commands (t, v, w) and ball (t, x, y), and the executor's records.
-    """
+    """A stretch of a robot's time: odom (t, x, y, yaw, v, w), commands (t, v, w) and ball (t, x, y)."""
 
     odom: list[tuple[float, ...]] = field(default_factory=list)
     cmd_vel: list[tuple[float, ...]] = field(default_factory=list)
     ball: list[tuple[float, ...]] = field(default_factory=list)
+
+    def goes_on_at(self, time: float) -> bool:
+        """Say whether odometry of `time` (s) follows: not after a reset, nor after a long silence."""
+        return not self.odom or 0.0 <= time - self.odom[-1][0] <= SILENCE
+
+
+@dataclass
+class _Recorded:
+    """What one robot recorded: stretches of its time, and the executor's records."""
+
+    stretches: list[_Streams] = field(default_factory=lambda: [_Streams()])
     records: list[Episode] = field(default_factory=list)
+
+    def episodes(self, robot: Robot) -> Iterator[Episode]:
+        """Yield the executor's records, or the drives where there are none."""
+        if self.records:
+            yield from self.records
+        else:
+            for streams in self.stretches:
+                yield from _drives(streams, robot)
 
 
 def read_recording(path: Path | str, robot: Robot) -> Experience:
@@ -69,9 +86,7 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
     """
     file = Path(path)
     by_robot = _read(file)
-    episodes = [
-        episode for streams in by_robot.values() for episode in streams.records or _drives(streams, robot)
-    ]
+    episodes = [episode for recorded in by_robot.values() for episode in recorded.episodes(robot)]
     if not episodes:
         raise RecordingError(
             f"{file}: expected the topic {RECORDS}, or odom and cmd_vel with at least one drive of "
@@ -93,15 +108,14 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
     return Experience(join(frames), metadata)
 
 
-def _read(file: Path) -> dict[str, _Streams]:
-    """Give the streams by the namespace of their robot."""
-    by_robot: dict[str, _Streams] = defaultdict(_Streams)
-    now: dict[str, float] = {}
+def _read(file: Path) -> dict[str, _Recorded]:
+    """Give what was recorded by the namespace of the robot."""
+    by_robot: dict[str, _Recorded] = defaultdict(_Recorded)
     for name, message in _messages(file):
         topic = _kind(name)
         namespace = name[: -len(topic)] or "/"
         if topic != RECORDS:
-            _add(by_robot[namespace], topic, message, now, namespace)
+            _add(by_robot[namespace], topic, message)
         elif message.outcome.code in (SUCCEEDED, FAILED) and _finite(_numbers(episode := _record(message))):
             by_robot[namespace].records.append(episode)
     return by_robot
@@ -169,11 +183,13 @@ def _pose_of(pose: Any) -> Pose:
     return Pose(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
 
 
-def _add(streams: _Streams, topic: str, message: Any, now: dict[str, float], namespace: str) -> None:
+def _add(recorded: _Recorded, topic: str, message: Any) -> None:
+    streams = recorded.stretches[-1]
     if topic == "cmd_vel":
         # A Twist has no stamp: it counts from the last odometry on, which is in the robot's own time.
         twist = getattr(message, "twist", message)
-        command = (now.get(namespace, math.nan), twist.linear.x, twist.angular.z)
+        now = streams.odom[-1][0] if streams.odom else math.nan
+        command = (now, twist.linear.x, twist.angular.z)
         if _finite(command):
             streams.cmd_vel.append(command)
         return
@@ -184,7 +200,8 @@ def _add(streams: _Streams, topic: str, message: Any, now: dict[str, float], nam
         if _finite(pose):
             streams.ball.append((time, pose.x, pose.y))
     elif _finite(row := (time, *pose, twist.linear.x, twist.angular.z)):
-        now[namespace] = time
+        if not streams.goes_on_at(time):
+            recorded.stretches.append(streams := _Streams())
         streams.odom.append(row)
 
 
