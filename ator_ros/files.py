@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import shlex
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 
 @contextlib.contextmanager
@@ -45,3 +47,21 @@ def _umask() -> int:
     mask = os.umask(0o022)
     os.umask(mask)
     return mask
+
+
+class UnreadableError(ValueError):
+    """A file that holds no JSON; the message names it."""
+
+
+def read_json(path: Path, **options: Any) -> Any:
+    """Read a JSON file; `options` are those of ``json.loads``.
+
+    Raises
+    ------
+    UnreadableError
+        The file cannot be read, is no JSON, or is nested beyond reason.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"), **options)
+    except (OSError, RecursionError, ValueError) as error:
+        raise UnreadableError(f"{path}: expected a readable JSON file: {error}") from error

@@ -34,7 +34,7 @@ LOG = VENV / "setup.log"
 WHEELS = "wheels"
 REQUIREMENTS = ("ros", "build", "runtime", "offline", "test", "lint")
 ALWAYS_PINNED = "lint"
-DATA_FOLDERS = ("config", "launch", "models", "rviz", "urdf")
+DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 
 
 class SetupError(Exception):

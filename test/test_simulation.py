@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator
 
@@ -154,3 +155,15 @@ def test_a_standing_robot_does_not_creep(simulation: PioneerSimulation) -> None:
     moved = stopped.relative(simulation.world().robot.pose)
     assert math.hypot(moved.x, moved.y) < 1e-4
     assert abs(moved.yaw) < 1e-3
+
+
+def test_speed_is_lost_at_the_rate_for_braking(robot: Robot) -> None:
+    limits = dataclasses.replace(robot.limits, a=0.5, brake=1.0)
+    with PioneerSimulation(dataclasses.replace(robot, limits=limits)) as simulation:
+        for _ in range(60):
+            simulation.command(Command(1.0, 0.0))
+            simulation.tick()
+        for _ in range(10):
+            simulation.command(Command(0.2, 0.0))
+            simulation.tick()
+        assert simulation.world().robot.v == pytest.approx(0.5, abs=0.06)

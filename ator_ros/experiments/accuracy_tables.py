@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.performance.accuracy import accuracy
+from ator_ros.performance.accuracy import AT_REST, accuracy
 from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, names_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import CHOSEN, Training, train
@@ -78,7 +78,7 @@ def ablation_table(
         if action not in fresh:
             continue
         starts = fresh[action]
-        starts = starts[(starts["t"] == 0.0) & (starts["v"] == 0.0)]
+        starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST)]
         for label, (features, how) in _candidates(action).items():
             model = train(action, rows, robot, features=features, training=how)
             result = accuracy(model, starts, seed=seed)

@@ -108,7 +108,7 @@ def _judge(
     world = simulation.world()
     achieved, fault, error = _outcome(simulation, chain, world)
     if status is Status.SUCCEEDED and achieved:
-        return Run(math.fsum(actions), True, message, actions, error, path)
+        return Run(world.time, True, message, actions, error, path)
     reason = message if status is not Status.SUCCEEDED else fault
     return Run(TIME_LIMIT, False, reason, actions, error, path)
 

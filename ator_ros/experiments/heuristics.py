@@ -20,7 +20,7 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from ator_ros.experiments.errors import EvaluationError
-from ator_ros.files import write_text
+from ator_ros.files import read_json, write_text
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.robot import Robot
@@ -150,14 +150,14 @@ def load_baselines(path: Path, robot: Robot) -> dict[str, dict[str, LinearTime]]
         The file cannot be read or lacks a coefficient; the message says what was expected.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = read_json(path)
         if data["schema"] != SCHEMA:
             raise EvaluationError(f"{path}: schema: expected {SCHEMA!r}, got {data['schema']!r}")
         return {
             name: {action: _linear_time(row, robot) for action, row in data["models"][name].items()}
             for name in (f"{team}_refitted" for team in HAND_SET)
         }
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise EvaluationError(f"{path}: expected coefficients as `gate` writes them: {error!r}") from error
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Record, Settings
-from ator_ros.files import write_text
+from ator_ros.files import UnreadableError, read_json, write_text
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"
@@ -53,10 +53,20 @@ class PartialResults:
                 "choose another --out, or delete that file"
             )
         for line in lines[1:-1]:
-            record = json.loads(line)
+            record = self._record(line)
             self.records[record["index"]] = record
         # Written anew, so that the remains of a line that was cut off disappear.
         write_text(self.path, "\n".join([header, *lines[1:-1], ""]))
+
+    def _record(self, line: str) -> Record:
+        try:
+            record: Record = json.loads(line)
+            record["policies"], record["index"]
+        except (ValueError, RecursionError, KeyError, TypeError) as error:
+            raise EvaluationError(
+                f"{self.path}: expected a situation's record in each line, got {line[:60]!r}: delete the line"
+            ) from error
+        return record
 
     def append(self, record: Record) -> None:
         """Keep the record of one more situation."""
@@ -110,9 +120,9 @@ def read_result(path: Path) -> dict[str, Any]:
         The file cannot be read, or is no finished evaluation.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise EvaluationError(f"{path}: expected a readable JSON file: {error}") from error
+        data = read_json(path)
+    except UnreadableError as error:
+        raise EvaluationError(str(error)) from error
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or data.get("version") != VERSION:
         raise EvaluationError(f"{path}: expected an evaluation of version {VERSION}, got another file")
     return data

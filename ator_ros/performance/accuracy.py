@@ -13,6 +13,8 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of
 
 RESAMPLES = 2000
+AT_REST = 1e-3
+"""Speed in m/s up to which a robot counts as standing: measured speeds are rarely 0."""
 
 
 def bootstrap_ci95(
@@ -100,7 +102,7 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[s
 
 def kinds(starts: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """Split starts by what makes a difference: rest or motion at both ends, ball or pose."""
-    rest, stop, ball = starts["v"] == 0.0, starts["speedg"] == 0.0, starts["hold"] == 1
+    rest, stop, ball = starts["v"].abs() <= AT_REST, starts["speedg"] <= AT_REST, starts["hold"] == 1
     masks: Mapping[str, pd.Series] = {
         "at rest": rest,
         "at rest, pose": rest & ~ball,

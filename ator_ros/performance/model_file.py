@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ator_ros.files import write_text
+from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.performance.features import FEATURES
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree_storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
@@ -166,9 +166,9 @@ def is_model(file: Path) -> bool:
 
 def _read(path: Path | str) -> dict[str, Any]:
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except (OSError, ValueError) as error:
-        raise ModelFileError(f"{path}: expected a readable JSON file: {error}") from error
+        data = read_json(Path(path), parse_constant=_refuse_constant)
+    except UnreadableError as error:
+        raise ModelFileError(str(error)) from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise ModelFileError(f"{path}: format: expected {FORMAT!r}: this is no performance model of ator_ros")
     version = data.get("schema_version")

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ator_ros.files import write_text
+from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import FEATURES, Gate, OpenGate, ThresholdGate, TreeGate
 
@@ -39,9 +39,9 @@ def load_gate(path: Path) -> Gate:
         The file cannot be read, is no gate, or is newer than this code; the message names file and field.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise RefinementError(f"{path}: expected a readable JSON file: {error}") from error
+        data = read_json(path)
+    except UnreadableError as error:
+        raise RefinementError(str(error)) from error
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise RefinementError(f"{path}: schema: expected {SCHEMA!r}, got another kind of file")
     if data.get("version") != VERSION:

@@ -62,7 +62,10 @@ class BaseController:
         """Move the setpoint toward the command for `dt` s; give the left and right wheel speed in rad/s."""
         target = self._command if time < self._expires else STOP
         limits = self._robot.limits
-        most = STOP_DECELERATIONS if target == STOP else Command(limits.a, limits.aw)
+        losing = abs(target.v) < abs(self.setpoint.v) or target.v * self.setpoint.v < 0.0
+        most = (
+            STOP_DECELERATIONS if target == STOP else Command(limits.brake if losing else limits.a, limits.aw)
+        )
         v = self.setpoint.v + clip(target.v - self.setpoint.v, most.v * dt)
         w = self.setpoint.w + clip(target.w - self.setpoint.w, most.w * dt)
         self.setpoint = Command(v, w)

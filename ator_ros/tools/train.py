@@ -147,6 +147,9 @@ def _experience(paths: Sequence[Path], robot: Robot) -> tuple[pd.DataFrame, dict
         shift = max((int(frame["episode"].max()) + 1 for frame in frames if len(frame)), default=0)
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
         sources.append(table.metadata)
+    sets = {source.get("action_set", "default") for source in sources}
+    if len(sets) > 1:
+        raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
     return join(frames), sources[0]
 
 
@@ -163,8 +166,8 @@ def _measure_again(paths: Sequence[Path], robot: Robot, folder: Path) -> None:
 
 def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
     starts = fresh[fresh["t"] == 0.0]
-    parts = {name: accuracy(model, part, seed=seed) for name, part in kinds(starts)}
-    measured = parts.pop("at rest")
+    parts = {name: accuracy(model, part, seed=seed) for name, part in kinds(starts) if part["success"].any()}
+    measured = parts.pop("at rest", {})
     return {**measured, "kinds": parts, "success": brier(model, starts, seed=seed)}
 
 
@@ -210,9 +213,8 @@ def _report(file: Path, robot: Robot, folder: Path) -> None:
     models = [load_model(path, robot) for path in found]
     models = [model for model in models if model.metadata["accuracy"]]
     lines = [*accuracy_table(models), "", "## Success", "", *success_table(models)]
-    write_text(
-        file, _document("Accuracy of the performance models", f"train --report {file}", "\n".join(lines))
-    )
+    command = portable_command("train", ["--report", str(file)])
+    write_text(file, _document("Accuracy of the performance models", command, "\n".join(lines)))
 
 
 def _document(title: str, command: str, text: str) -> str:

@@ -28,18 +28,19 @@ _SLACK = 0.01
 @lru_cache(maxsize=256)
 def free_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
     """Give the ways to begin or end without a ball: turn at once, at any change of speed (`length` is 0)."""
-    return tuple(Side(length, speed, Driving(speed, share * limits.a, limits.w)) for share in _SHARES)
+    change = min(limits.a, limits.brake)  # which of them it is depends on the direction of driving
+    return tuple(Side(length, speed, Driving(speed, share * change, limits.w)) for share in _SHARES)
 
 
 @lru_cache(maxsize=256)
 def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
     """Give the ways to end with a straight run of `length` m behind the ball, arriving at `speed`."""
-    fastest_, slowest = (
-        math.sqrt(max(0.0, speed * speed + sign * 2.0 * limits.a * length)) for sign in (1.0, -1.0)
-    )
+    # Seen from the goal, backward in time: what gains speed here brakes there.
+    fastest_ = math.sqrt(speed * speed + 2.0 * limits.brake * length)
+    slowest = math.sqrt(max(0.0, speed * speed - 2.0 * limits.a * length))
     speeds = {slowest + share * (min(limits.v, fastest_) - slowest) for share in _RUN_SHARES}
     return tuple(
-        Side(length, speed, Driving(at, share * limits.a, limits.w))
+        Side(length, speed, Driving(at, share * (limits.brake if share > 0.0 else limits.a), limits.w))
         for at in sorted(speeds)
         for share in _RUN_CHANGES
     )
