@@ -42,3 +42,10 @@ def test_the_simulation_is_measured_with_and_without_a_ball() -> None:
     results = bench_simulation.measure(blocks=1)
     assert set(results) == set(bench_simulation.LIMITS_TIMES_REAL_TIME)
     assert all(row["times_real_time"] > 0.0 and row["over_bare_loop"] > 0.0 for row in results.values())
+
+
+def test_limits_are_judged() -> None:
+    assert bench.met({"times_real_time": 113.0, "limit_times_real_time": 100.0}) == {"met": True}
+    assert bench.met({"median_ms": 1.5, "p99_ms": 2.0, "limit_ms": 1.0}) == {"met": False}
+    assert bench.met({"ratio": 1.2, "limit_ratio": 1.5, "p99_ms": 6.0, "limit_p99_ms": 5.0}) == {"met": False}
+    assert bench.met({"median_ms": 1.5}) == {}

@@ -62,7 +62,7 @@ class BoostedTime:
         self._boosting = HistGradientBoostingRegressor(max_iter=250, learning_rate=0.08, random_state=0)
 
     def fit(self, rows: pd.DataFrame) -> BoostedTime:
-        """Learn from the rows, of one action, of an experience table; starts count as in the model trees."""
+        """Learn from the rows, of one action, of an experience table; a start counts as START_WEIGHT rows."""
         # Samples of 1 Hz beside the starts: more of the same episodes cost time and tell little.
         sampled = np.isclose(rows["t"] % 1.0, 0.0, atol=0.01)
         good = rows[rows["success"] & sampled]

@@ -32,6 +32,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2xx": "episodes that measure the models' accuracy",
         "3xx": "situations that the gate is learned from",
         "4xx-8xx": "development",
+        "9xx": "quality of the actions, effect of the sensors",
         "2005": "the final evaluation",
     }
 )

@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     }
     try:
         for part in options.parts:
-            report[part] = dict(PARTS[part]())
+            report[part] = {case: {**row, **met(row)} for case, row in PARTS[part]().items()}
             print("\n".join(rows(part, report[part])), flush=True)
     except RuntimeError as error:
         print(f"bench: {part}: {error}", file=sys.stderr)
@@ -57,6 +57,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     write_text(options.out, json.dumps(report, indent=1) + "\n")
     print(f"written: {options.out}")
     return 0
+
+
+def met(row: Mapping[str, float]) -> dict[str, bool]:
+    """Say whether a row keeps to its limits; nothing where it has none.
+
+    A limit of speed ("times_…") is a least value, the others are greatest ones; "limit_ms" is the median's.
+    """
+    limits = {name.removeprefix("limit_"): value for name, value in row.items() if name.startswith("limit_")}
+    kept = []
+    for name, limit in limits.items():
+        value = row["median_ms" if name == "ms" else name]
+        kept.append(value >= limit if name.startswith("times_") else value <= limit)
+    return {"met": all(kept)} if kept else {}
 
 
 def rows(part: str, results: Mapping[str, Mapping[str, float]]) -> list[str]:
