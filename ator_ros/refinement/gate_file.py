@@ -1,4 +1,4 @@
-"""The gate as a JSON file, written by `gate`'s training of the gate and read by the refinement node."""
+"""The gate as a JSON file, written by `gate` and read by the refinement node."""
 
 from __future__ import annotations
 
