@@ -8,7 +8,7 @@ from html import escape
 STYLE = """
 :root{color-scheme:light}
 body{font:15px/1.55 system-ui,"Segoe UI","DejaVu Sans",sans-serif;color:#20242b;background:#f5f6f8;margin:0}
-main{max-width:1020px;margin:0 auto;padding:28px 20px 60px}
+main{max-width:1260px;margin:0 auto;padding:28px 20px 60px}
 h1{font-size:26px;margin:0 0 4px}
 h2{font-size:18px;margin:34px 0 8px}
 section{background:#fff;border:1px solid #e3e5e8;border-radius:8px;padding:14px 20px 18px;margin:14px 0}
@@ -17,9 +17,11 @@ p{max-width:78ch;margin:8px 0}
 .note{color:#5b616b;font-size:13px}
 .scroll{overflow-x:auto}
 table{border-collapse:collapse;font-size:13.5px;margin:8px 0;font-variant-numeric:tabular-nums}
-th,td{padding:4px 10px;text-align:right;border-bottom:1px solid #eceef1;white-space:nowrap}
+th,td{padding:4px 8px;text-align:right;border-bottom:1px solid #eceef1;white-space:nowrap}
 th:first-child,td:first-child{text-align:left}
-th{font-weight:600;color:#434954;border-bottom:1px solid #b9bec6}
+th{font-weight:600;color:#434954;border-bottom:1px solid #b9bec6;white-space:normal;vertical-align:bottom}
+table.text td{text-align:left}
+table.text th{text-align:left}
 tr.ours td{background:#eef4fb}
 tr.group td{font-weight:600;color:#434954;padding-top:12px}
 .row{display:flex;flex-wrap:wrap;gap:14px}
@@ -57,7 +59,11 @@ def paragraph(text: str, kind: str = "") -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, ours: Sequence[int] = ()) -> str:
-    """Give a table of plain texts; a row of one text is a group's heading; `ours` are rows to stand out."""
+    """Give a table of plain texts.
+
+    A row of one text is a group's heading; `ours` are rows to stand out. Numbers stand to the right, but a table
+    of two columns explains words.
+    """
     lines = ["<tr>" + "".join(f"<th>{escape(text)}</th>" for text in head) + "</tr>"]
     for index, row in enumerate(rows):
         if len(row) == 1:
@@ -65,7 +71,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, ours: Sequence[
             continue
         cells = "".join(f"<td>{escape(text)}</td>" for text in row)
         lines.append(f'<tr class="ours">{cells}</tr>' if index in ours else f"<tr>{cells}</tr>")
-    return '<div class="scroll"><table>' + "\n".join(lines) + "</table></div>"
+    kind = ' class="text"' if len(head) == 2 else ""
+    return f'<div class="scroll"><table{kind}>' + "\n".join(lines) + "</table></div>"
 
 
 def figure(svg: str, caption: str) -> str:
