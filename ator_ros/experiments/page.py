@@ -61,8 +61,8 @@ def paragraph(text: str, kind: str = "") -> str:
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, ours: Sequence[int] = ()) -> str:
     """Give a table of plain texts.
 
-    A row of one text is a group's heading; `ours` are rows to stand out. Numbers stand to the right, but a table
-    of two columns explains words.
+    A row of one text is a group's heading; `ours` are rows to stand out. Numbers stand to the right, but a
+    table of two columns explains words.
     """
     lines = ["<tr>" + "".join(f"<th>{escape(text)}</th>" for text in head) + "</tr>"]
     for index, row in enumerate(rows):

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SHOT, SIGNED, feature_table, names_of
+from ator_ros.performance.features import IDEAL, PAPER_3, SHOT, SIGNED, feature_table, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
 from ator_ros.performance.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree import ModelTree
@@ -25,8 +25,6 @@ CHOSEN: dict[str, tuple[str, ...]] = {
     "shoot": (*names_of(SHOT), "v"),
 }
 """Candidate features of each action, of which its model tree selects; chosen by `train --ablation`."""
-
-ALL = names_of((*PAPER_11, *SIGNED, *IDEAL))
 
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.

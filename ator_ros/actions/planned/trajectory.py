@@ -8,7 +8,7 @@ from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.opening import Opening
 from ator_ros.actions.planned.profiles import Piece
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.world import Command, RobotState
+from ator_ros.world import RobotState
 
 _DT = 0.01
 
@@ -65,11 +65,6 @@ class Trajectory:
             return float(values[low] + share * (values[high] - values[low]))
 
         return RobotState(Pose(mix(self._x), mix(self._y), mix(self._yaw)), mix(self._v), mix(self._w))
-
-    def command(self, time: float) -> Command:
-        """Give the planned velocities at `time` s."""
-        state = self.at(time)
-        return Command(state.v, state.w)
 
     def poses(self) -> FloatArray:
         """Give the sampled poses, shape (n, 3): x, y in m, yaw in rad."""
