@@ -1,0 +1,34 @@
+"""The node `executor` is ended while the robot drives."""
+
+from __future__ import annotations
+
+import math
+import signal
+
+import pytest
+from chain_client import ChainClient, call
+from conftest import Start
+from ros_client import Client
+
+from ator_interfaces.msg import Outcome
+from ator_ros.geometry import Pose
+
+#: Lasts for minutes of simulated time.
+PATROL = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_shutdown_stops_the_robot_and_ends_cleanly(start: Start, client: Client, number) -> None:
+    start("simulation", real_time_factor=0.0, command_wait=0.5)
+    executor = start("executor", odom_timeout=5.0, start_timeout=60.0)
+    chains = ChainClient(client)
+    client.robot()
+    sent = chains.send(PATROL)
+    chains.until_moving()
+    assert executor.stop(number) == 0
+    assert "Traceback" not in executor.output
+    result = sent.result()
+    assert result.outcome.code == Outcome.SHUTDOWN
+    assert math.isnan(result.record.actual.success)
+    client.eventually(lambda: chains.commands[-1].linear.x == 0.0, "a stop")
+    client.eventually(chains.standing, "the robot stands")
