@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from geometry_msgs.msg import Twist
 from process import PATIENCE
 from rclpy.action import ActionClient
-from ros_client import Client
+from ros_client import RETRY, Client
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall
@@ -95,9 +96,18 @@ class ChainClient:
         self.until_heard()
         goal = ExecuteChain.Goal(**options)
         goal.chain.calls = calls
+        sent: Sent = self.ros.eventually(lambda: self._accepted(goal), "the goal's acceptance")
+        return sent
+
+    def _accepted(self, goal: ExecuteChain.Goal) -> Sent | None:
+        """Send once; None when no answer came: the server may not have discovered this client yet."""
         feedback: list[Any] = []
         future = self._server.send_goal_async(goal, lambda message: feedback.append(message.feedback))
-        self.ros.eventually(future.done, "the goal's acceptance")
+        end = time.monotonic() + RETRY
+        while not future.done() and time.monotonic() < end:
+            time.sleep(0.005)
+        if not future.done():
+            return None
         assert future.result().accepted
         return Sent(self.ros, future.result(), feedback)
 

@@ -22,7 +22,9 @@ def waiting(arena: Arena, visit: Visit) -> Sent:
     """Let a goal wait for a ball."""
     assert visit.ros.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
     heard = len(visit.ros.robots)
-    visit.ros.eventually(lambda: len(visit.ros.robots) > heard + 50, "no ball for longer than any timeout here")
+    visit.ros.eventually(
+        lambda: len(visit.ros.robots) > heard + 50, "no ball for longer than any timeout here"
+    )
     sent = visit.send(CHAIN)
     visit.ros.eventually(lambda: said(sent, "waiting for a ball"), "the goal waits")
     return sent
