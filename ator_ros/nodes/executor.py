@@ -60,6 +60,7 @@ PARAMETERS = (
 
 _WATCH_PERIOD = 0.05
 _WARNING_PERIOD = 2.0
+_LAST_SPINS = 30
 
 
 class ExecutorNode(Node):
@@ -266,7 +267,7 @@ class ExecutorNode(Node):
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
         executor: Any = self.executor
-        for _ in range(5):  # so that the answer leaves
+        for _ in range(_LAST_SPINS):  # so that the answer leaves, also to a client that asks for it only now
             executor.spin_once(timeout_sec=0.01)
 
 
