@@ -12,7 +12,8 @@ import pandas as pd
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.features import FEATURES, Geometry, derived_from, feature_table
+from ator_ros.performance.derived import Geometry
+from ator_ros.performance.features import FEATURES, derived_from, feature_table
 from ator_ros.performance.training import direct_of
 from ator_ros.robot import Robot
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
-from ator_ros.performance.features import FEATURES, Geometry, derived_from, table_of
+from ator_ros.performance.features import FEATURES, derived_from, table_of
 from ator_ros.performance.rules import RuleWriter
 from ator_ros.performance.tree import ModelTree
 from ator_ros.robot import Robot
