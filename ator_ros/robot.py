@@ -15,9 +15,10 @@ import yaml
 
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
-from ator_ros.world import Field
+from ator_ros.world import BallState, Field, World
 
 T = TypeVar("T")
+_STANDING = 1e-3  # m/s up to which a ball counts as standing
 
 
 class ConfigError(ValueError):
@@ -55,6 +56,13 @@ class Ball:
     mass: float
     rolling_deceleration: float
     restitution: float
+
+    def at_rest(self, ball: BallState) -> BallState:
+        """Give the ball where it will have rolled out, if nothing stops it before."""
+        if ball.speed < _STANDING:
+            return ball
+        seconds = ball.speed / (2.0 * self.rolling_deceleration)
+        return BallState(ball.x + ball.vx * seconds, ball.y + ball.vy * seconds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +103,13 @@ class Robot:
     def hold_point(self, pose: Pose) -> Pose:
         """Give the pose of the hold (where a held ball's centre lies) of a robot at `pose`."""
         return pose.ahead(self.hold)
+
+    def hold_offset(self, world: World) -> float:
+        """Give the distance in m from the ball to where the robot holds one; infinite without a ball."""
+        if world.ball is None:
+            return math.inf
+        hold = self.hold_point(world.robot.pose)
+        return math.hypot(world.ball.x - hold.x, world.ball.y - hold.y)
 
     def pose_holding(self, ball: Pose) -> Pose:
         """Give the robot's pose that holds a ball at (ball.x, ball.y) with heading ball.yaw."""

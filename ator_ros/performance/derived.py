@@ -1,4 +1,4 @@
-"""Quantities derived from the direct variables of situations: what features are made of (paper, section 4.1)."""
+"""Quantities derived from the direct variables: what features are made of (paper, section 4.1)."""
 
 from __future__ import annotations
 

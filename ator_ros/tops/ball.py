@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
@@ -12,7 +11,7 @@ from ator_ros.tops.chain import TopCall
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.state import goal_variables, state_of
 from ator_ros.tops.top import Top
-from ator_ros.world import BallState, World
+from ator_ros.world import World
 
 _AT_HOLD = frozenset({("hold.x", "ball.x"), ("hold.y", "ball.y")})
 _AT_FRONT = frozenset({("ball.x", "hold.x"), ("ball.y", "hold.y")})
@@ -20,7 +19,6 @@ _AT_GOAL = frozenset({("ball.x", "goal.x"), ("ball.y", "goal.y")})
 _TOUCHING = 0.08
 _ROOM = 0.06
 _LOST = 0.12
-_AT_REST = 1e-3
 
 
 def needs_ball(top: Top) -> bool:
@@ -64,12 +62,9 @@ def _says(condition: Condition, pairs: frozenset[tuple[str, str]]) -> bool:
 
 def at_rest(world: World, robot: Robot) -> World:
     """Give the world with the ball where it will have rolled out, if nothing stops it before."""
-    ball = world.ball
-    if ball is None or ball.speed < _AT_REST:
+    if world.ball is None:
         return world
-    seconds = ball.speed / (2.0 * robot.ball.rolling_deceleration)
-    rest = BallState(ball.x + ball.vx * seconds, ball.y + ball.vy * seconds)
-    return dataclasses.replace(world, ball=rest)
+    return dataclasses.replace(world, ball=robot.ball.at_rest(world.ball))
 
 
 def has_left(world: World, call: TopCall, robot: Robot) -> bool:
@@ -85,22 +80,14 @@ def at_ball(goal: Goal, world: World) -> Goal:
     return goal if ball is None else dataclasses.replace(goal, pose=goal.pose._replace(x=ball.x, y=ball.y))
 
 
-def hold_offset(world: World, robot: Robot) -> float:
-    """Give the distance in m from the ball to where the robot holds one; infinite without a ball."""
-    if world.ball is None:
-        return math.inf
-    hold = robot.hold_point(world.robot.pose)
-    return math.hypot(world.ball.x - hold.x, world.ball.y - hold.y)
-
-
 def is_lost(world: World, robot: Robot) -> bool:
     """Say whether a ball that was in front of the robot is there no more."""
-    return world.ball is not None and hold_offset(world, robot) > _LOST
+    return world.ball is not None and robot.hold_offset(world) > _LOST
 
 
 def is_at_front(world: World, robot: Robot) -> bool:
     """Say whether the robot's front touches the ball, or nearly: what moves it then is the robot."""
-    return hold_offset(world, robot) < robot.fin_length + _TOUCHING
+    return robot.hold_offset(world) < robot.fin_length + _TOUCHING
 
 
 def is_in_the_way(world: World, robot: Robot) -> bool:

@@ -86,14 +86,6 @@ class BallDriver:
         return self._last
 
 
-def ball_distance(world: World, robot: Robot) -> float:
-    """Give the distance in m between the ball and where it is held; infinite without a ball."""
-    if world.ball is None:
-        return math.inf
-    hold = robot.hold_point(world.robot.pose)
-    return math.hypot(world.ball.x - hold.x, world.ball.y - hold.y)
-
-
 def check_held(world: World, robot: Robot, name: str) -> None:
     """Check that the ball lies in the robot's front.
 
@@ -102,7 +94,7 @@ def check_held(world: World, robot: Robot, name: str) -> None:
     ActionError
         It doesn't.
     """
-    distance = ball_distance(world, robot)
+    distance = robot.hold_offset(world)
     if distance > LOST:
         raise ActionError(
             f"{name}: expected the ball within {LOST:g} m of the hold, it is {distance:.2f} m away"
@@ -134,7 +126,7 @@ class DribbleBall(Action):
 
     def step(self, world: World) -> Step:
         """Give the next command; see `Action.step`."""
-        distance = ball_distance(world, self.robot)
+        distance = self.robot.hold_offset(world)
         if distance > LOST:
             return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
         rel = self._target.relative(world.robot.pose)

@@ -6,7 +6,7 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.actions.bezier.dribble_ball import LOST, BallDriver, ball_distance, check_held
+from ator_ros.actions.bezier.dribble_ball import LOST, BallDriver, check_held
 from ator_ros.actions.bezier.go_to_pose import check_goal
 from ator_ros.geometry import Pose
 from ator_ros.robot import Robot
@@ -63,7 +63,7 @@ class Shoot(Action):
             return finished(Status.SUCCEEDED, "the ball is in the goal", self._driver.brake())
         if self._released:
             return self._watch(world, ball)
-        distance = ball_distance(world, self.robot)
+        distance = self.robot.hold_offset(world)
         if distance > LOST:
             return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
         crossing = self._crossing(world.robot.pose)

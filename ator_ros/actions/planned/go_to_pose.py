@@ -7,7 +7,6 @@ import math
 
 from ator_ros.actions.base import Goal, Point, Status, Step
 from ator_ros.actions.planned.clearance import Obstacles
-from ator_ros.actions.planned.holding import ball_offset
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.planned_action import PlannedAction
 from ator_ros.actions.planned.planner import fastest, free_sides, run_sides
@@ -60,20 +59,16 @@ class GoToPose(PlannedAction):
         rest, planned = self._rest(world), self._planned_for
         if rest is None or planned is None:
             return rest is not planned
-        touching = ball_offset(self.robot, world) < self.robot.fin_length + 2 * _MOVED
+        touching = self.robot.hold_offset(world) < self.robot.fin_length + 2 * _MOVED
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def arrive(self, world: World) -> Step:
         """Give the step at the end of the plan: an approach must have caught the ball."""
         step = super().arrive(world)
-        if self._approach and step.status is Status.SUCCEEDED and ball_offset(self.robot, world) > _CAUGHT:
+        if self._approach and step.status is Status.SUCCEEDED and self.robot.hold_offset(world) > _CAUGHT:
             return self.replan(world, "the ball is not in front")
         return step
 
     def _rest(self, world: World) -> BallState | None:
         """Give the ball where it will come to rest."""
-        ball = world.ball
-        if ball is None or ball.speed < 1e-3:
-            return ball
-        seconds = ball.speed / (2.0 * self.robot.ball.rolling_deceleration)
-        return BallState(ball.x + ball.vx * seconds, ball.y + ball.vy * seconds)
+        return None if world.ball is None else self.robot.ball.at_rest(world.ball)

@@ -7,9 +7,7 @@ from functools import lru_cache
 
 from ator_ros.actions.planned.manoeuvre import Side
 from ator_ros.actions.planned.turns import Driving
-from ator_ros.geometry import Pose
 from ator_ros.robot import Limits, Robot
-from ator_ros.world import World
 
 MARGIN = 0.05  # m/s^2 of push that is always left
 LOST = 0.15  # m off its place at which the ball counts as lost
@@ -76,10 +74,3 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
 def _straight(limits: Limits, v1: float, v2: float) -> float:
     """Give the shortest distance in m in which the speed goes from v1 to v2 (m/s)."""
     return abs(v2 * v2 - v1 * v1) / (2.0 * (limits.a if v2 > v1 else limits.brake))
-
-
-def ball_offset(robot: Robot, world: World) -> float:
-    """Give the distance in m between the ball and the place where the robot holds one (infinite: no ball)."""
-    if world.ball is None:
-        return math.inf
-    return robot.hold_point(world.robot.pose).distance(Pose(world.ball.x, world.ball.y, 0.0))

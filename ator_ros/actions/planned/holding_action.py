@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import ActionError, Goal
-from ator_ros.actions.planned.holding import LOST, ball_offset
+from ator_ros.actions.planned.holding import LOST
 from ator_ros.actions.planned.planned_action import PlannedAction
 from ator_ros.robot import Robot
 from ator_ros.world import World
@@ -17,12 +17,12 @@ class HoldingAction(PlannedAction):
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
-        offset = ball_offset(self.robot, world)
+        offset = self.robot.hold_offset(world)
         if offset > LOST:
             raise ActionError(f"{self.name}: expected the ball in front, it is {offset:.2f} m from there")
         super().start(world, goal)
 
     def check(self, world: World) -> str | None:
         """Say whether the ball is lost."""
-        offset = ball_offset(self.robot, world)
+        offset = self.robot.hold_offset(world)
         return f"lost the ball, it is {offset:.2f} m from the front" if offset > LOST else None
