@@ -5,10 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
-from ator_ros.experience.parallel import BACKENDS, BackendError
+from tqdm import tqdm
+
+from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
 from ator_ros.experience.table import ExperienceError
 from ator_ros.experiments.errors import EvaluationError
+from ator_ros.experiments.evaluation import Record, Settings
+from ator_ros.experiments.running import run_situations
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.performance.training import TrainingError
 from ator_ros.refinement.errors import RefinementError
@@ -57,6 +62,31 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
     except _EXPECTED as error:
         print(f"{program}: {error}", file=sys.stderr)
         return 1
+
+
+def executed(settings: Settings, options: argparse.Namespace, folder: Path) -> list[Record]:
+    """Execute `options.situations` situations where the options say, with a progress bar.
+
+    Parameters
+    ----------
+    settings : Settings
+        What the results depend on.
+    options : argparse.Namespace
+        With those of `add_parallel_options`.
+    folder : Path
+        For partial results: the same call goes on where it was interrupted.
+    """
+    with cluster(options.cluster):
+        return run_situations(
+            settings,
+            situations=options.situations,
+            folder=folder,
+            jobs=options.jobs,
+            backend=options.backend,
+            progress=lambda records, done, total: tqdm(
+                records, initial=done, total=total, unit="situation", smoothing=0.05, disable=None
+            ),
+        )
 
 
 def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experience.parallel import cluster
 from ator_ros.experiments.errors import EvaluationError
-from ator_ros.experiments.evaluation import Record, Settings
+from ator_ros.experiments.evaluation import Settings
 from ator_ros.experiments.policies import POLICIES
 from ator_ros.experiments.report import write_report
-from ator_ros.experiments.running import describe, run_situations, table_text
+from ator_ros.experiments.running import describe, table_text
 from ator_ros.experiments.storage import PartialResults, write_result
 from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command
-from ator_ros.tools.command_line import RESUMES, add_parallel_options, guarded, whole
+from ator_ros.tools.command_line import RESUMES, add_parallel_options, executed, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -90,15 +87,7 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
         oracle_speeds=tuple(options.oracle_speeds),
         source=source,
     )
-    with cluster(options.cluster):
-        records = run_situations(
-            settings,
-            situations=options.situations,
-            folder=options.out,
-            jobs=options.jobs,
-            backend=options.backend,
-            progress=_bar,
-        )
+    records = executed(settings, options, options.out)
     result = describe(settings, records, command)
     path = write_result(options.out, result, records)
     print(table_text(result["summary"]))
@@ -106,13 +95,6 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
     report = write_report(options.out, result, records, settings, tools)
     print(f"wrote {path} and {report}")
     return 0
-
-
-def _bar(records: Iterable[Record], done: int, total: int) -> Iterable[Record]:
-    bar: Iterable[Record] = tqdm(
-        records, initial=done, total=total, unit="situation", smoothing=0.05, disable=None
-    )
-    return bar
 
 
 def _speed(text: str) -> float:

@@ -8,19 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experience.parallel import cluster
 from ator_ros.experiments.evaluation import Settings
 from ator_ros.experiments.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
 from ator_ros.experiments.heuristics import save_baselines
-from ator_ros.experiments.running import run_situations
 from ator_ros.experiments.toolset import BASELINES, GATE, ToolsetSource, read_rows
 from ator_ros.files import portable_command
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import RESUMES, add_parallel_options, guarded, whole
+from ator_ros.tools.command_line import RESUMES, add_parallel_options, executed, guarded, whole
 
 POLICIES = ("naive", "refined", "refined_speed")
 
@@ -58,17 +54,7 @@ def _learn(options: argparse.Namespace, command: str) -> int:
     if options.experience is not None:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, policies=POLICIES, source=source)
-    with cluster(options.cluster):
-        records = run_situations(
-            settings,
-            situations=options.situations,
-            folder=options.work,
-            jobs=options.jobs,
-            backend=options.backend,
-            progress=lambda rows, done, total: tqdm(
-                rows, initial=done, total=total, unit="situation", disable=None
-            ),
-        )
+    records = executed(settings, options, options.work)
     examples = gate_examples(records)
     comparison = compare_gates(examples)
     tree, threshold = fit_tree(examples), fit_threshold(examples)
