@@ -99,7 +99,7 @@ def test_the_robot_stands_half_a_second_after_the_last_command(simulation: Pione
         for _ in range(8):
             simulation.tick()
         stopped = simulation.world().robot
-        assert abs(stopped.v) < 0.02 and abs(stopped.w) < 0.05, (v, w)  # what the node takes for standing
+        assert (stopped.v, stopped.w / 2.5) == pytest.approx((0.0, 0.0), abs=0.02), (v, w)  # it stands
 
 
 def test_rolling_ball_decelerates_as_configured(simulation: PioneerSimulation, robot: Robot) -> None:

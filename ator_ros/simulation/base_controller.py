@@ -65,10 +65,8 @@ class BaseController:
         target = self._command if time < self._expires else STOP
         limits = self._robot.limits
         losing = abs(target.v) < abs(self.setpoint.v) or target.v * self.setpoint.v < 0.0
-        if target == STOP:
-            most = self._hardest()
-        else:
-            most = Command(limits.brake if losing else limits.a, limits.aw)
+        driving = Command(limits.brake if losing else limits.a, limits.aw)
+        most = self._hardest() if target == STOP else driving
         v = self.setpoint.v + clip(target.v - self.setpoint.v, most.v * dt)
         w = self.setpoint.w + clip(target.w - self.setpoint.w, most.w * dt)
         self.setpoint = Command(v, w)
