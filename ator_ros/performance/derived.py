@@ -154,6 +154,11 @@ class Geometry:
         return np.arctan2(dy, dx)
 
     @cached_property
+    def hold_angle(self) -> FloatArray:
+        """Signed angle in rad from the heading to the goal's position, seen from the hold at the start."""
+        return wrap_angles(self.hold_bearing - self.direct["yaw"])
+
+    @cached_property
     def shot(self) -> Motions:
         """The fastest ideal motion with the ball to a run, at full speed, into the goal's mouth."""
         d, width = self.direct, self.robot.field.goal_width
