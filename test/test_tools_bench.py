@@ -15,14 +15,16 @@ from ator_ros.tools import bench, bench_collection, bench_simulation
 def test_the_report_holds_every_part_that_was_asked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    parts = {"fast": lambda _: {"case": {"median_ms": 0.5, "not_run": "no java"}}, "other": dict}
+    parts = {"fast": lambda _: {"case": {"median_ms": 0.5, "not_run": "no java"}}, "other": lambda _: {}}
     monkeypatch.setattr(bench, "PARTS", parts)
     out = tmp_path / "benchmarks.json"
     assert bench.main(["--parts", "fast", "--out", str(out)]) == 0
     report = json.loads(out.read_text(encoding="utf-8"))
     assert report["fast"] == {"case": {"median_ms": 0.5, "not_run": "no java"}}
     assert "other" not in report
-    assert report["machine"]["versions"]["numpy"]
+    assert bench.main(["--parts", "other", "--out", str(out)]) == 0
+    assert json.loads(out.read_text(encoding="utf-8")).keys() == {"fast", "other", "measured"}
+    assert report["measured"]["fast"]["versions"]["numpy"]
     assert "median_ms 0.5  not_run no java" in capsys.readouterr().out
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.experience.table import library_versions
-from ator_ros.files import write_text
+from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.tools import bench_collection, bench_learners, bench_refinement, bench_simulation
 
 
@@ -62,7 +62,8 @@ def arguments() -> argparse.ArgumentParser:
         type=Path,
         default=Path("docs/benchmarks.json"),
         metavar="FILE.json",
-        help="the learners' table, peers.md, goes beside it (default: %(default)s)",
+        help="keeps what it holds of other parts; the learners' table, peers.md, goes beside it "
+        "(default: %(default)s)",
     )
     return parser
 
@@ -70,18 +71,20 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code is 1 where a part cannot be measured."""
     options = arguments().parse_args(argv)
-    report: dict[str, Any] = {
-        "measured": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": machine(),
-    }
     try:
+        report = read_json(options.out) if options.out.exists() else {}
         for part in options.parts:
+            where = machine()
             report[part] = {case: {**row, **met(row)} for case, row in PARTS[part](options).items()}
+            report.setdefault("measured", {})[part] = where
             print("\n".join(rows(part, report[part])), flush=True)
+            write_text(options.out, json.dumps(report, indent=1) + "\n")
+    except UnreadableError as error:
+        print(f"bench: {error}", file=sys.stderr)
+        return 1
     except RuntimeError as error:
         print(f"bench: {part}: {error}", file=sys.stderr)
         return 1
-    write_text(options.out, json.dumps(report, indent=1) + "\n")
     print(f"written: {options.out}")
     return 0
 
@@ -112,8 +115,9 @@ def _shown(value: float | str) -> str:
 
 
 def machine() -> dict[str, Any]:
-    """Describe where this was measured: processor, cores, load, versions."""
+    """Describe when and where a part is measured: processor, cores, load, versions."""
     return {
+        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
         "processor": _processor(),
         "cores": os.cpu_count(),
         "load_at_start": [round(load, 2) for load in os.getloadavg()],
