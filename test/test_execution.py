@@ -75,6 +75,20 @@ def test_an_old_ball_is_unknown() -> None:
     assert joined.ball is None
 
 
+def test_a_ball_is_overdue_when_nothing_has_come_of_it_for_half_its_timeout() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    both.robot(1.0, robot)
+    assert both.ball_overdue  # none has ever come
+    both.ball(0.9, BallState(0.0, 0.0))  # late, as from a camera, and heard
+    for time in (1.05, 1.1):
+        both.robot(time, robot)
+        assert not both.ball_overdue
+    both.robot(1.15, robot)
+    assert both.ball_overdue
+    both.ball(1.15, BallState(0.0, 0.0))
+    assert not both.ball_overdue
+
+
 def test_time_that_stands_is_no_news_and_time_that_goes_back_an_error() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     assert both.robot(1.0, robot) is not None
@@ -123,6 +137,27 @@ def test_a_goal_that_is_canceled_long_before_any_odom_ends_at_once() -> None:
     run.end(Ending.CANCELED, "canceled by the client")
     run.watch(101.0)
     assert run.phase is Phase.ENDED
+
+
+def test_half_of_the_silence_is_told_so_that_the_robot_may_stand() -> None:
+    run = execution(FORWARD)
+    assert not run.silent(200.0)  # none has come: it has not been told to move
+    run.tick(world(), 100.0)
+    assert not run.silent(100.14)
+    assert run.silent(100.16)
+    run.tick(world(1.05), 100.2)
+    assert not run.silent(100.2)
+
+
+def test_a_step_that_needs_the_ball_pauses_where_it_is_overdue() -> None:
+    ball = BallState(0.5, 0.0)
+    run = execution(chain(("goToBall", Pose(0.5, 0.0, 0.0))))
+    assert run.tick(world(ball=ball), 100.0) != STOP
+    assert run.tick(world(1.05, ball=ball), 100.05, ball_overdue=True) == STOP
+    assert run.ending is None
+    assert run.tick(world(1.1, ball=ball), 100.1) != STOP
+    alone = execution(FORWARD)
+    assert alone.tick(world(), 100.0, ball_overdue=True).v > 0.0
 
 
 def test_silence_ends_it_with_a_reason() -> None:

@@ -98,13 +98,20 @@ class Execution:
 
     # What happens
 
-    def tick(self, world: World, now: float) -> Command:
-        """Take a newer state of the world and give the command for it."""
+    def silent(self, now: float) -> bool:
+        """Say whether no odometry has come for half its deadline: the robot should stand until it comes."""
+        return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom / 2.0
+
+    def tick(self, world: World, now: float, *, ball_overdue: bool = False) -> Command:
+        """Take a newer state of the world and give the command for it.
+
+        Where the ball is overdue, a step that needs it pauses; it ends when no recent ball is known.
+        """
         self._heard = now
         if self.phase is Phase.WAITING:
             self._begin(world, now)
         if self.phase is Phase.EXECUTING:
-            return self._execute(world, now)
+            return self._execute(world, now, ball_overdue=ball_overdue)
         if self.phase is Phase.STOPPING:
             self._settle(world)
         return STOP
@@ -213,7 +220,7 @@ class Execution:
         """Give the name of the chain's first TOP that needs the ball; None when none does."""
         return next((call.top.name for call in self.chain.calls if needs_ball(call.top)), None)
 
-    def _execute(self, world: World, now: float) -> Command:
+    def _execute(self, world: World, now: float, *, ball_overdue: bool) -> Command:
         if self._executor is None:
             # Later than the first state when refinement has taken its time.
             self.start = world
@@ -226,6 +233,9 @@ class Execution:
                 fetches=self._fetches,
             )
         if self._ball_missing(world):
+            return STOP
+        if ball_overdue and needs_ball(self.top):
+            self.reason = f"{self.top.name} pauses: no word of the ball"
             return STOP
         self._take_answer(world, self._executor)
         step = self._executor.step(world)

@@ -49,8 +49,8 @@ PARAMETERS = (
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
     Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
     Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),
-    Parameter("odom_timeout", 0.3, "real s without newer odometry before the robot is stopped", 0.05, 60.0),
-    Parameter("ball_timeout", 0.3, "s, by the stamps, that a ball may be older than odometry", 0.05, 60.0),
+    Parameter("odom_timeout", 0.3, "real s without newer odometry; the robot pauses after half", 0.05, 60.0),
+    Parameter("ball_timeout", 0.3, "s that a ball may be older than odometry; likewise", 0.05, 60.0),
     Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
     Parameter("ball_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
     Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
@@ -153,16 +153,20 @@ class ExecutorNode(Node):
             return
         self._world, self._heard = world, now
         if self._run is not None:
-            self._send(self._run.execution.tick(world, now))
+            self._send(self._run.execution.tick(world, now, ball_overdue=self._inputs.ball_overdue))
             done = time.monotonic()
             self._latest_tick = max(self._latest_tick, done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
 
     def _watch(self) -> None:
-        if self._run is not None:
-            self._run.execution.watch(time.monotonic())
-            self._follow(self._run)
+        if self._run is None:
+            return
+        now = time.monotonic()
+        if self._run.execution.silent(now):
+            self._send(STOP)
+        self._run.execution.watch(now)
+        self._follow(self._run)
 
     # Goals
 

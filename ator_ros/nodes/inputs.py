@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import deque
 
 from ator_ros.tracking import BallTracker
 from ator_ros.world import BallState, RobotState, World
 
 _BALLS_KEPT = 10
+_ROUNDING = 1e-6
 
 
 class TimeWentBackError(ValueError):
@@ -21,7 +23,8 @@ class Inputs:
     Parameters
     ----------
     ball_timeout : float
-        Time in s, of the messages' stamps, after which a ball counts as unknown.
+        Time in s, of the messages' stamps, after which a ball counts as unknown; after half of it without
+        any message of the ball, one is overdue.
     tracker : BallTracker
         Makes the most of noisy sights of the ball.
     """
@@ -31,6 +34,14 @@ class Inputs:
         self._tracker = tracker
         self._balls: deque[tuple[float, BallState]] = deque(maxlen=_BALLS_KEPT)
         self._time: float | None = None
+        self._ball_heard = -math.inf
+
+    @property
+    def ball_overdue(self) -> bool:
+        """Whether nothing has come of the ball for so long that the robot should rather stand."""
+        if self._time is None:
+            return True
+        return self._time - self._ball_heard > self._ball_timeout / 2.0 - _ROUNDING
 
     @property
     def time(self) -> float | None:
@@ -38,7 +49,8 @@ class Inputs:
         return self._time
 
     def ball(self, time: float, ball: BallState) -> None:
-        """Take a ball with its stamp in s."""
+        """Take a ball with its stamp in s, which may be old: a camera is late, and yet alive."""
+        self._ball_heard = time if self._time is None else max(time, self._time)
         self._balls.append((time, self._tracker.update(time, ball)))
 
     def robot(self, time: float, robot: RobotState) -> World | None:
@@ -52,6 +64,7 @@ class Inputs:
         last, self._time = self._time, time
         if last is not None and time < last:
             self._balls.clear()
+            self._ball_heard = -math.inf
             self._tracker.reset()
             raise TimeWentBackError(
                 f"expected odometry after {last:.2f} s, got {time:.2f} s: was there a reset?"

@@ -62,6 +62,7 @@ class SimulatedWorld:
         self._simulation.place_ball(*self._ball_start)
         self._commanded, self._command = -math.inf, STOP
         self._driven: float | None = None
+        self.answered = self._told = False
         self._changed()
 
     def _changed(self) -> None:
@@ -79,7 +80,11 @@ class SimulatedWorld:
         return self.time - self._commanded < COMMAND_TIMEOUT
 
     def tick(self) -> Stop | None:
-        """Advance by one control tick; tell when the robot has come to stand."""
+        """Advance by one control tick; tell when the robot has come to stand.
+
+        `answered` is then whether a command had come since the tick before.
+        """
+        self.answered, self._told = self._told, False
         self._simulation.tick()
         world = self._simulation.world()
         self.observed = self._sensors.observe(world)
@@ -92,7 +97,7 @@ class SimulatedWorld:
     def command(self, command: Command) -> None:
         """Give the base a velocity command."""
         self._simulation.command(command)
-        self._commanded, self._command = self.time, command
+        self._commanded, self._command, self._told = self.time, command, True
         if command != STOP:
             self._driven = self.time
 

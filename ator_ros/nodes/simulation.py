@@ -39,9 +39,8 @@ PARAMETERS = (
     Parameter("frame", "odom", "frame of poses and of the ball"),
     Parameter("robot_frame", "base_link", "frame of the robot, in the middle of its axle"),
     Parameter("real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0),
-    Parameter(
-        "command_wait", 0.1, "real s that a tick waits for a command, at real_time_factor 0", 0.0, 10.0
-    ),
+    Parameter("command_wait", 0.3, "real s that a tick waits for a command, where it waits", 0.0, 10.0),
+    Parameter("lockstep", False, "whether ticks wait also at a real_time_factor above 0"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
     Parameter("robot_start", [-2.0, 0.0, 0.0], "pose of the robot after a reset: x, y in m, yaw in rad"),
@@ -80,8 +79,8 @@ class SimulationNode(Node):
         reset (std_srvs/Trigger): a new world; simulated time starts at 0 again.
         pause (std_srvs/SetBool): stop and resume simulated time; a paused world is still published.
 
-    At `real_time_factor` 0 a tick waits up to `command_wait` for the command that answers the last one, as
-    long as commands come: so nobody who steers is left behind, however fast the machine.
+    At `real_time_factor` 0, and with `lockstep`, a tick waits up to `command_wait` for the command that
+    answers the last one, if that one was answered: nobody who steers is left behind on a busy machine.
     """
 
     def __init__(self) -> None:
@@ -93,7 +92,7 @@ class SimulationNode(Node):
         except (ConfigError, ValueError) as error:
             raise SetupError(str(error)) from error
         self._paused = False
-        self._deadline = 0.0
+        self._deadline, self._due = 0.0, False
         self._rejected = ""
         self._offer_topics()
         self._offer_services()
@@ -141,7 +140,9 @@ class SimulationNode(Node):
     def _tick(self) -> None:
         now = time.monotonic()
         if now < self._deadline:
+            self._due = self._settings["real_time_factor"] > 0.0
             return
+        self._due = False
         if self._paused:
             self._deadline = now + _PAUSED_PERIOD
         else:
@@ -150,7 +151,8 @@ class SimulationNode(Node):
                 times = f"since {stop.stood:.2f} s, last told to move at {stop.last_command:.2f} s"
                 self.get_logger().debug(f"the robot stands {times}")
             self._ticks += 1
-            if self._settings["real_time_factor"] == 0.0 and self._world.steered:
+            waits = self._settings["lockstep"] or self._settings["real_time_factor"] == 0.0
+            if waits and self._world.answered:
                 self._deadline = now + self._settings["command_wait"]
         self._publish()
 
@@ -181,6 +183,8 @@ class SimulationNode(Node):
             return
         if not self._paused:
             self._deadline = 0.0
+            if self._due:  # its timer came before the command
+                self._tick()
 
     def _reject(self, reason: str) -> None:
         self._rejected = reason

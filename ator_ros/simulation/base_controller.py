@@ -11,6 +11,8 @@ COMMAND_TIMEOUT = 0.15
 """Time in s that a command holds: three ticks."""
 STOP_DECELERATIONS = Command(v=4.0, w=12.0)
 """Of a stop, in m/s² and rad/s²; from 4.5 m/s² on the robot's rear lifts."""
+STOP_BACKWARD = 5.0
+"""Of a stop while driving backward, in m/s²: nothing lifts, but turning wheels slip and need the time."""
 _ROUNDING = 1e-6
 
 
@@ -24,8 +26,7 @@ class BaseController:
 
     Velocities change within the robot's limits, but a stop is a stop: where the command is to stand, or none
     has come for 0.15 s, the base brakes as hard as it can without tipping. So the robot stands 0.5 s after
-    the last command: tested at full speed straight on and back, turning, and in a curve forward (a curve
-    backward at full speed and turn takes a tick more).
+    the last command, from any speed and turn within its limits.
 
     Parameters
     ----------
@@ -64,11 +65,14 @@ class BaseController:
         target = self._command if time < self._expires else STOP
         limits = self._robot.limits
         losing = abs(target.v) < abs(self.setpoint.v) or target.v * self.setpoint.v < 0.0
-        most = (
-            STOP_DECELERATIONS if target == STOP else Command(limits.brake if losing else limits.a, limits.aw)
-        )
+        driving = Command(limits.brake if losing else limits.a, limits.aw)
+        most = self._hardest() if target == STOP else driving
         v = self.setpoint.v + clip(target.v - self.setpoint.v, most.v * dt)
         w = self.setpoint.w + clip(target.w - self.setpoint.w, most.w * dt)
         self.setpoint = Command(v, w)
         turn = w * self._robot.track / 2.0
         return (v - turn) / self._robot.wheel_radius, (v + turn) / self._robot.wheel_radius
+
+    def _hardest(self) -> Command:
+        """Give the decelerations of a stop."""
+        return Command(STOP_BACKWARD, STOP_DECELERATIONS.w) if self.setpoint.v < 0.0 else STOP_DECELERATIONS

@@ -30,8 +30,8 @@ READY = {
     "refinement": "refining chains",
 }
 SETTINGS: dict[str, dict[str, object]] = {
-    # Deadlines long enough for a loaded machine, short enough to wait for.
-    "simulation": {"real_time_factor": 2.0, "log_level": "debug"},
+    # In lockstep a loaded machine changes nothing but how long it takes.
+    "simulation": {"real_time_factor": 2.0, "lockstep": True, "command_wait": 0.5, "log_level": "debug"},
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 3.0, "start_timeout": 20.0},
     "refinement": {},
 }

@@ -1,17 +1,26 @@
 """Send generated requests through conversions and refinement; only our own errors may come out.
 
-scripts/run python test/nodes/fuzz_refinement.py --requests 100000
+scripts/run python test/nodes/fuzz_refinement.py --requests 100000 --out docs/fuzz.json
+
+Any other exception ends it, after the request has been written to the standard error stream.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import random
+import re
+import sys
+import time
 from collections import Counter
+from pathlib import Path
 
 from ator_interfaces.msg import TopCall
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.experience.table import library_versions
+from ator_ros.files import write_text
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError
 from ator_ros.nodes.refinement import refinement_of
@@ -26,6 +35,9 @@ from ator_ros.tops.state import GOAL_VARIABLES
 FRAME = "odom"
 EDGES = (0.0, 1.0, -1.0, 1e-300, -1e-9, 5e-324, math.pi, -math.pi, FARTHEST, -FARTHEST)
 NONSENSE = (math.nan, math.inf, -math.inf, 1e308)
+LENGTHS = (0, 1, 2, 2, 2, 2, 3, 3, 4)
+WORDS_OF_A_KIND = 5
+_PROGRESS = 1000
 
 
 class Generator:
@@ -41,7 +53,10 @@ class Generator:
         request = RefineSubgoal.Request(want_curve=draw.random() < 0.3)
         self._fill(request.situation.robot)
         request.situation.v, request.situation.w = self._number(FASTEST), self._number(FASTEST)
-        request.chain.calls = [self._call() for _ in range(draw.choice((0, 1, 2, 2, 2, 3, 4)))]
+        length = draw.choice(LENGTHS) if draw.random() < 0.99 else draw.randint(5, 200)
+        request.chain.calls = [self._call() for _ in range(length)]
+        if draw.random() < 0.01:
+            request.situation.header.frame_id = "moon"
         if draw.random() < 0.3:
             for name in request.objective.get_fields_and_field_types():
                 setattr(request.objective, name, self._number(FARTHEST))
@@ -53,6 +68,8 @@ class Generator:
         self._fill(call.goal.pose)
         call.speed = abs(self._number(FASTEST))
         call.bound = [name for name in GOAL_VARIABLES if draw.random() < 0.6]
+        if draw.random() < 0.005:
+            call.bound.append(draw.choice(("x", "beauty")))
         call.open = [name for name in GOAL_VARIABLES if name not in call.bound and draw.random() < 0.3]
         return call
 
@@ -75,29 +92,59 @@ def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary)
     """Do what the node does with a request; give "answered" or "refused"."""
     try:
         refinement = refinement_of(request, refiner, library, frame=FRAME)
-    except (MessageError, RefinementError):
-        return "refused"
+    except (MessageError, RefinementError) as error:
+        return f"refused: {kind_of(str(error))}"
     answer = answer_of(refinement, action_set="default", frame=FRAME, want_curve=request.want_curve)
     conversions.chain_from(answer.chain, library, frame=FRAME)  # an answer can be executed
-    return "answered"
+    return "refined" if refinement.refined else "left alone"
+
+
+def kind_of(error: str) -> str:
+    """Give the first words of what was expected: errors of one kind differ in names and numbers."""
+    expected = error[error.index("expected") :].partition(", got")[0]  # ours all say what was expected
+    return " ".join(re.findall(r"[a-zA-Z']+", expected)[:WORDS_OF_A_KIND])
 
 
 def fuzz(requests: int, seed: int, refiner: Refiner) -> Counter[str]:
     """Serve generated requests and count the outcomes."""
     library = TopLibrary(refiner.robot)
     generator = Generator(seed, list(library))
-    return Counter(serve(generator.request(), refiner, library) for _ in range(requests))
+    counts: Counter[str] = Counter()
+    for number in range(requests):
+        request = generator.request()
+        try:
+            counts[serve(request, refiner, library)] += 1
+        except Exception:
+            print(f"request {number} of seed {seed}: {request}", file=sys.stderr)
+            raise
+        if number % _PROGRESS == _PROGRESS - 1:
+            print(f"\r{number + 1} of {requests} requests", end="", flush=True)
+    print()
+    return counts
 
 
 def main() -> None:
-    """Fuzz with the shipped models and print the counts."""
+    """Fuzz with the shipped models; print and write the counts."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--requests", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=501)
+    parser.add_argument("--out", type=Path, default=Path("build/fuzz.json"), metavar="FILE.json")
     options = parser.parse_args()
     robot = load_robot()
+    began = time.monotonic()
     counts = fuzz(options.requests, options.seed, Refiner(robot, load_models(robot)))
-    print(", ".join(f"{count} {name}" for name, count in sorted(counts.items())), "no other exception")
+    report = {
+        "command": "scripts/run python test/nodes/fuzz_refinement.py"
+        f" --requests {options.requests} --seed {options.seed}",
+        "requests": counts.total(),
+        "answers": dict(counts.most_common()),
+        "other_exceptions": 0,
+        "seconds": round(time.monotonic() - began),
+        "versions": library_versions(),
+    }
+    text = json.dumps(report, indent=1)
+    write_text(options.out, text + "\n")
+    print(text)
 
 
 if __name__ == "__main__":

@@ -41,6 +41,7 @@ class Client:
         self.node = Node("test_client", namespace=namespace, context=self._context)
         self.robots: list[tuple[float, RobotState]] = []
         self.balls: list[tuple[float, BallState]] = []
+        self._callers: dict[str, Any] = {}
         self.node.create_subscription(Odometry, "odom", self._hear_robot, SENSOR_DATA)
         self.node.create_subscription(Odometry, "ball", self._hear_ball, SENSOR_DATA)
         self._commands = self.node.create_publisher(Twist, "cmd_vel", COMMANDS)
@@ -92,13 +93,12 @@ class Client:
 
     def call(self, kind: type, name: str, request: Any | None = None) -> Any:
         """Call a service and give its answer."""
-        client = self.node.create_client(kind, name)
-        try:
-            assert client.wait_for_service(timeout_sec=PATIENCE), f"service {name} is missing"
-            sent = kind.Request() if request is None else request  # type: ignore[attr-defined]
-            return self.eventually(lambda: self._answer(client, sent), f"an answer of {name}")
-        finally:
-            self.node.destroy_client(client)
+        if name not in self._callers:
+            self._callers[name] = self.node.create_client(kind, name)
+        client = self._callers[name]
+        assert client.wait_for_service(timeout_sec=PATIENCE), f"service {name} is missing"
+        sent = kind.Request() if request is None else request  # type: ignore[attr-defined]
+        return self.eventually(lambda: self._answer(client, sent), f"an answer of {name}")
 
     def _answer(self, client: Any, request: Any) -> Any:
         """Ask once; None when nothing came: a server that has just ended may still be discovered."""

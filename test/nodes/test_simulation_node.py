@@ -50,7 +50,7 @@ def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(st
     client.eventually(lambda: abs(client.robot().v) < 0.01, "the robot stands")
     stood = next(time for time, robot in client.robots if time > ceased and abs(robot.v) < 0.01)
     assert max(robot.v for _, robot in client.robots) < 1.2 * 1.02
-    assert stood - ceased < 0.5 + 1.2 / 0.5  # the timeout, and braking
+    assert stood - ceased < 0.5 + 0.1 + 1e-6  # the last command may have met a later tick
     assert client.robot().pose.x > before.pose.x + 0.2
 
 
