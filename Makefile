@@ -43,5 +43,5 @@ reproduce: setup
 	@scripts/run scripts/reproduce $(ARGS)
 
 clean:
-	rm -rf .venv .venv-apt build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-apt .venv-peers build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -16,6 +16,7 @@ NUMBERS = {
     "noise": ["--situations", "--seed"],
     "soak": ["--seed"],
     "demo": ["--situations", "--seed"],
+    "compare": ["--situations", "--seed"],
 }
 
 

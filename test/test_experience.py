@@ -6,7 +6,6 @@ import math
 import sys
 from pathlib import Path
 
-import distributed
 import numpy as np
 import pandas as pd
 import pytest
@@ -157,17 +156,6 @@ def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame
     pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
     other = join(collect({"goToPose": TurnDriveTurn}, robot, episodes=1, seed=6))
     assert other["x"].iloc[0] != frame["x"].iloc[0]
-
-
-def test_dask_cluster_gives_the_same_table(robot: Robot, frame: pd.DataFrame) -> None:
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-        ) as local,
-        distributed.Client(local),
-    ):
-        table = join(collect({"goToPose": TurnDriveTurn}, robot, episodes=6, seed=5, jobs=-1, backend="dask"))
-    pd.testing.assert_frame_equal(table, frame, check_exact=True)
 
 
 def test_an_episode_does_not_depend_on_how_many_there_are(robot: Robot, frame: pd.DataFrame) -> None:

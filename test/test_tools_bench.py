@@ -3,32 +3,35 @@
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
-from ator_ros.tools import bench, bench_simulation
+from ator_ros.tools import bench, bench_collection, bench_simulation
 
 
 def test_the_report_holds_every_part_that_was_asked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    parts = {"fast": lambda: {"case": {"median_ms": 0.5}}, "other": dict}
+    parts = {"fast": lambda _: {"case": {"median_ms": 0.5, "not_run": "no java"}}, "other": lambda _: {}}
     monkeypatch.setattr(bench, "PARTS", parts)
     out = tmp_path / "benchmarks.json"
     assert bench.main(["--parts", "fast", "--out", str(out)]) == 0
     report = json.loads(out.read_text(encoding="utf-8"))
-    assert report["fast"] == {"case": {"median_ms": 0.5}}
+    assert report["fast"] == {"case": {"median_ms": 0.5, "not_run": "no java"}}
     assert "other" not in report
-    assert report["machine"]["versions"]["numpy"]
-    assert "median_ms 0.5" in capsys.readouterr().out
+    assert bench.main(["--parts", "other", "--out", str(out)]) == 0
+    assert json.loads(out.read_text(encoding="utf-8")).keys() == {"fast", "other", "measured"}
+    assert report["measured"]["fast"]["versions"]["numpy"]
+    assert "median_ms 0.5  not_run no java" in capsys.readouterr().out
 
 
 def test_a_part_that_cannot_be_measured_ends_with_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def missing() -> Mapping[str, object]:
+    def missing(options: Namespace) -> Mapping[str, object]:
         raise RuntimeError("expected the service within 40 s")
 
     monkeypatch.setattr(bench, "PARTS", {"service": missing})
@@ -42,6 +45,13 @@ def test_the_simulation_is_measured_with_and_without_a_ball() -> None:
     results = bench_simulation.measure(blocks=1)
     assert set(results) == set(bench_simulation.LIMITS_TIMES_REAL_TIME)
     assert all(row["times_real_time"] > 0.0 and row["over_bare_loop"] > 0.0 for row in results.values())
+
+
+def test_collection_is_measured_with_one_process_and_with_two_workers() -> None:
+    ((case, row),) = bench_collection.measure(blocks=1, episodes=1).items()
+    assert case == "2 x 1000 episodes"
+    assert row["times_one_process"] == pytest.approx(row["one_process_s"] / row["two_workers_s"], rel=0.02)
+    assert row["collection_s"] == pytest.approx(row["start_s"] + 2000 * row["two_workers_s"], rel=0.02)
 
 
 def test_limits_are_judged() -> None:

@@ -50,7 +50,8 @@ def run_tasks(
     if backend == "loky" and jobs == 1:
         yield from map(function, tasks)
         return
-    streams = backend == "loky"  # joblib 1.3's dask backend gives its results all at once only
+    # joblib 1.3's dask backend gives its results all at once only.
+    streams = backend == "loky" or _joblib_version() >= (1, 4)
     try:
         with joblib.parallel_config(backend=backend, n_jobs=jobs):
             results = joblib.Parallel(return_as="generator" if streams else "list", batch_size=1)(
@@ -60,6 +61,11 @@ def run_tasks(
         raise BackendError(f"backend {backend!r} cannot be used: {error}") from error
     with contextlib.closing(results) if streams else contextlib.nullcontext():
         yield from results
+
+
+def _joblib_version() -> tuple[int, int]:
+    major, minor = joblib.__version__.split(".")[:2]
+    return int(major), int(minor)
 
 
 def _in_worker(function: Callable[[Task], Result], task: Task) -> Result:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,31 +20,63 @@ from ator_ros.robot import Robot
 START_WEIGHT = 20.0
 """How many rows the start of an episode counts as."""
 
-IDEAL: Mapping[str, tuple[str, Callable[[Geometry], FloatArray]]] = MappingProxyType(
-    {
-        "goToPose": ("drive_time", lambda geometry: geometry.drive.time),
-        "dribbleBall": ("dribble_time", lambda geometry: geometry.dribble.time),
-        "shoot": ("shot_time", lambda geometry: geometry.shot.time),
-    }
-)
-"""By action: a feature of the same direct variables, and what gives the ideal time in s."""
-
 
 @dataclass(frozen=True)
 class IdealTime:
-    """Predicts the ideal time of an action's kind of motion at the robot's limits: nothing is learned."""
+    """Predicts an ideal time at the robot's limits: nothing is learned.
 
-    action: str
+    Attributes
+    ----------
+    robot : Robot
+        Limits, and where a ball is held.
+    feature : str
+        A feature that derives from the same direct variables.
+    compute : callable
+        Gives the time in s.
+    """
+
     robot: Robot
+    feature: str
+    compute: Callable[[Geometry], FloatArray]
 
     @property
     def used_variables(self) -> frozenset[str]:
         """Direct variables that the time depends on."""
-        return derived_from([IDEAL[self.action][0]])
+        return derived_from([self.feature])
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
         """Give the duration in s, shape (n,), and nothing else."""
-        return SimpleNamespace(duration=IDEAL[self.action][1](Geometry(direct, self.robot)))
+        return SimpleNamespace(duration=self.compute(Geometry(direct, self.robot)))
+
+
+def ideal_times(robot: Robot) -> dict[str, IdealTime]:
+    """Give by action the time of the best of the motions that the learned models know as features."""
+    return {
+        "goToPose": IdealTime(robot, "drive_time", lambda geometry: geometry.drive.time),
+        "dribbleBall": IdealTime(robot, "dribble_time", lambda geometry: geometry.dribble.time),
+        "shoot": IdealTime(robot, "shot_time", lambda geometry: geometry.shot.time),
+    }
+
+
+def plain_times(robot: Robot) -> dict[str, IdealTime]:
+    """Give by action the time of turning, driving and turning again, what one knows of any such robot.
+
+    Only without the ball the drive may go backward. A shot turns toward the goal and drives.
+    """
+
+    def either_way(geometry: Geometry) -> FloatArray:
+        return np.minimum(geometry.turn_drive_turn(), geometry.turn_drive_turn(reverse=True))
+
+    return {
+        "goToPose": IdealTime(robot, "turn_drive_turn", either_way),
+        "dribbleBall": IdealTime(robot, "turn_drive_turn", lambda geometry: geometry.turn_drive_turn()),
+        "shoot": IdealTime(robot, "hold_angle", _turn_and_drive),
+    }
+
+
+def _turn_and_drive(geometry: Geometry) -> FloatArray:
+    limits = geometry.robot.limits
+    return np.abs(geometry.hold_angle) / limits.w + geometry.hold_dist / limits.v
 
 
 class BoostedTime:

@@ -111,6 +111,7 @@ MODEL_SETS = (
     "bitbots_refitted",
     "booster",
     "booster_refitted",
+    "turn_drive_turn",
     "ideal_time",
     "hist_gradient_boosting",
 )
@@ -127,5 +128,6 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "refined_speed": refining(speed=True),
         "gated_speed": refining(gated=True, speed=True),
         **{name: refining(name) for name in MODEL_SETS},
+        "ideal_time_speed": refining("ideal_time", speed=True),
     }
 )

@@ -48,7 +48,7 @@ def run_situations(
     BackendError
         The parallel backend cannot be used.
     """
-    partial = PartialResults(folder, settings, settings.source.digest(settings.policies))
+    partial = PartialResults(folder, settings, settings.source.digest(settings.policies, settings.chain))
     tasks = [(settings, index) for index in range(situations) if index not in partial.records]
     results: Iterable[Record] = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
     if progress is not None:
@@ -73,7 +73,7 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
         "summary": summary,
         "settings": _portable(asdict(settings)),
         "executed": sum(record["executed"] for record in records),
-        "digest": settings.source.digest(settings.policies),
+        "digest": settings.source.digest(settings.policies, settings.chain),
         "versions": library_versions(),
         "machine": platform.platform(),
     }

@@ -15,6 +15,8 @@ EQUAL = 0.02
 """Runs whose durations differ by no more than this share count as equal."""
 RESAMPLES = 5000
 LABELS = ("Higher", "Equal", "Lower")
+OURS = ("refined", "gated", "refined_speed", "gated_speed")
+"""Policies that the others are compared with in pairs of runs."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,8 @@ def summarise(results: Outcomes) -> dict[str, dict[str, Any]]:
         By policy: mean_duration_s, improvement_percent (of the sums, against naive), improvement_ci95,
         mean_ratio_improvement_percent (mean of the runs' own percentages) and its interval, higher, equal,
         lower (runs), mean_gain_higher_percent, mean_loss_lower_percent, oracle_captured_percent and its
-        interval, failures, behind_gated_s and its interval (mean of the duration less that of the policy
-        "gated"), worst_loss_percent.
+        interval, failures, worst_loss_percent, and behind_P_s and its interval for each policy P of OURS
+        (mean of the duration less that of P).
     """
     names = list(results.duration)
     table = np.stack([results.duration[name] for name in names])
@@ -107,10 +109,10 @@ def _policy_summary(
         "oracle_captured_percent": None,
         "oracle_captured_ci95": None,
     }
-    if "gated" in row:
-        behind = duration - table[row["gated"]]
-        summary["behind_gated_s"] = _rounded(behind.mean())
-        summary["behind_gated_ci95"] = _interval(resampled[index] - resampled[row["gated"]])
+    for ours in OURS:
+        if ours in row:
+            summary[f"behind_{ours}_s"] = _rounded((duration - table[row[ours]]).mean())
+            summary[f"behind_{ours}_ci95"] = _interval(resampled[index] - resampled[row[ours]])
     if "oracle" in row:
         best = row["oracle"]
         possible = reference.sum() - table[best].sum()

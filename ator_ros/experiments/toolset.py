@@ -10,9 +10,10 @@ from pathlib import Path
 import pandas as pd
 
 from ator_ros.experience.table import join, read_experience
-from ator_ros.experiments.ceiling import BoostedTime, IdealTime
+from ator_ros.experiments.ceiling import BoostedTime, ideal_times, plain_times
 from ator_ros.experiments.heuristics import bitbots, booster, load_baselines
 from ator_ros.experiments.policies import POLICIES, Models, Toolset
+from ator_ros.experiments.trials import random_trial
 from ator_ros.performance.model_file import load_model, model_path
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.gate_file import load_gate
@@ -48,10 +49,12 @@ class ToolsetSource:
         top = Path(self.models) if self.models else resource_path("models")
         return (top / model_path(GATE, self.action_set)).parent
 
-    def digest(self, policies: Iterable[str]) -> str:
+    def digest(self, policies: Iterable[str], chain: str) -> str:
         """Give a digest of the robot's description and of all files that the policies' choices depend on."""
-        sha = hashlib.sha256(load_robot().digest().encode())
-        names = [f"{action}.json" for action in ACTIONS]
+        robot = load_robot()
+        sha = hashlib.sha256(robot.digest().encode())
+        calls = random_trial(0, 0, chain, robot, make_library(robot, self)).chain.calls
+        names = [f"{call.top.action}.json" for call in calls]
         names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
         names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []
         for file in [*(self.folder() / name for name in names), *map(Path, self.experience)]:
@@ -103,7 +106,8 @@ def make_toolset(source: ToolsetSource) -> Toolset:
         "learned": {action: load_model(folder / f"{action}.json", robot) for action in ACTIONS},
         "bitbots": {action: bitbots(action, robot) for action in ACTIONS},
         "booster": {action: booster(action, robot) for action in ACTIONS},
-        "ideal_time": {action: IdealTime(action, robot) for action in ACTIONS},
+        "ideal_time": ideal_times(robot),
+        "turn_drive_turn": plain_times(robot),
     }
     if (folder / BASELINES).exists():
         models |= load_baselines(folder / BASELINES, robot)

@@ -33,7 +33,8 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "3xx": "situations that the gate is learned from",
         "4xx-8xx": "development",
         "9xx": "quality of the actions, effect of the sensors",
-        "2005": "the final evaluation",
+        "2005": "the evaluations of before, looked at while the gate was made",
+        "2026": "the final evaluation",
     }
 )
 

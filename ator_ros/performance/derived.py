@@ -9,9 +9,9 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import Direct, direct_arrays
-from ator_ros.performance.durations import drive_time, turn_time
+from ator_ros.performance.durations import drive_time, rates_of, turn_time
 from ator_ros.performance.families import Family, approach_family, dribble_family, drive_family, shot_family
-from ator_ros.performance.ideal_times import Ends, Motions, fastest_motions
+from ator_ros.performance.ideal_times import Motions, fastest_motions
 from ator_ros.robot import Robot
 
 RELEASE = 0.33  # m before the goal at which a ball is let go
@@ -99,7 +99,7 @@ class Geometry:
         cos, sin = np.cos(yaw), np.sin(yaw)
         turn = wrap_angles(heading - yaw)
         columns = (cos * dx + sin * dy, cos * dy - sin * dx, turn, self.direct["v"], speed)
-        ends = Ends(*(column.ravel() for column in np.broadcast_arrays(*columns)))
+        ends = np.stack([column.ravel() for column in np.broadcast_arrays(*columns)])
         return fastest_motions(ends, family, hold=self.robot.hold).best_of(len(opening)).after(opening)
 
     def _to_goal(self, family: Family) -> Motions:
@@ -129,10 +129,10 @@ class Geometry:
         first, last = np.abs(self.to_dest), np.abs(self.at_dest)
         if reverse:
             first, last = np.pi - first, np.pi - last
-        limits = self.robot.limits
+        rates = rates_of(self.robot.limits)
         rest = np.zeros_like(self.dist)
-        driving = drive_time(self.dist, rest, self.direct["speedg"], limits)
-        return turn_time(first, limits.w, limits.aw) + driving + turn_time(last, limits.w, limits.aw)
+        driving = drive_time(self.dist, rest, self.direct["speedg"], rates)
+        return turn_time(first, rates.w, rates.aw) + driving + turn_time(last, rates.w, rates.aw)
 
     @cached_property
     def _from_hold(self) -> tuple[FloatArray, FloatArray]:
@@ -152,6 +152,11 @@ class Geometry:
         """Bearing in rad, in the world, of the goal's position seen from the hold at the start."""
         dx, dy = self._from_hold
         return np.arctan2(dy, dx)
+
+    @cached_property
+    def hold_angle(self) -> FloatArray:
+        """Signed angle in rad from the heading to the goal's position, seen from the hold at the start."""
+        return wrap_angles(self.hold_bearing - self.direct["yaw"])
 
     @cached_property
     def shot(self) -> Motions:

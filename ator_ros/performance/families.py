@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray
-from ator_ros.performance.turns import Indices, RealArray, TurnTables, Way, turn_tables
+from ator_ros.performance.durations import rates_of
+from ator_ros.performance.motion_search import KIND, Rows, Rules
+from ator_ros.performance.turns import TurnTables, Way, turn_tables
 from ator_ros.robot import Limits, Robot
 
 RUN = 0.25  # m straight up to a ball, twice the length of the fins that catch it
@@ -38,18 +39,6 @@ class Kind(NamedTuple):
     share: float = 0.0
     entry: float = np.nan
     backward: bool = False
-
-
-class Columns(NamedTuple):
-    """The kinds of a family as columns (kinds, 1), to broadcast against situations, or both turns' rows."""
-
-    first_way: Indices
-    last_way: Indices
-    changes: FloatArray
-    rates: FloatArray
-    share: FloatArray
-    entry: FloatArray
-    direction: RealArray
 
 
 @dataclass(frozen=True)
@@ -86,26 +75,28 @@ class Family:
         return turn_tables(self.limits, self._ways)
 
     @cached_property
-    def columns(self) -> Columns:
-        """The kinds as columns."""
+    def rows(self) -> Rows:
+        """The kinds as rows."""
+        rows = [
+            (
+                self._ways.index(kind.first),
+                self._ways.index(kind.last),
+                kind.first.change,
+                kind.last.change,
+                kind.first.rate,
+                kind.last.rate,
+                kind.share,
+                kind.entry,
+                -1.0 if kind.backward else 1.0,
+            )
+            for kind in self.kinds
+        ]
+        return np.array(rows, dtype=KIND)
 
-        def column(values: Iterable[float]) -> FloatArray:
-            return np.array([[value] for value in values])
-
-        def ways(which: Iterable[Way]) -> Indices:
-            return np.array([[self._ways.index(way)] for way in which], dtype=np.intp)
-
-        kinds = self.kinds
-        both = ([kind.first for kind in kinds], [kind.last for kind in kinds])
-        return Columns(
-            ways(kind.first for kind in kinds),
-            ways(kind.last for kind in kinds),
-            np.array([[way.change for way in ways] for ways in both]),
-            np.array([[way.rate for way in ways] for ways in both]),
-            column(kind.share for kind in kinds),
-            column(kind.entry for kind in kinds),
-            column(-1.0 if kind.backward else 1.0 for kind in kinds).astype(np.float32),
-        )
+    def rules(self, hold: float) -> Rules:
+        """Give what holds for all kinds, with a ball `hold` m ahead of the destination."""
+        run = np.nan if self.run is None else self.run
+        return Rules(rates_of(self.limits), run, self.passing, self.forward, hold)
 
 
 # The kinds below were chosen one by one, each as the one that brings the times nearest to those of all

@@ -100,7 +100,7 @@ IDEAL = (
 
 SHOT = (
     Feature("hold_dist", "m", _SHOT, lambda g: g.hold_dist),
-    Feature("hold_angle", "rad", _SHOT, lambda g: np.abs(wrap_angles(g.hold_bearing - g.direct["yaw"]))),
+    Feature("hold_angle", "rad", _SHOT, lambda g: np.abs(g.hold_angle)),
     Feature("shot_time", "s", _SHOT | {"v", "w"}, lambda g: g.shot.time, translation=False, rotation=False),
     Feature("hold_off_axis", "rad", _SHOT, lambda g: np.abs(g.hold_bearing), rotation=False),
     Feature(

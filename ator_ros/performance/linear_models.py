@@ -12,6 +12,8 @@ from ator_ros.performance.tree import BoolArray, IntArray
 # Added to the diagonal of the normal equations of standardised features: it settles features that are
 # constant or collinear in a node, and biases the others by a millionth.
 RIDGE = 1e-6
+# Share of the target's squares that keeps an exact fit from looking better than exact by rounding.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +63,24 @@ def solve(moments: FloatArray) -> FloatArray:
     left.flat[:: len(left) + 1] += RIDGE
     model: FloatArray = np.linalg.solve(left, moments[:-1, -1] / moments[0, 0])
     return model
+
+
+def residual_squares(moments: FloatArray) -> FloatArray:
+    """Give the sum of squared residuals of the linear model with all features, shape (…).
+
+    Parameters
+    ----------
+    moments : array of float, shape (…, 2 + n_features, 2 + n_features)
+        Normal equations.
+    """
+    weight = moments[..., 0, 0]
+    scaled = moments / weight[..., None, None]
+    terms = np.arange(moments.shape[-1] - 1)
+    scaled[..., terms, terms] += RIDGE
+    scaled[..., -1, -1] *= 1.0 + _ROUNDING
+    # The last element of the Cholesky factor is what the others leave of the target.
+    left: FloatArray = weight * np.linalg.cholesky(scaled)[..., -1, -1] ** 2
+    return left
 
 
 def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:

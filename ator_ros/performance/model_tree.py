@@ -31,17 +31,17 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     Learning follows M5' (Quinlan 1992; Wang and Witten 1997): splits by standard-deviation reduction, a
     linear model at every node with greedy term removal, bottom-up pruning by the corrected error
     RMSE × (n + v) / (n − v), and smoothing. It differs from M5' in two measured points. The deviation that a
-    split reduces is that around lines, not around means (see `partition`). And n counts groups of rows where
-    groups are given: the rows logged during one episode are not independent, and counting them as if they
-    were lets the tree memorise episodes.
+    split reduces is that around linear models, not around means (see `partition`). And n counts groups of
+    rows where groups are given: the rows logged during one episode are not independent, and counting them as
+    if they were lets the tree memorise episodes.
 
     Nothing is random: the same rows give the same tree.
 
     Parameters
     ----------
-    min_samples_leaf : float, default=15
+    min_samples_leaf : float, default=25
         Least weight (rows, without weights) at a leaf.
-    min_groups_leaf : float, default=8
+    min_groups_leaf : float, default=25
         Least groups at a leaf, estimated from the mean number of rows per group at the node above.
     max_depth : int or None, default=None
         Most comparisons on a path.
@@ -71,8 +71,8 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def __init__(
         self,
         *,
-        min_samples_leaf: float = 15,
-        min_groups_leaf: float = 8,
+        min_samples_leaf: float = 25,
+        min_groups_leaf: float = 25,
         max_depth: int | None = None,
         max_leaves: int = 500,
         candidates: int = 15,

@@ -1,9 +1,9 @@
 """Grow the partition of a model tree by standard-deviation reduction (paper, section 3).
 
 M5 chooses the split that leaves the least standard deviation on its two sides, as if each side were predicted
-by a constant. Here each side is predicted by what a model tree uses, a line: the standard deviation is
-that of the residuals of the node's linear model after a line in the split feature has been fitted on either
-side. That finds the kinks of the target rather than its slopes, and leaves half the error for as many leaves.
+by a constant. Here each side is predicted by what a model tree uses, a linear model of all features, and
+its deviation is corrected for the number of its terms. That finds the kinks of the target rather than its
+slopes, and leaves half the error for as many leaves.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.linear_models import normal_equations, solve
+from ator_ros.performance.linear_models import corrected_error, normal_equations, residual_squares, solve
 from ator_ros.performance.tree import BoolArray, IntArray
 
-# Less variance of a standardised feature than this, within a node, carries no line.
-_FLAT = 1e-9
 # A node whose root-mean-square residual is this fraction of the target's deviation is exact.
 _EXACT = 1e-9
+# Deviation, in standard deviations of the target, of a side with no more samples than terms.
+_WORST = 1e6
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,13 @@ class Partition:
     def grow(self) -> list[GrownNode]:
         """Split the nodes, those first that gain most, and give all of them."""
         order = np.ascontiguousarray(np.argsort(self.X, axis=0, kind="stable").T)
-        self._features = np.ascontiguousarray(self.rows[:, 1:-1].T)
-        # Equal values share a code, so that no split falls between them.
-        self._codes = np.vstack([np.unique(column, return_inverse=True)[1] for column in self.X.T])
+        # What the sides of splits are fitted to: the rows, with the residuals of their node for a target.
+        self._residuals = self.rows.copy()
+        # Feature j's values have their place in the j-th stretch of one long row.
+        self._stretch = len(self.X) * np.arange(len(order))[:, None]
+        self._codes = _value_codes(self.X, order) + self._stretch
         self._goes_left = np.zeros(len(self.X), dtype=bool)
+        self._is_weighted = bool((self.weight != 1.0).any())
         queue: list[tuple[float, int, _Split]] = []
         self._add(order, 0, queue)
         leaves = 1
@@ -122,12 +125,12 @@ class Partition:
             order=order,
             depth=depth,
             moments=normal_equations(table, weight),
-            samples=float(weight.sum()) if self.groups is None else len(np.unique(self.groups[rows])),
+            samples=float(weight.sum()) if self.groups is None else _count_distinct(self.groups[rows]),
             target_range=(float(target.min()), float(target.max())),
         )
         self.nodes.append(node)
         number = len(self.nodes) - 1
-        split = self._best_split(node)
+        split = self._best_split(node, table)
         if split is not None:
             heapq.heappush(queue, (-split.reduction, number, split))
         return number
@@ -139,15 +142,18 @@ class Partition:
         node.feature, node.threshold = split.feature, float(middle if middle < above else below)
         self._goes_left[node.order[0]] = False
         self._goes_left[along[: split.position]] = True
-        left: BoolArray = self._goes_left[node.order]
+        left: BoolArray = self._goes_left.take(node.order)
         n_features = len(node.order)
         first = self._add(node.order[left].reshape(n_features, -1), node.depth + 1, queue)
         second = self._add(node.order[~left].reshape(n_features, -1), node.depth + 1, queue)
         node.children = (first, second)
         node.order = node.order[:, :0]
 
-    def _best_split(self, node: GrownNode) -> _Split | None:
-        """Choose the split with the greatest standard-deviation reduction, None if there is none to make."""
+    def _best_split(self, node: GrownNode, table: FloatArray) -> _Split | None:
+        """Choose the split with the greatest standard-deviation reduction, None if there is none to make.
+
+        `table` holds the node's standardised rows, in the order of the first feature.
+        """
         total = node.moments[0, 0]
         minimum = max(
             self.limits.min_samples_leaf,
@@ -156,17 +162,21 @@ class Partition:
         too_deep = self.limits.max_depth is not None and node.depth >= self.limits.max_depth
         if too_deep or total < 2 * minimum:
             return None
-        table = self.rows[node.order[0]]
-        residual = np.zeros(len(self.X))
-        residual[node.order[0]] = table[:, -1] - table[:, :-1] @ solve(node.moments)
-        positions, is_split = self._candidates(node, min(self.limits.candidates, int(total // minimum)))
-        left, whole = self._line_sums(node, residual, positions)
-        right = whole - left
-        is_split &= (left[0] >= minimum) & (right[0] >= minimum)
-        if not is_split.any() or whole[5, 0, 0] <= _EXACT**2 * total:
+        residual = table[:, -1] - table[:, :-1] @ solve(node.moments)
+        squared = float(self.weight[node.order[0]] @ residual**2)
+        if squared <= _EXACT**2 * total:
             return None
-        before = np.sqrt(total * whole[5, 0, 0])
-        after = np.where(is_split, _deviation_of_line(left) + _deviation_of_line(right), np.inf)
+        self._residuals[node.order[0], -1] = residual
+        positions, is_split = self._candidates(node, min(self.limits.candidates, int(total // minimum)))
+        sums = self._moments_left(node, positions)
+        left, right = sums[:, :-1], (sums[:, -1:] - sums)[:, :-1]
+        is_split &= (left[..., 0, 0] >= minimum) & (right[..., 0, 0] >= minimum)
+        if not is_split.any():
+            return None
+        before = np.sqrt(total * squared)
+        after = np.full(is_split.shape, np.inf)
+        sides = np.stack([left[is_split], right[is_split]])
+        after[is_split] = self._deviation(sides, total / node.samples).sum(axis=0)
         # Rounding errors shall not choose between equal splits: the first wins, in any order of the rows.
         best = np.round(after / before, 6).argmin()
         feature, candidate = np.unravel_index(int(best), after.shape)
@@ -179,48 +189,64 @@ class Partition:
         Also gives which of them are splits at all: one side may be empty where many values are equal.
         """
         n_features, n = node.order.shape
-        cumulative = np.cumsum(self.weight[node.order], axis=1)
-        total = cumulative[0, -1]
+        total = node.moments[0, 0]
         targets = total * np.arange(1, count + 1) / (count + 1)
-        # One search for all features: feature j's sorted values lie in the j-th stretch of one rising array.
-        stretch = np.arange(n_features)[:, None]
-        wanted = (targets + 2 * total * stretch).ravel()
-        at = np.searchsorted((cumulative + 2 * total * stretch).ravel(), wanted).reshape(n_features, count)
-        at = np.minimum(at - n * stretch, n - 1)
-        codes = self._codes[stretch, node.order] + len(self.X) * stretch
+        if self._is_weighted:
+            # One search for all features: the sums of weights go on rising from feature to feature.
+            shift = 2 * total * np.arange(n_features)[:, None]
+            cumulative = np.cumsum(self.weight.take(node.order), axis=1) + shift
+            at = np.searchsorted(cumulative.ravel(), (targets + shift).ravel()).reshape(n_features, count)
+            at = np.minimum(at - n * np.arange(n_features)[:, None], n - 1)
+        else:
+            at = np.broadcast_to(np.ceil(targets).astype(np.intp) - 1, (n_features, count))
+        codes = self._codes.take(node.order + self._stretch)
         after = np.searchsorted(codes.ravel(), np.take_along_axis(codes, at, axis=1).ravel(), side="right")
-        positions = after.reshape(n_features, count) - n * stretch
+        positions = after.reshape(n_features, count) - n * np.arange(n_features)[:, None]
         return np.minimum(positions, n - 1), positions < n
 
-    def _line_sums(
-        self, node: GrownNode, residual: FloatArray, positions: IntArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Sum what a line needs (1, z, z², e, z·e, e²) left of each position and over the node.
+    def _moments_left(self, node: GrownNode, positions: IntArray) -> FloatArray:
+        """Sum the normal equations of the rows left of each position, and of all rows.
 
-        Gives arrays of shapes (6, n_features, n_candidates) and (6, n_features, 1).
+        Gives shape (n_features, n_candidates + 1, n_columns, n_columns).
         """
-        order = node.order
-        z = self._features[np.arange(len(order))[:, None], order]
-        e, w = residual[order], self.weight[order]
-        we, wz = w * e, w * z
-        # The stretches between the positions are summed first. One of length 0 would give an element, not 0.
-        starts = np.column_stack([np.zeros(len(order), dtype=np.intp), positions])
-        is_empty = np.diff(starts, axis=1, append=order.shape[1]) == 0
-        flat = (starts + order.shape[1] * np.arange(len(order))[:, None]).ravel()
-        terms = (w, wz, wz * z, we, we * z, we * e)
-        stretches = np.stack([np.add.reduceat(term.ravel(), flat) for term in terms]).reshape(
-            6, *starts.shape
-        )
-        cumulative = np.where(is_empty, 0.0, stretches).cumsum(axis=2)
-        return cumulative[:, :, :-1], cumulative[:, :, -1:]
+        ends = np.column_stack([positions, np.full(len(positions), node.order.shape[1])])
+        columns = self.rows.shape[1]
+        moments = np.zeros((*ends.shape, columns, columns))
+        for order, stops, sums in zip(node.order, ends.tolist(), moments, strict=True):
+            table = self._residuals.take(order, axis=0)
+            weighted = table * self.weight.take(order)[:, None] if self._is_weighted else table
+            begin = 0
+            for number, end in enumerate(stops):
+                if end > begin:
+                    np.matmul(weighted[begin:end].T, table[begin:end], out=sums[number])
+                    begin = end
+        return moments.cumsum(axis=1, out=moments)
+
+    def _deviation(self, moments: FloatArray, weight_per_sample: float) -> FloatArray:
+        """Give weight × corrected deviation around the linear models of sides of splits.
+
+        The sides come by their normal equations, shape (…, n_columns, n_columns), the result in (…).
+        """
+        weight = moments[..., 0, 0]
+        terms = np.full(weight.shape, moments.shape[-1] - 1.0)
+        samples = weight / weight_per_sample
+        error = corrected_error(residual_squares(moments), weight, samples, terms)
+        deviation: FloatArray = weight * np.where(np.isfinite(error), error, _WORST)
+        return deviation
 
 
-def _deviation_of_line(sums: FloatArray) -> FloatArray:
-    """Give √(weight × squared error) of the least-squares line, from its sums (6, …): weight × deviation."""
-    weight = np.maximum(sums[0], 1e-300)
-    _, z, zz, e, ze, ee = sums
-    variance, covariance = zz - z * z / weight, ze - z * e / weight
-    has_slope = variance > _FLAT * weight
-    explained = np.where(has_slope, covariance**2 / np.where(has_slope, variance, 1.0), 0.0)
-    deviation: FloatArray = np.sqrt(weight * np.maximum(ee - e * e / weight - explained, 0.0))
-    return deviation
+def _value_codes(X: FloatArray, order: IntArray) -> IntArray:
+    """Give the number of each value among the distinct ones of its feature, shape (n_features, n).
+
+    Equal values share a code, so that no split falls between them.
+    """
+    values = np.take_along_axis(X.T, order, axis=1)
+    rises = np.zeros(order.shape, dtype=np.intp)
+    rises[:, 1:] = values[:, 1:] != values[:, :-1]
+    codes = np.empty(order.shape, dtype=np.intp)
+    np.put_along_axis(codes, order, rises.cumsum(axis=1), axis=1)
+    return codes
+
+
+def _count_distinct(codes: IntArray) -> int:
+    return int(np.count_nonzero(np.bincount(codes)))

@@ -1,4 +1,4 @@
-"""A learned model tree: flat arrays that predict with numpy alone (paper, section 3)."""
+"""A learned model tree: flat arrays, and compiled loops that predict with them (paper, section 3)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 
 IntArray = NDArray[np.intp]
@@ -60,7 +61,6 @@ class ModelTree:
         for node in np.flatnonzero(~self.is_leaf):
             depth[self.children[node]] = depth[node] + 1
         object.__setattr__(self, "_depth", int(depth.max()))
-        object.__setattr__(self, "_next", np.ascontiguousarray(self.children).ravel())
 
     @property
     def is_leaf(self) -> BoolArray:
@@ -100,13 +100,9 @@ class ModelTree:
         if X.ndim != 2 or X.shape[1] != len(self.names):
             names = ", ".join(self.names)
             raise ValueError(f"expected features of shape (n, {len(self.names)}) ({names}), got {X.shape}")
-        flat = X.ravel()
-        first = np.arange(0, flat.size, X.shape[1])
-        node = np.zeros(len(X), dtype=np.intp)
-        for _ in range(self.depth):
-            goes_right = flat.take(first + self.feature.take(node)) > self.threshold.take(node)
-            node = self._next.take(2 * node + goes_right)  # type: ignore[attr-defined]
-        return node
+        leaf = np.empty(len(X), dtype=np.intp)
+        _walk(X, self.feature, self.threshold, self.children, leaf)
+        return leaf
 
     def predict(self, X: FloatArray) -> FloatArray:
         """Predict the target of each row, in its unit; shapes as in `apply`."""
@@ -118,8 +114,30 @@ class ModelTree:
         return self._evaluate(X, leaf), self.spread.take(leaf)
 
     def _evaluate(self, X: FloatArray, leaf: IntArray) -> FloatArray:
-        # In one layout, sums come out the same to the last bit whoever asks.
-        X = np.ascontiguousarray(X, dtype=np.float64)
-        linear = np.einsum("ij,ij->i", X, self.coefficients.take(leaf, axis=0)) + self.intercept.take(leaf)
-        bounded: FloatArray = np.minimum(np.maximum(linear, self.lower.take(leaf)), self.upper.take(leaf))
+        value = np.empty(len(X))
+        _evaluate(X, leaf, self.intercept, self.coefficients, value)
+        bounded: FloatArray = np.minimum(np.maximum(value, self.lower.take(leaf)), self.upper.take(leaf))
         return bounded
+
+
+@compiled
+def _walk(
+    X: FloatArray, feature: IntArray, threshold: FloatArray, children: IntArray, leaf: IntArray
+) -> None:
+    for row in range(len(X)):
+        node = 0
+        while children[node, 0] != node:
+            node = children[node, 1 if X[row, feature[node]] > threshold[node] else 0]
+        leaf[row] = node
+
+
+@compiled
+def _evaluate(
+    X: FloatArray, leaf: IntArray, intercept: FloatArray, coefficients: FloatArray, value: FloatArray
+) -> None:
+    for row in range(len(X)):
+        node = leaf[row]
+        result = intercept[node]
+        for column in range(X.shape[1]):
+            result += X[row, column] * coefficients[node, column]
+        value[row] = result

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.robot import Limits
 
@@ -21,7 +21,7 @@ FINE = 36  # entries of the tables per step
 SPEED_STEP = 0.02  # m/s
 TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
 WIDEST = (HALF + 0.99) * STEP  # up to which turns can be looked up
-_EDGE = (HALF + 1) * FINE
+EDGE = (HALF + 1) * FINE  # entries of the tables either side of no turn
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
 
@@ -33,8 +33,7 @@ class Way(NamedTuple):
     rate: float
 
 
-@dataclass(frozen=True, eq=False)
-class TurnTables:
+class TurnTables(NamedTuple):
     """Displacements of turns by angles from -292.5 to 292.5 degrees, for some ways to drive them.
 
     They are given along and across (to the left of) the heading that lies between the turn and the straight
@@ -46,8 +45,8 @@ class TurnTables:
         In m; a row for each way and speed.
     brackets : ndarray, shape (rows, len(TURNS))
         Across, at TURNS.
-    windows : ndarray, shape (rows, FINE, windows, len(TURNS))
-        Across, at TURNS moved by whole steps and fractions of one; see `window`.
+    fractions : ndarray, shape (rows, FINE, columns)
+        Across, at turns that are whole steps apart, beginning with any entry; see `window_of`.
     lowest : float
         First speed in m/s.
     speeds : int
@@ -57,40 +56,44 @@ class TurnTables:
     along: FloatArray
     across: FloatArray
     brackets: RealArray
-    windows: RealArray
+    fractions: RealArray
     lowest: float
     speeds: int
 
-    def rows(self, way: Indices, speed: RealArray) -> Indices:
-        """Give the rows of turns that are driven in `way` from `speed` (m/s)."""
-        row = ((speed - self.lowest) * (1.0 / SPEED_STEP) + 0.5).astype(np.intp)
-        result: Indices = way * self.speeds + row.clip(0, self.speeds - 1)
-        return result
 
-    def across_from(self, row: Indices, moved: RealArray) -> RealArray:
-        """Give across at TURNS moved by `moved` (rad, within 540 degrees), shape (..., len(TURNS))."""
-        step, fraction = np.divmod((2 * HALF * FINE + 0.5 + moved * (FINE / STEP)).astype(np.intp), FINE)
-        return self.windows[row, fraction, step]
+@compiled
+def row_of(tables: TurnTables, way: int, speed: float) -> int:
+    """Give the row of turns that are driven in `way` from `speed` (m/s)."""
+    row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
+    return way * tables.speeds + min(max(row, 0), tables.speeds - 1)
 
-    def place(self, row: Indices, angle: FloatArray) -> tuple[Indices, FloatArray]:
-        """Give where turns by `angle` (rad) lie in the tables: the entry before, and the share beyond it."""
-        place = angle * (FINE / STEP) + _EDGE
-        low = place.astype(np.intp)
-        share = place - low
-        return low + row * (2 * _EDGE + 1), share
 
-    def at(self, table: FloatArray, place: tuple[Indices, FloatArray]) -> FloatArray:
-        """Look up `along` or `across` at a place."""
-        low, share = place
-        below = table.take(low)
-        result: FloatArray = below + share * (table.take(low + 1) - below)
-        return result
+@compiled
+def window_of(moved: float) -> tuple[int, int]:
+    """Give where in a row of `fractions` TURNS moved by `moved` (rad, within 540 degrees) begin."""
+    place = int(2 * HALF * FINE + 0.5 + moved * (FINE / STEP))
+    return place % FINE, place // FINE
+
+
+@compiled
+def place_of(row: int, angle: float) -> tuple[int, float]:
+    """Give where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
+    place = angle * (FINE / STEP) + EDGE
+    low = int(place)
+    return low + row * (2 * EDGE + 1), place - low
+
+
+@compiled
+def look_up(table: FloatArray, low: int, share: float) -> float:
+    """Look up `along` or `across` at a place."""
+    result: float = table[low] + share * (table[low + 1] - table[low])
+    return result
 
 
 @lru_cache(maxsize=32)
 def turn_tables(limits: Limits, ways: tuple[Way, ...]) -> TurnTables:
     """Compute the tables of `ways` for a robot's limits; cached."""
-    angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, _EDGE + 1)
+    angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, EDGE + 1)
     speeds: FloatArray = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP, dtype=np.float64)
     parts = [_displacements(limits, way, speeds, angles) for way in ways]
     # A turn to the right is the mirror image of one to the left.
@@ -100,9 +103,8 @@ def turn_tables(limits: Limits, ways: tuple[Way, ...]) -> TurnTables:
     beyond = (2 * HALF - 1) * FINE
     wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
     fractions = np.ascontiguousarray(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2))
-    windows = np.lib.stride_tricks.sliding_window_view(fractions, len(TURNS), axis=-1)
     brackets = across[:, FINE:-FINE:FINE].astype(np.float32)
-    return TurnTables(along.ravel(), across.ravel(), brackets, windows, -limits.v, len(speeds))
+    return TurnTables(along.ravel(), across.ravel(), brackets, fractions, -limits.v, len(speeds))
 
 
 def _displacements(

@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -89,13 +90,15 @@ class Analysis:
 
 def goal_values(goal: Goal) -> dict[str, float]:
     """Give the goal variables of `goal`: x, y, yaw of its pose (m, rad), and its other numbers by name."""
-    values = goal.pose._asdict()
-    values.update(
-        (item.name, float(getattr(goal, item.name)))
-        for item in dataclasses.fields(goal)
-        if isinstance(getattr(goal, item.name), int | float)
-    )
+    values = dict(zip(goal.pose._fields, goal.pose, strict=True))
+    for name in _numbers(type(goal)):
+        values[name] = float(getattr(goal, name))
     return values
+
+
+@cache
+def _numbers(kind: type[Goal]) -> tuple[str, ...]:
+    return tuple(item.name for item in dataclasses.fields(kind) if item.type == "float")
 
 
 def with_values(goal: Goal, values: Mapping[str, float]) -> Goal:

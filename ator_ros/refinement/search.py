@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def search(
         Values of each subgoal, shape (k,), that shall be among the candidates, so that the result is never
         worse.
     """
-    grids, steps = _first_grids(axes)
+    grids, steps = _first_grids(tuple(map(tuple, axes)))
     candidates = grids
     if given is not None:
         candidates = [
@@ -94,8 +95,12 @@ def search(
     return Optimum(tuple(values), cost, curves)
 
 
-def _first_grids(axes: Sequence[Sequence[Domain]]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Give for each subgoal the first candidates, shape (n, k), and their distances, shape (k,)."""
+@lru_cache(maxsize=32)
+def _first_grids(axes: tuple[tuple[Domain, ...], ...]) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Give for each subgoal the first candidates, shape (n, k), and their distances, shape (k,).
+
+    Plans are repeated, so grids are kept; nobody may write to them.
+    """
     grids, steps = [], []
     for index, domains in enumerate(axes):
         neighbours = [axes[i] for i in (index - 1, index + 1) if 0 <= i < len(axes)]
@@ -111,6 +116,7 @@ def _first_grids(axes: Sequence[Sequence[Domain]]) -> tuple[list[FloatArray], li
             for domain, count in zip(domains, counts, strict=True)
         ]
         grids.append(_product(lines))
+        grids[-1].setflags(write=False)
         steps.append(np.array([line[1] - line[0] for line in lines]))
     return grids, steps
 

@@ -1,4 +1,8 @@
-"""Measure the speed of the simulation, of the core refinement and of the service, against what it must be."""
+"""Measure speeds and learners against what they must be.
+
+The parts: simulation, refinement (the core's), service, collection (of experience), and learners: our model
+tree beside others on the same rows.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.experience.table import library_versions
-from ator_ros.files import write_text
-from ator_ros.tools import bench_refinement, bench_simulation
+from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.tools import bench_collection, bench_learners, bench_refinement, bench_simulation
 
 
-def _service() -> dict[str, Any]:
+def _service(_: argparse.Namespace) -> dict[str, Any]:
     try:
         from ator_ros.tools import bench_service
     except ImportError as error:
@@ -25,10 +29,19 @@ def _service() -> dict[str, Any]:
     return {"round trip": bench_service.measure()}
 
 
-PARTS: Mapping[str, Callable[[], Mapping[str, Any]]] = {
-    "simulation": bench_simulation.measure,
-    "refinement": bench_refinement.measure,
+def _learners(options: argparse.Namespace) -> dict[str, Any]:
+    tables = {"experience": options.experience, "fresh": options.fresh}
+    cases = bench_learners.measure(tables)
+    write_text(options.out.with_name("peers.md"), bench_learners.document(cases))
+    return cases
+
+
+PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, Any]]] = {
+    "simulation": lambda _: bench_simulation.measure(),
+    "refinement": lambda _: bench_refinement.measure(),
     "service": _service,
+    "collection": lambda _: bench_collection.measure(),
+    "learners": _learners,
 }
 
 
@@ -36,25 +49,42 @@ def arguments() -> argparse.ArgumentParser:
     """Give the command line of `bench`."""
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
-    parser.add_argument("--out", type=Path, default=Path("docs/benchmarks.json"), metavar="FILE.json")
+    for name, text in (("experience", "to learn from"), ("fresh", "to measure learners on")):
+        parser.add_argument(
+            f"--{name}",
+            type=Path,
+            default=Path(f"out/reproduce/{name}.parquet"),
+            metavar="TABLE",
+            help=f"table of `collect` {text}; collected if it is not there (default: %(default)s)",
+        )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("docs/benchmarks.json"),
+        metavar="FILE.json",
+        help="keeps what it holds of other parts; the learners' table, peers.md, goes beside it "
+        "(default: %(default)s)",
+    )
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code is 1 where a part cannot be measured."""
     options = arguments().parse_args(argv)
-    report: dict[str, Any] = {
-        "measured": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": machine(),
-    }
     try:
+        report = read_json(options.out) if options.out.exists() else {}
         for part in options.parts:
-            report[part] = {case: {**row, **met(row)} for case, row in PARTS[part]().items()}
+            where = machine()
+            report[part] = {case: {**row, **met(row)} for case, row in PARTS[part](options).items()}
+            report.setdefault("measured", {})[part] = where
             print("\n".join(rows(part, report[part])), flush=True)
+            write_text(options.out, json.dumps(report, indent=1) + "\n")
+    except UnreadableError as error:
+        print(f"bench: {error}", file=sys.stderr)
+        return 1
     except RuntimeError as error:
         print(f"bench: {part}: {error}", file=sys.stderr)
         return 1
-    write_text(options.out, json.dumps(report, indent=1) + "\n")
     print(f"written: {options.out}")
     return 0
 
@@ -72,17 +102,22 @@ def met(row: Mapping[str, float]) -> dict[str, bool]:
     return {"met": all(kept)} if kept else {}
 
 
-def rows(part: str, results: Mapping[str, Mapping[str, float]]) -> list[str]:
+def rows(part: str, results: Mapping[str, Mapping[str, float | str]]) -> list[str]:
     """Give the lines of a part of the table: one for each case, the numbers by name."""
     return [
-        f"{part:11} {case:34} " + "  ".join(f"{name} {value:g}" for name, value in row.items())
+        f"{part:11} {case:34} " + "  ".join(f"{name} {_shown(value)}" for name, value in row.items())
         for case, row in results.items()
     ]
 
 
+def _shown(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
+
+
 def machine() -> dict[str, Any]:
-    """Describe where this was measured: processor, cores, load, versions."""
+    """Describe when and where a part is measured: processor, cores, load, versions."""
     return {
+        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
         "processor": _processor(),
         "cores": os.cpu_count(),
         "load_at_start": [round(load, 2) for load in os.getloadavg()],

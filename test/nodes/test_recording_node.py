@@ -127,7 +127,9 @@ def test_drives_are_found_in_odometry_and_commands(recording: Recording, tmp_pat
     folder = recording.recorder.write(tmp_path / "bag", "/odom", "/cmd_vel")
     drives = starts(read_recording(folder, load_robot()).of("goToPose")).head(DRIVES)
     durations = [record.actual.duration for record in recording.drives]
-    assert drives["duration"].tolist() == pytest.approx(durations, abs=0.25)
+    # A busy machine may plan for a while before the first command, which odometry can't show.
+    for found, recorded in zip(drives["duration"], durations, strict=True):
+        assert 0.6 * recorded < found < recorded + 0.25
     check_places(drives, recording.drives, within=0.08)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import lru_cache
 
@@ -16,6 +17,9 @@ _ENTRY_SPEEDS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8)
 _ENTRY_CHANGES = (0.0, 0.2, 0.4, 0.6, 0.77)
 _EXIT_SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
 _EXIT_CHANGES = (0.0, 0.25, 0.45)
+_RUN_UP_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
+_RUN_UP_CHANGES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.77)
+_RUN_UP_RATES = tuple(1.0 - 0.02 * step for step in range(40))
 _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
 
 
@@ -43,6 +47,19 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
                 turn = Driving(v, change, rate * limits.w)
                 if push(robot, v, turn.turn_rate, change) >= MARGIN:
                     sides.append(Side(lead, speed, turn))
+    return tuple(sides)
+
+
+@lru_cache(maxsize=256)
+def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
+    """Give the ways to begin a run-up at `speed` (m/s): straight, then turn as fast as the ball allows."""
+    sides = []
+    for v in sorted({*_RUN_UP_SPEEDS, speed}):
+        lead = _straight(limits, speed, v)
+        for change in _RUN_UP_CHANGES:
+            turns = (Driving(v, change, rate * limits.w) for rate in _RUN_UP_RATES)
+            kept = (turn for turn in turns if push(robot, v, turn.turn_rate, change) >= MARGIN)
+            sides += [Side(lead, speed, turn) for turn in itertools.islice(kept, 1)]
     return tuple(sides)
 
 

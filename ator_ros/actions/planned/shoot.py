@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 import math
+from contextlib import suppress
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.actions.planned.clearance import Obstacles
-from ator_ros.actions.planned.holding import entry_sides, release_sides
+from ator_ros.actions.planned.holding import release_sides, run_up_sides
 from ator_ros.actions.planned.holding_action import HoldingAction
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.planner import fastest
-from ator_ros.geometry import Pose
+from ator_ros.actions.planned.release import release_poses, scoring_time
+from ator_ros.actions.planned.run_up import run_up
 from ator_ros.world import World
 
-# Distance in m before the goal line, along the heading, at which the robot brakes; the ball rolls twice that.
-RELEASE = 0.33
-_AIMS = (-0.4, 0.0, 0.4)  # shares of half the goal's width
-_HEADINGS = tuple(math.radians(angle) for angle in (-35.0, 0.0, 35.0))
 _PATIENCE = 2.0
+_LARGE = math.radians(200.0)  # beyond which two turns may be better than one
 _TRIES = 40  # for each way to release: where the posts block so many, another release is better
 
 
@@ -38,31 +36,23 @@ class Shoot(HoldingAction):
         super().start(world, Goal(goal.pose, 0.0, goal.point))
 
     def plan(self, world: World) -> Manoeuvre:
-        """Plan the fastest of a few run-ups that end in front of the goal at full speed."""
+        """Plan the run-up that brings the ball behind the line first."""
         robot, limits, start = self.robot, self.plan_limits, world.robot.pose
-        entries = entry_sides(robot, limits, round(max(0.0, world.robot.v), 3))
+        mouth = self.goal.pose._replace(yaw=0.0 if self.goal.pose.x > 0.0 else math.pi)
+        speed = round(max(0.0, world.robot.v), 3)
+        entries = run_up_sides(robot, limits, speed)
+        one_turn = run_up(robot, start, mouth, entries, limits)
+        if one_turn is not None and abs(one_turn.first) < _LARGE:
+            return one_turn
+        plans = [] if one_turn is None else [one_turn]
         exits = release_sides(robot, limits)
-        plans = []
-        for release in self._releases():
-            try:
-                plans.append(
-                    fastest(
-                        robot,
-                        start,
-                        release,
-                        entries,
-                        exits,
-                        limits,
-                        Obstacles(),
-                        forward_only=True,
-                        tries=_TRIES,
-                    )
-                )
-            except ActionError:
-                continue
+        for pose in release_poses(robot, mouth, limits):
+            with suppress(ActionError):
+                plans.append(fastest(robot, start, pose, entries, exits, limits, Obstacles(),
+                                     forward_only=True, tries=_TRIES))  # fmt: skip
         if not plans:
             raise ActionError(f"{self.name}: expected room for a run-up to the goal, found none")
-        return min(plans, key=lambda plan: plan.duration)
+        return min(plans, key=lambda plan: scoring_time(robot, mouth, plan))
 
     def step(self, world: World) -> Step:
         """Follow the run-up, then brake until the ball is in the goal."""
@@ -80,17 +70,6 @@ class Shoot(HoldingAction):
         """Release the ball by braking as hard as the base can."""
         self._released = world.time
         return finished(Status.RUNNING, "released the ball")
-
-    def _releases(self) -> list[Pose]:
-        """Give poses of the axle at which the ball, let go, rolls into the goal."""
-        x, y = self.goal.pose.x, self.goal.pose.y
-        outward = 0.0 if x > 0.0 else math.pi
-        half = self.robot.field.goal_width / 2.0
-        poses = []
-        for aim, heading in itertools.product(_AIMS, _HEADINGS):
-            mouth = Pose(x, y + aim * half, outward + heading)
-            poses.append(mouth.ahead(-RELEASE - self.robot.hold))
-        return poses
 
     def _in_goal(self, world: World) -> bool:
         ball, goal = world.ball, self.goal.pose

@@ -1,1 +1,0 @@
-"""Comparisons with other tools; run from a checkout, not installed."""

@@ -1,0 +1,31 @@
+"""Chains take as long over ROS as in the tools."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+
+from ator_ros.tools.compare import summary
+
+
+@pytest.mark.node
+def test_at_full_speed_the_nodes_drive_as_the_tools_do(tmp_path: Path) -> None:
+    compare = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "compare")
+    out = tmp_path / "compare.json"
+    words = ["--situations", "2", "--real-time-factor", "0", "--out", str(out)]
+    ended = subprocess.run([str(compare), *words], capture_output=True, text=True, check=False, timeout=200)
+    assert ended.returncode == 0, ended.stdout[-2000:] + ended.stderr
+    report = json.loads(out.read_text(encoding="utf-8"))
+    assert report["situations"] == report["same_to_the_tick"] == 2
+    assert report["met"]
+
+
+def test_means_that_are_apart_are_told() -> None:
+    told = summary([(10.0, 10.0), (11.0, 10.0)])
+    assert told["difference_percent"] == pytest.approx(5.0)
+    assert told["same_to_the_tick"] == 1
+    assert not told["met"]

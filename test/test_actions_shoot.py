@@ -1,0 +1,121 @@
+"""The run-ups of shoot: they lead into the goal, as fast from neighbouring starts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.planned.manoeuvre import Manoeuvre
+from ator_ros.actions.planned.release import release, release_poses, scoring_time
+from ator_ros.actions.planned.shoot import Shoot
+from ator_ros.actions.planned.trajectory import Trajectory
+from ator_ros.experience.situations import random_situation
+from ator_ros.geometry import Pose
+from ator_ros.robot import load_robot
+from ator_ros.world import BallState, RobotState, World
+
+ROBOT = load_robot()
+LIMITS = Shoot(ROBOT).plan_limits
+MOUTH = Pose(*ROBOT.field.goal_centre(), 0.0)
+
+
+def planned(start: Pose, speed: float = 0.0, mouth: Pose = MOUTH) -> Manoeuvre:
+    action, ball = Shoot(ROBOT), ROBOT.hold_point(start)
+    world = World(0.0, RobotState(start, speed), BallState(ball.x, ball.y))
+    action.start(world, Goal(mouth, 0.0, Point.HOLD))
+    return action.plan(world)
+
+
+def starts(seed: int, count: int) -> list[RobotState]:
+    """Draw starts at least a metre before the goal line, where no post is in the way."""
+    rng = np.random.default_rng(seed)
+    drawn: list[RobotState] = []
+    while len(drawn) < count:
+        state = random_situation("shoot", ROBOT, rng).robot
+        if state.pose.x < MOUTH.x - 1.0:
+            drawn.append(state)
+    return drawn
+
+
+def crossing(plan: Manoeuvre) -> float:
+    """Give where on the line the ball crosses it, in m from the middle of the mouth."""
+    ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
+    return ball.y - ball.x * math.tan(ball.yaw)
+
+
+def test_every_run_up_ends_where_the_ball_rolls_between_the_posts() -> None:
+    for state in starts(71, 25):
+        plan = planned(state.pose, max(0.0, state.v))
+        ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
+        way = (ROBOT.ball.radius - ball.x) / math.cos(ball.yaw)
+        rolled_out = plan.exit.outer_speed**2 / (2.0 * ROBOT.ball.rolling_deceleration)
+        assert 0.0 <= way < 0.7 * rolled_out
+        assert abs(crossing(plan)) + ROBOT.ball.radius < ROBOT.field.goal_width / 2.0 - 0.2
+        trajectory = Trajectory(plan)
+        unspread = trajectory.at(trajectory.duration - 1e-9).pose
+        assert unspread.distance(plan.goal) < 1e-3
+        assert plan.is_forward()
+
+
+def test_the_robot_stops_before_the_wall_of_the_goal() -> None:
+    for state in starts(72, 25):
+        plan = planned(state.pose)
+        stop = MOUTH.relative(plan.goal).ahead(plan.exit.outer_speed**2 / (2.0 * ROBOT.limits.brake))
+        assert stop.x + ROBOT.reach < ROBOT.field.goal_depth
+        assert abs(stop.y) + ROBOT.reach < ROBOT.field.goal_width / 2.0
+
+
+def test_the_planned_time_hardly_changes_with_a_degree() -> None:
+    changes = []
+    for state in starts(73, 50):
+        times = []
+        for degrees in (0.0, 1.0):
+            start = state.pose._replace(yaw=state.pose.yaw + math.radians(degrees))
+            times.append(scoring_time(ROBOT, MOUTH, planned(start)))
+        changes.append(abs(times[1] - times[0]))
+    assert np.percentile(changes, 50) < 0.02
+    assert np.percentile(changes, 90) < 0.06
+
+
+def test_a_ball_just_before_the_goal_is_pushed_in_without_a_run_up() -> None:
+    plan = planned(ROBOT.pose_holding(Pose(3.7, 0.0, 0.0)))
+    assert plan.exit.outer_speed < 0.8
+    assert scoring_time(ROBOT, MOUTH, plan) < 1.2
+
+
+def test_from_beside_the_goal_two_turns_lead_in() -> None:
+    plan = planned(Pose(3.11, 2.51, math.radians(-19.0)))
+    assert plan.first * plan.last != 0.0
+    assert abs(crossing(plan)) < 0.6
+
+
+def test_both_goals_are_shot_at_alike() -> None:
+    start = Pose(2.0, 0.7, 1.0)
+    there = planned(start)
+    other = planned(
+        Pose(-start.x, -start.y, start.yaw + math.pi), mouth=Pose(-MOUTH.x, 0.0, 0.0)
+    )  # fmt: skip
+    assert other.duration == pytest.approx(there.duration)
+
+
+def test_a_ball_let_go_needs_speed_and_room() -> None:
+    def allowed(x: float, y: float, heading: float, speed: float) -> bool:
+        place = (np.array([value]) for value in (x, y, heading, speed))
+        return bool(release(ROBOT, *place, LIMITS).allowed[0])
+
+    assert allowed(-2.0, 0.0, 0.0, 0.5)
+    assert not allowed(-2.0, 0.9, 0.0, 0.5)  # at a post
+    assert not allowed(-2.0, -2.0, 1.3, 0.5)  # too slanted
+    assert not allowed(-0.35, 0.0, 0.0, 1.0)  # too late to let go
+
+
+def test_the_places_to_release_at_full_speed_are_allowed() -> None:
+    poses = [MOUTH.relative(pose) for pose in release_poses(ROBOT, MOUTH, LIMITS)]
+    x, y, yaw = np.array(poses).T
+    found = release(ROBOT, x, y, yaw, np.full(len(poses), LIMITS.v), LIMITS)
+    assert len(poses) > 10
+    assert found.allowed.all()
+    assert found.distance == pytest.approx(0.0, abs=1e-9)
