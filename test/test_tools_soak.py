@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import os
+from pathlib import Path
 
 import pytest
 
+from ator_ros.tools.soak import main
 from ator_ros.tools.soak_report import NODES, Answer, Sample, Soak, sample, summary
 
 
@@ -65,6 +67,28 @@ def test_at_real_time_ticks_and_cpu_are_judged() -> None:
     assert "expected 99% of the ticks within 5 ms, got 95.00%" in late
     assert "the executor takes 20.0% of a core" in executor
     assert "refinement idle takes 3.0%" in refinement
+
+
+@pytest.mark.parametrize("option", ["--duration", "--real-time-factor"])
+@pytest.mark.parametrize("text", ["nan", "inf", "-1", "long", ""])
+def test_times_that_make_no_sense_are_refused(
+    option: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([f"{option}={text}"])
+    assert f"argument {option}: expected a finite number from 0, got {text!r}" in capsys.readouterr().err
+
+
+def test_a_result_that_cannot_be_written_is_known_before_it_begins(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    for out in (tmp_path, tmp_path / "file" / "soak.json"):
+        assert main(["--out", str(out)]) == 1
+        told = capsys.readouterr()
+        assert told.err.startswith("soak: ")
+        assert str(tmp_path) in told.err
+        assert not told.out
 
 
 def test_a_process_is_measured() -> None:

@@ -38,17 +38,20 @@ def report_of(soak: Soak, *, duration: float, real_time_factor: float, seed: int
 def arguments() -> argparse.ArgumentParser:
     """Give the command line of `soak`."""
     parser = argparse.ArgumentParser(prog="soak", description=__doc__)
-    parser.add_argument("--duration", type=_positive, default=120.0, metavar="S", help="default: %(default)s")
-    parser.add_argument("--real-time-factor", type=float, default=0.0, metavar="F", help="0: highest")
+    parser.add_argument("--duration", type=_number, default=120.0, metavar="S", help="default: %(default)s")
+    parser.add_argument("--real-time-factor", type=_number, default=0.0, metavar="F", help="0: highest")
     parser.add_argument("--seed", type=whole(), default=701)
     parser.add_argument("--out", type=Path, default=Path("build/soak.json"), metavar="FILE.json")
     return parser
 
 
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"expected a time above 0 s, got {text}")
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a finite number from 0, got {text!r}")
     return value
 
 
@@ -63,11 +66,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             write_text(options.out, json.dumps(report_of(soak, **how), indent=1) + "\n")
 
     try:
+        # That it cannot be written is better known now than after an hour.
+        write_text(options.out, options.out.read_text(encoding="utf-8") if options.out.exists() else "{}\n")
         soak = run(**how, write=write)
     except ImportError as error:
         print(f"soak: {error}: source your ROS 2 workspace, or use make run", file=sys.stderr)
         return 1
-    except RuntimeError as error:  # a node that has ended is one
+    except (RuntimeError, OSError) as error:  # a node that has ended is one
         print(f"soak: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
