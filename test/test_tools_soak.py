@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 
 import pytest
 
-from ator_ros.tools.soak import NODES, Sample, Soak, sample, summary
+from ator_ros.tools.soak_report import NODES, PERIOD, Answer, Sample, Soak, sample, summary
 
 
 def soak(last: Sample) -> Soak:
     samples = {name: [Sample(100.0, 9, 30)] * 4 + [last] for name in NODES}
-    return Soak(chains=5, samples=samples, answers=[0.001] * 10)
+    return Soak(chains=5, samples=samples, answers=[ticks(0.001)] * 5)
+
+
+def ticks(*delays: float) -> list[Answer]:
+    """Give the answers of 20 ticks, delayed by `delays` s in turn."""
+    return [
+        Answer(PERIOD * tick, PERIOD * tick + delay)
+        for tick, delay in zip(range(20), itertools.cycle(delays), strict=False)
+    ]
 
 
 def test_what_stays_as_it_was_is_no_complaint() -> None:
     report = summary(soak(Sample(103.0, 9, 30)))
     assert report["worse"] == []
-    assert report["nodes_first_and_last_fifth"]["executor"]["memory"] == [100.0, 103.0]
-    assert report["odom_to_command_ms"][1] == {"median": 1.0, "p99": 1.0}
+    assert report["nodes"]["executor"]["memory"] == [100.0, 103.0]
+    assert report["odom_to_command_ms"][1] == {"median": 1.0, "p99": 1.0, "max": 1.0}
 
 
 @pytest.mark.parametrize(
@@ -31,6 +40,31 @@ def test_what_stays_as_it_was_is_no_complaint() -> None:
 )
 def test_what_has_grown_is_named(last: Sample, told: str) -> None:
     assert any(told in line for line in summary(soak(last))["worse"])
+
+
+def test_answers_that_come_later_and_chains_that_fail_are_named() -> None:
+    seen = soak(Sample(100.0, 9, 30))
+    seen.answers[-1] = ticks(0.02)
+    seen.failures = ["lost"]
+    assert summary(seen)["worse"] == [
+        "the median time to a command grew from 1.0 to 20.0 ms",
+        "1 of 5 chains failed",
+    ]
+    assert summary(seen)["failures"] == {"lost": 1}
+
+
+def test_at_real_time_ticks_and_cpu_are_judged() -> None:
+    seen = soak(Sample(100.0, 9, 30))
+    seen.idle_cpu, seen.busy, seen.busy_cpu = {"refinement": 0.01}, 100.0, dict.fromkeys(NODES, 10.0)
+    report = summary(seen, real_time=True)
+    assert report["worse"] == []
+    assert report["tick_deviation_ms"]["share_within_5_ms"] == 1.0
+    seen.answers[0] = ticks(0.0, 0.006)
+    seen.idle_cpu, seen.busy = {"refinement": 0.03}, 50.0
+    late, executor, refinement = summary(seen, real_time=True)["worse"]
+    assert "expected 99% of the ticks within 5 ms, got 80.00%" in late
+    assert "the executor takes 20.0% of a core" in executor
+    assert "refinement idle takes 3.0%" in refinement
 
 
 def test_a_process_is_measured() -> None:

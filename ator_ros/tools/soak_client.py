@@ -8,32 +8,37 @@ from collections.abc import Callable
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 
+from ator_ros.nodes.conversions import seconds_from
 from ator_ros.nodes.node_support import COMMANDS
 from ator_ros.tools.demo_client import DemoClient
+from ator_ros.tools.soak_report import Answer
 
 
 class SoakClient(DemoClient):
-    """As `DemoClient`; `take_answers` gives the times from an odometry message to the next command.
+    """As `DemoClient`; `take_answers` gives when odometry came, and the command that answered it.
 
     Both arrive in this process, so that the times hold what its own thread delays, too.
     """
 
     def __init__(self, domain: int, check: Callable[[], None], patience: float = 40.0) -> None:
-        self._odom_came: float | None = None
-        self._answers: list[float] = []
+        self._stamp = 0.0
+        self._came: float | None = None
+        self._answers: list[Answer] = []
         super().__init__(domain, check, patience)
         self._node.create_subscription(Twist, "cmd_vel", self._hear_command, COMMANDS)
 
     def _hear(self, message: Odometry) -> None:
         super()._hear(message)
-        self._odom_came = time.monotonic()
+        stamp = seconds_from(message.header.stamp)
+        if stamp != self._stamp:  # a paused world is published, too, and has no answer
+            self._stamp, self._came = stamp, time.monotonic()
 
     def _hear_command(self, _: Twist) -> None:
-        if self._odom_came is not None:
-            self._answers.append(time.monotonic() - self._odom_came)
-            self._odom_came = None
+        if self._came is not None:
+            self._answers.append(Answer(self._came, time.monotonic()))
+            self._came = None
 
-    def take_answers(self) -> list[float]:
-        """Give the times in s since the last call."""
+    def take_answers(self) -> list[Answer]:
+        """Give the answers since the last call."""
         taken, self._answers = self._answers, []
         return taken

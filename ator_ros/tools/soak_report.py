@@ -1,0 +1,170 @@
+"""What a soak has seen, and what is said about it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import statistics
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+NODES = ("simulation", "refinement", "executor")
+PERIOD = 0.05
+"""Time in s between two control ticks at real time."""
+SHARE = 0.2
+"""Share of what was seen that counts as its beginning, and as its end."""
+MEMORY_SHARE, MEMORY_MIB = 0.05, 4.0
+LATER, LATER_MS = 2.0, 10.0
+FAILED_SHARE = 0.1
+PUNCTUAL_S, PUNCTUAL_SHARE = 0.005, 0.99
+EXECUTOR_CPU, IDLE_REFINEMENT_CPU = 0.15, 0.02
+_REASONS = 20
+
+MEANING = {
+    "nodes": "memory: resident MiB; threads; files: open ones; [median of the first fifth, of the last one]",
+    "odom_to_command_ms": "from an odometry message to the next command, as a third process hears both",
+    "tick_deviation_ms": "of the time between two commands from 50 ms; at real time only",
+    "cpu": "share of one core: idle (no goal), and while chains run",
+    "worse": f"memory grown by more than {MEMORY_SHARE:.0%} and {MEMORY_MIB:g} MiB, more threads or files, "
+    f"answers later than {LATER:g} times and {LATER_MS:g} ms, more than {FAILED_SHARE:.0%} of chains failed; "
+    f"at real time: less than {PUNCTUAL_SHARE:.0%} of the ticks within {1e3 * PUNCTUAL_S:g} ms, more CPU "
+    f"than {EXECUTOR_CPU:.0%} (executor) and {IDLE_REFINEMENT_CPU:.0%} (refinement, idle)",
+}
+"""What the report's entries mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A node at one moment: resident memory in MiB, threads, open files, CPU time in s that it has used."""
+
+    memory: float
+    threads: int
+    files: int
+    cpu: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A command that answered odometry: when both were heard, in s of real time."""
+
+    asked: float
+    told: float
+
+
+@dataclass
+class Soak:
+    """What was seen: chains run, those that failed, hiccups; of each node samples and CPU; answers."""
+
+    chains: int = 0
+    failures: list[str] = field(default_factory=list)
+    hiccups: list[str] = field(default_factory=list)
+    samples: dict[str, list[Sample]] = field(default_factory=lambda: {name: [] for name in NODES})
+    idle_cpu: dict[str, float] = field(default_factory=dict)
+    busy: float = 0.0
+    busy_cpu: dict[str, float] = field(default_factory=lambda: dict.fromkeys(NODES, 0.0))
+    answers: list[list[Answer]] = field(default_factory=list)
+
+
+def sample(pid: int) -> Sample:
+    """Measure a process; Linux only."""
+    process = Path(f"/proc/{pid}")
+    pages = int((process / "statm").read_text(encoding="ascii").split()[1])
+    used = (process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[11:13]
+    return Sample(
+        pages * os.sysconf("SC_PAGE_SIZE") / 2**20,
+        len(list((process / "task").iterdir())),
+        len(list((process / "fd").iterdir())),
+        sum(map(int, used)) / os.sysconf("SC_CLK_TCK"),
+    )
+
+
+def summary(soak: Soak, *, real_time: bool = False) -> dict[str, Any]:
+    """Give what was seen, its first fifth beside its last one, and `worse`: what is not as it should be.
+
+    Parameters
+    ----------
+    soak : Soak
+        What was seen.
+    real_time : bool
+        Whether time went as it does on a robot: then ticks and CPU are judged, too.
+    """
+    nodes, worse = _nodes(soak)
+    answers = [[answer.told - answer.asked for answer in chain] for chain in soak.answers]
+    both = [_milliseconds(list(itertools.chain(*end))) for end in _ends(answers)]
+    first, last = (part.get("median", 0.0) for part in both)
+    if last > LATER * first + LATER_MS:
+        worse.append(f"the median time to a command grew from {first:.1f} to {last:.1f} ms")
+    if len(soak.failures) > FAILED_SHARE * soak.chains:
+        worse.append(f"{len(soak.failures)} of {soak.chains} chains failed")
+    cpu = {
+        "idle": {name: round(share, 4) for name, share in soak.idle_cpu.items()},
+        "chains": {name: round(used / max(soak.busy, 1e-9), 4) for name, used in soak.busy_cpu.items()},
+    }
+    report: dict[str, Any] = {
+        "chains": soak.chains,
+        "failed": len(soak.failures),
+        "failures": dict(Counter(soak.failures).most_common(_REASONS)),
+        "hiccups": soak.hiccups,
+        "nodes": nodes,
+        "odom_to_command_ms": both,
+        "cpu": cpu,
+        "worse": worse,
+    }
+    if real_time:
+        report["tick_deviation_ms"] = _judge_ticks(soak, worse)
+        _judge_cpu(cpu, worse)
+    return report
+
+
+def _nodes(soak: Soak) -> tuple[dict[str, Any], list[str]]:
+    worse: list[str] = []
+    nodes: dict[str, Any] = {}
+    for name, samples in soak.samples.items():
+        row: dict[str, list[float]] = {}
+        for measure in ("memory", "threads", "files"):
+            before, after = (statistics.median(getattr(s, measure) for s in end) for end in _ends(samples))
+            row[measure] = [round(before, 2), round(after, 2)]
+            room = max(MEMORY_MIB, MEMORY_SHARE * before) if measure == "memory" else 0.0
+            if after > before + room:
+                worse.append(f"{measure} of {name} grew from {before:.2f} to {after:.2f}")
+        nodes[name] = row
+    return nodes, worse
+
+
+def _judge_ticks(soak: Soak, worse: list[str]) -> dict[str, float]:
+    """Give how punctual the commands of consecutive ticks were."""
+    deviations = [
+        abs(later.told - earlier.told - PERIOD)
+        for chain in soak.answers
+        for earlier, later in itertools.pairwise(chain)
+    ]
+    within = sum(deviation <= PUNCTUAL_S for deviation in deviations) / max(1, len(deviations))
+    if within < PUNCTUAL_SHARE:
+        worse.append(f"expected {PUNCTUAL_SHARE:.0%} of the ticks within 5 ms, got {within:.2%}")
+    return {"ticks": len(deviations), "share_within_5_ms": round(within, 4), **_milliseconds(deviations)}
+
+
+def _judge_cpu(cpu: dict[str, dict[str, float]], worse: list[str]) -> None:
+    executor, refinement = cpu["chains"]["executor"], cpu["idle"].get("refinement", 0.0)
+    if executor >= EXECUTOR_CPU:
+        worse.append(f"the executor takes {executor:.1%} of a core, expected less than {EXECUTOR_CPU:.0%}")
+    if refinement >= IDLE_REFINEMENT_CPU:
+        worse.append(f"refinement idle takes {refinement:.1%}, expected less than {IDLE_REFINEMENT_CPU:.0%}")
+
+
+def _ends(values: Sequence[T]) -> tuple[Sequence[T], Sequence[T]]:
+    count = max(1, math.ceil(SHARE * len(values)))
+    return values[:count], values[-count:]
+
+
+def _milliseconds(times: list[float]) -> dict[str, float]:
+    if len(times) < 2:
+        return {}
+    steps = statistics.quantiles(times, n=100)
+    named = {"median": steps[49], "p99": steps[98], "max": max(times)}
+    return {name: round(1e3 * value, 3) for name, value in named.items()}

@@ -1,0 +1,133 @@
+"""The chains of a soak: three nodes, a client, and what is seen of them."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ator_ros.experiments.trials import random_trial
+from ator_ros.robot import Robot, load_robot
+from ator_ros.tools.processes import NodeProcesses
+from ator_ros.tools.soak_report import NODES, Soak, sample
+from ator_ros.tops.library import TopLibrary
+
+if TYPE_CHECKING:
+    from ator_ros.tools.soak_client import SoakClient
+
+WARM_UP_S = 10.0
+"""Time in s before the first sample counts: caches fill, imports happen."""
+IDLE_S = 10.0
+"""Time in s without a goal before the first chain, in which the nodes' idle CPU is measured."""
+MOST_HICCUPS = 10
+_ODOM_TIMEOUT = 2.0
+_WRITING_PERIOD = 60.0
+
+
+class Run:
+    """The chains of one soak.
+
+    Parameters
+    ----------
+    duration : float
+        Real time in s that chains are run.
+    seed : int
+        Of the situations.
+    nodes : NodeProcesses
+        The three nodes, started.
+    client : SoakClient
+        On their domain.
+    write : callable
+        Called every minute with what was seen so far.
+    """
+
+    def __init__(
+        self,
+        *,
+        duration: float,
+        seed: int,
+        nodes: NodeProcesses,
+        client: SoakClient,
+        write: Callable[[Soak], None],
+    ) -> None:
+        self._duration, self._seed, self._nodes, self._client = duration, seed, nodes, client
+        self._write = write
+        self._robot: Robot = load_robot()
+        self._library = TopLibrary(self._robot)
+        self.soak = Soak()
+
+    def go(self) -> None:
+        """Measure the idle nodes, then run chains; a hiccup of ROS is noted, and the next chain tried."""
+        self._client.ready()
+        self._idle()
+        began, trial = time.monotonic(), 0
+        writes = began + _WRITING_PERIOD
+        while (elapsed := time.monotonic() - began) < self._duration:
+            try:
+                self._chain(trial, counts=elapsed >= min(WARM_UP_S, self._duration / 2))
+            except (RuntimeError, OSError) as error:
+                self._nodes.check()  # a node that has ended is no hiccup
+                self.soak.hiccups.append(f"at {elapsed:.0f} s: {error}")
+                if len(self.soak.hiccups) > MOST_HICCUPS:
+                    raise
+            trial += 1
+            print(f"\r{elapsed:6.0f} of {self._duration:.0f} s, {trial} chains", end="", flush=True)
+            if time.monotonic() > writes:
+                writes += _WRITING_PERIOD
+                self._write(self.soak)
+        print()
+
+    def _cpu(self) -> dict[str, float]:
+        return {name: sample(self._nodes.pid(name)).cpu for name in NODES}
+
+    def _idle(self) -> None:
+        before, began = self._cpu(), time.monotonic()
+        time.sleep(min(IDLE_S, self._duration))
+        took, after = time.monotonic() - began, self._cpu()
+        self.soak.idle_cpu = {name: (after[name] - before[name]) / took for name in NODES}
+
+    def _chain(self, index: int, *, counts: bool) -> None:
+        from ator_ros.nodes.conversions import chain_of
+
+        trial = random_trial(self._seed, index, "dribble", self._robot, self._library)
+        self._client.place(trial.world)
+        self._client.take_answers()
+        before, began = self._cpu(), time.monotonic()
+        ended = self._client.execute(chain_of(trial.chain, action_set="", frame="odom"), refine=True)
+        took, after = time.monotonic() - began, self._cpu()
+        soak = self.soak
+        soak.chains += 1
+        if not ended.success:
+            soak.failures.append(ended.reason)
+        if not counts:
+            return
+        soak.answers.append(self._client.take_answers())
+        soak.busy += took
+        for name in NODES:
+            soak.busy_cpu[name] += after[name] - before[name]
+            soak.samples[name].append(sample(self._nodes.pid(name)))
+
+
+def run(
+    *, duration: float, real_time_factor: float, seed: int, write: Callable[[Soak], None] = lambda _: None
+) -> Soak:
+    """Start the three nodes and execute random chains for `duration` (s of real time)."""
+    from ament_index_python.packages import get_package_prefix
+
+    from ator_ros.tools.soak_client import SoakClient
+
+    domain = 1 + os.getpid() % 100
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    with NodeProcesses(Path(get_package_prefix("ator_ros"), "lib", "ator_ros"), domain) as nodes:
+        nodes.start("simulation", {"real_time_factor": real_time_factor, "command_wait": 1.0})
+        nodes.start("refinement", {})
+        nodes.start("executor", {"odom_timeout": _ODOM_TIMEOUT, "refinement_timeout": 2.0})
+        with SoakClient(domain, nodes.check) as client:
+            made = Run(duration=duration, seed=seed, nodes=nodes, client=client, write=write)
+            try:
+                made.go()
+            finally:
+                write(made.soak)
+    return made.soak
