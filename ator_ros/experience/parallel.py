@@ -6,6 +6,7 @@ import contextlib
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from typing import TypeVar
 
 import joblib
@@ -43,7 +44,7 @@ def run_tasks(
     Raises
     ------
     BackendError
-        The backend is unknown, not installed, or has no cluster to work on.
+        The backend is unknown, not installed, or has no cluster to work on; or a worker was killed.
     """
     if backend not in BACKENDS:
         raise BackendError(f"backend: expected one of {', '.join(BACKENDS)}, got {backend!r}")
@@ -60,7 +61,10 @@ def run_tasks(
     except (ImportError, ValueError) as error:
         raise BackendError(f"backend {backend!r} cannot be used: {error}") from error
     with contextlib.closing(results) if streams else contextlib.nullcontext():
-        yield from results
+        try:
+            yield from results
+        except BrokenExecutor as error:
+            raise BackendError(f"a worker process was killed: {str(error).splitlines()[0]}") from error
 
 
 def _joblib_version() -> tuple[int, int]:
