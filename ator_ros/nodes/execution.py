@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 
 from ator_ros.actions.base import Status
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
@@ -58,7 +60,6 @@ class Execution:
         self.reason = Phase.WAITING.value
         self.refining = refining
         self.start: World | None = None
-        self.predicted: ChainPrediction | None = None
         self.records: list[tuple[ActionRecord, World]] = []
         self.elapsed = 0.0
         self._library, self._predictor, self._deadlines = library, predictor, deadlines
@@ -67,6 +68,7 @@ class Execution:
         self._stopped_at = math.inf
         self._executor: ChainExecutor | None = None
         self._answer: tuple[TopChain, str] | None = None
+        self._prediction: Callable[[], ChainPrediction | None] | None = None
 
     @property
     def step(self) -> int:
@@ -82,6 +84,11 @@ class Execution:
     def top(self) -> Top:
         """The TOP of that step."""
         return self.chain.calls[self.step].top
+
+    @property
+    def predicted(self) -> ChainPrediction | None:
+        """What was predicted of the chain; computed when it is asked for, after the command is on its way."""
+        return None if self._prediction is None else self._prediction()
 
     @property
     def question(self) -> Question | None:
@@ -224,12 +231,12 @@ class Execution:
         if self._executor is None:
             # Later than the first state when refinement has taken its time.
             self.start = world
-            self.predicted = self._predictor.chain(world, self.chain)
+            self._prediction = functools.cache(functools.partial(self._predictor.chain, world, self.chain))
             self._executor = ChainExecutor(
                 self._library,
                 self.chain,
                 time_limit=self._deadlines.action,
-                predict=self._predictor.action,
+                predict=lambda begin, call: functools.partial(self._predictor.action, begin, call),
                 fetches=self._fetches,
             )
         if self._ball_missing(world):

@@ -42,7 +42,7 @@ def action_record_of(
         call=call_of(call, frame=frame),
         start=situation_of(record.start, frame=frame),
         end=situation_of(end, frame=frame),
-        predicted=performance_of(record.predicted),
+        predicted=performance_of(None if record.predicted is None else record.predicted()),
         actual=actual(record.duration, ending, record.position_error),
         heading_error=float(record.heading_error),
         outcome=outcome_of(ending, record.reason),

@@ -30,9 +30,11 @@ from ator_ros.nodes.node_support import (
     STEADY,
     Diagnostics,
     Health,
+    Lateness,
     Parameter,
     SetupError,
     declare_parameters,
+    digest_of,
     run_node,
 )
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
@@ -99,7 +101,9 @@ class ExecutorNode(Node):
         self._inputs = Inputs(self._settings["ball_timeout"], self._tracker())
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._heard = self._latest_tick = 0.0
+        self._heard = self._longest_tick = 0.0
+        self._ticks = Lateness()
+        self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals = "", 0
         self._offer()
         self._diagnostics = Diagnostics(self, self._health)
@@ -152,10 +156,11 @@ class ExecutorNode(Node):
         if world is None:
             return
         self._world, self._heard = world, now
+        self._ticks.came(now)
         if self._run is not None:
             self._send(self._run.execution.tick(world, now, ball_overdue=self._inputs.ball_overdue))
             done = time.monotonic()
-            self._latest_tick = max(self._latest_tick, done - now)
+            self._longest_tick = max(self._longest_tick, done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
 
@@ -253,14 +258,17 @@ class ExecutorNode(Node):
     def _health(self) -> Health:
         silence = time.monotonic() - self._heard if self._heard else None
         stale = silence is None or silence > self._settings["odom_timeout"]
-        latest, self._latest_tick = self._latest_tick, 0.0
+        longest, self._longest_tick = self._longest_tick, 0.0
+        ball = self._world is not None and self._world.ball is not None
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
-            "ball": "known" if self._world is not None and self._world.ball is not None else "unknown",
-            "longest tick (ms)": f"{1000.0 * latest:.1f}",
+            "ball": ("overdue" if self._inputs.ball_overdue else "known") if ball else "unknown",
+            "longest time between ticks (ms)": self._ticks.take(),
+            "longest tick (ms)": f"{1000.0 * longest:.1f}",
             "goal": "none" if self._run is None else self._run.execution.phase.value,
             "goals": self._goals,
             "last error": self._last_error,
+            **self._digests,
             **told_of(self._models),
         }
         problems = ("odom is missing" if stale else "", problems_of(self._models))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,8 +11,14 @@ from pathlib import Path
 from rclpy.node import Node
 
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import ModelFileError, NoModelsError, RobotMismatchWarning, load_models
-from ator_ros.resources import ResourceError, resource_path
+from ator_ros.performance.model_file import (
+    ModelFileError,
+    NoModelsError,
+    RobotMismatchWarning,
+    load_models,
+    model_path,
+)
+from ator_ros.resources import resource_path
 from ator_ros.robot import Robot
 
 
@@ -29,12 +36,15 @@ class ModelSet:
         Why there are none; empty where there are some.
     problem : str
         What is wrong with them: a damaged file, another robot. An action set may have no models.
+    digest : str
+        Of their files.
     """
 
     folder: Path = Path()
     models: Mapping[str, PerformanceModel] = field(default_factory=dict)
     absent: str = ""
     problem: str = ""
+    digest: str = ""
 
 
 def read_models(node: Node, robot: Robot, action_set: str, folder: str) -> ModelSet:
@@ -57,24 +67,32 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str) -> Model
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", RobotMismatchWarning)
             models = load_models(robot, action_set=action_set, folder=place)
+        digest = _digest(place, action_set, models)
     except NoModelsError as error:
         log.info(f"action set {action_set}: no models: {error}")
         return ModelSet(absent=str(error))
-    except (ModelFileError, ResourceError) as error:
+    except (ModelFileError, OSError) as error:  # a missing resource is one
         log.warning(f"action set {action_set}: no models: {error}")
         return ModelSet(absent=str(error), problem=str(error))
     problem = "; ".join(str(warning.message) for warning in caught)
     if problem:
         log.warning(f"action set {action_set}: {problem}")
-    return ModelSet(place, models, problem=problem)
+    return ModelSet(place, models, problem=problem, digest=digest)
+
+
+def _digest(folder: Path, action_set: str, models: Mapping[str, PerformanceModel]) -> str:
+    """Give a short digest of the files of models."""
+    files = sorted(folder / model_path(name, action_set) for name in models)
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
 
 
 def told_of(sets: Mapping[str, ModelSet]) -> dict[str, object]:
     """Give what diagnostics say of each action set's models."""
-    return {
+    models: dict[str, object] = {
         f"models of {name}": ", ".join(read.models) or read.problem or "no models"
         for name, read in sets.items()
     }
+    return models | {f"models digest of {name}": read.digest for name, read in sets.items() if read.digest}
 
 
 def problems_of(sets: Mapping[str, ModelSet]) -> str:

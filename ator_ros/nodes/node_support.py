@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import signal
 import sys
@@ -151,6 +153,30 @@ def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str,
         values[parameter.name] = node.get_parameter(parameter.name).value
         parameter.check(values[parameter.name])
     return values
+
+
+def digest_of(settings: Mapping[str, Any]) -> str:
+    """Give a short digest of parameters and their values."""
+    text = json.dumps(dict(settings), sort_keys=True, default=list)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class Lateness:
+    """How late things come that should come regularly: the longest wait since it was last asked for."""
+
+    def __init__(self) -> None:
+        self._last, self._longest = math.nan, 0.0
+
+    def came(self, now: float) -> None:
+        """Note that one came at `now` s."""
+        if now - self._last > self._longest:
+            self._longest = now - self._last
+        self._last = now
+
+    def take(self) -> str:
+        """Give the longest time between two in ms, as text, and begin anew."""
+        longest, self._longest = self._longest, 0.0
+        return f"{1000.0 * longest:.1f}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from ator_ros.nodes.node_support import (
     Parameter,
     SetupError,
     declare_parameters,
+    digest_of,
     run_node,
 )
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refusal_of
@@ -66,6 +67,7 @@ class RefinementNode(Node):
             raise SetupError(str(error)) from error
         for action_set in ACTION_SETS:
             self._load(robot, action_set)
+        self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._answered, self._refused = 0, 0
         self._last_refusal, self._last_time = "", 0.0
         self._markers = self.create_publisher(MarkerArray, "refinement_markers", RESULTS)
@@ -125,7 +127,8 @@ class RefinementNode(Node):
                 **told_of(self._models),
                 "requests answered": self._answered,
                 "requests refused": self._refused,
-                "last refusal": self._last_refusal,
+                "last error": self._last_refusal,
+                **self._digests,
                 "last computation (ms)": f"{1000.0 * self._last_time:.2f}",
             },
         )

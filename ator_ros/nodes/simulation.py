@@ -24,9 +24,11 @@ from ator_ros.nodes.node_support import (
     STEADY,
     Diagnostics,
     Health,
+    Lateness,
     Parameter,
     SetupError,
     declare_parameters,
+    digest_of,
     run_node,
 )
 from ator_ros.nodes.simulated_world import SimulatedWorld
@@ -97,6 +99,7 @@ class SimulationNode(Node):
         self._offer_topics()
         self._offer_services()
         factor = self._settings["real_time_factor"]
+        self._lateness = Lateness()
         self._ticks, self._counted = 0, (time.monotonic(), 0)
         period = TICK / factor if factor else _FASTEST_PERIOD
         self._timer = self.create_timer(period, self._tick, clock=STEADY)
@@ -146,6 +149,7 @@ class SimulationNode(Node):
         if self._paused:
             self._deadline = now + _PAUSED_PERIOD
         else:
+            self._lateness.came(now)
             stop = self._world.tick()
             if stop is not None:
                 times = f"since {stop.stood:.2f} s, last told to move at {stop.last_command:.2f} s"
@@ -245,8 +249,10 @@ class SimulationNode(Node):
                 "real-time factor": f"{factor:.2f}",
                 "paused": self._paused,
                 "commands": "coming" if self._world.steered else "none",
-                "last ignored": self._rejected,
+                "longest time between ticks (ms)": self._lateness.take(),
+                "last error": self._rejected,
                 "robot digest": self._robot.digest(),
+                "parameters digest": digest_of(self._settings),
             },
         )
 

@@ -35,7 +35,7 @@ class SoakClient(DemoClient):
 
     def _hear_command(self, _: Twist) -> None:
         if self._came is not None:
-            self._answers.append(Answer(self._came, time.monotonic()))
+            self._answers.append(Answer(self._stamp, self._came, time.monotonic()))
             self._came = None
 
     def take_answers(self) -> list[Answer]:

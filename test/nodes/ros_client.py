@@ -36,6 +36,7 @@ class Client:
     """
 
     def __init__(self, domain: int, namespace: str = "") -> None:
+        self.domain = domain
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
         self.node = Node("test_client", namespace=namespace, context=self._context)

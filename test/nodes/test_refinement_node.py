@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import domain_coordinator
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from experience_rows import made_up_experience
 from fuzz_refinement import fuzz
+from process import Process, Processes
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
@@ -23,6 +30,8 @@ from ator_ros.performance.training import train
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import load_robot
 
+pytestmark = pytest.mark.node
+
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -32,6 +41,22 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for action in ("goToPose", "dribbleBall", "shoot"):
         save_model(folder / f"{action}.json", train(action, made_up_experience(action), robot))
     return folder
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory, models: Path) -> Iterator[tuple[Process, Client]]:
+    """Give one node for the tests that need nothing special, and a client of it."""
+    with domain_coordinator.domain_id() as domain:
+        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
+        yield processes.start("refinement", models=models), client
+        client.close()
+        processes.kill()
+
+
+@pytest.fixture
+def asker(shared: tuple[Process, Client]) -> Client:
+    """Give a client of the node that is shared."""
+    return shared[1]
 
 
 def call(top: str, pose: Pose, *, bound: tuple[str, ...] = ("x", "y", "yaw", "speed")) -> TopCall:
@@ -56,9 +81,8 @@ def refine(client: Client, request: RefineSubgoal.Request) -> RefineSubgoal.Resp
     return client.call(RefineSubgoal, "refine_subgoal", request)
 
 
-def test_the_free_angle_is_refined(start, client: Client, models: Path) -> None:
-    start("refinement", models=models)
-    response = refine(client, request_of_the_paper(yaw=3.0))
+def test_the_free_angle_is_refined(asker: Client) -> None:
+    response = refine(asker, request_of_the_paper(yaw=3.0))
     assert response.accepted
     assert response.refined
     assert [(free.subgoal, free.name) for free in response.free] == [(0, "yaw")]
@@ -74,33 +98,30 @@ def test_the_free_angle_is_refined(start, client: Client, models: Path) -> None:
     assert min(curve.totals) >= response.cost_after - 1e-9
 
 
-def test_an_open_angle_is_compared_with_the_fastest_approach(start, client: Client, models: Path) -> None:
-    start("refinement", models=models)
+def test_an_open_angle_is_compared_with_the_fastest_approach(asker: Client) -> None:
     request = request_of_the_paper()
     request.chain.calls[0].open = ["yaw"]
-    response = refine(client, request)
+    response = refine(asker, request)
     assert response.accepted
     assert not response.original.calls[0].open
     assert response.after.duration <= response.before.duration
 
 
-def test_an_open_variable_that_no_model_uses_keeps_its_value(start, client: Client, models: Path) -> None:
-    start("refinement", models=models)
+def test_an_open_variable_that_no_model_uses_keeps_its_value(asker: Client) -> None:
     request = request_of_the_paper()
     request.chain.calls[0].open = ["yaw"]
     request.chain.calls.append(call("shoot", Pose(4.0, 0.0, 0.0), bound=("x", "y", "speed")))
     request.chain.calls[2].open = ["yaw"]
-    response = refine(client, request)
+    response = refine(asker, request)
     assert response.accepted, response.reason
     assert response.original.calls[2].goal == response.chain.calls[2].goal
     assert response.chain.calls[2].goal.pose == request.chain.calls[2].goal.pose
 
 
-def test_a_bound_chain_is_left_alone_with_the_reason(start, client: Client, models: Path) -> None:
-    start("refinement", models=models)
+def test_a_bound_chain_is_left_alone_with_the_reason(asker: Client) -> None:
     request = request_of_the_paper()
     request.chain.calls[0].bound = ["x", "y", "yaw", "speed"]
-    response = refine(client, request)
+    response = refine(asker, request)
     assert response.accepted
     assert not response.refined
     assert "yaw of subgoal 1 (goToBall) is bound by the plan" in response.reason
@@ -163,18 +184,52 @@ NONSENSE = {
 }
 
 
-def test_nonsense_is_refused_and_the_node_goes_on(start, client: Client, models: Path) -> None:
-    node = start("refinement", models=models)
-    for change, expected in NONSENSE.items():
-        request = request_of_the_paper()
-        change(request)
-        response = refine(client, request)
-        assert not response.accepted
-        assert not response.refined
-        assert expected in response.reason
-        assert len(response.chain.calls) == len(request.chain.calls)
+@pytest.mark.parametrize("change", NONSENSE, ids=lambda change: change.__name__)
+def test_nonsense_is_refused_and_the_node_goes_on(shared: tuple[Process, Client], change: Any) -> None:
+    node, client = shared
+    request = request_of_the_paper()
+    change(request)
+    response = refine(client, request)
+    assert not response.accepted
+    assert not response.refined
+    assert NONSENSE[change] in response.reason
+    assert len(response.chain.calls) == len(request.chain.calls)
     assert refine(client, request_of_the_paper(yaw=3.0)).accepted
     assert "Traceback" not in node.output
+
+
+def test_a_flood_of_nonsense_is_told_now_and_then_and_counted(shared: tuple[Process, Client]) -> None:
+    node, client = shared
+    told, request = node.output.count("refused: "), request_of_the_paper()
+    unknown_top(request)
+    began = time.monotonic()
+    for _ in range(100):
+        assert not refine(client, request).accepted
+    most = 1 + (time.monotonic() - began) / 2.0  # a warning in two seconds
+    assert 0 <= node.output.count("refused: ") - told <= most + 1
+
+
+def test_parameters_cannot_be_changed_over_ros(asker: Client) -> None:
+    names = ("models", "frame", "gate")
+    values = (
+        ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="/etc"),
+        ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="moon"),
+        ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=False),
+    )
+    wanted = [Parameter(name=name, value=value) for name, value in zip(names, values, strict=True)]
+    request = SetParameters.Request(parameters=wanted)
+    answer = asker.call(SetParameters, "refinement/set_parameters", request)
+    assert [result.successful for result in answer.results] == [False] * 3
+    assert all("read-only" in result.reason for result in answer.results)
+
+
+def test_health_names_what_it_was_made_with(asker: Client) -> None:
+    health = asker.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    asker.eventually(lambda: health, "diagnostics")
+    values = {value.key: value.value for value in health[-1].status[0].values}
+    assert values["robot digest"] == load_robot().digest()
+    assert len(values["parameters digest"]) == len(values["models digest of default"]) == 16
+    assert values["models of default"] == "dribbleBall, goToPose, shoot"
 
 
 def test_generated_requests_are_answered_or_refused(models: Path) -> None:
@@ -218,10 +273,9 @@ def test_a_damaged_model_is_named(start, client: Client, models: Path, tmp_path:
     assert "Traceback" not in node.output
 
 
-def test_markers_show_the_search_to_who_listens(start, client: Client, models: Path) -> None:
-    start("refinement", models=models)
-    heard = client.listen(MarkerArray, "refinement_markers", RESULTS)
-    client.eventually(lambda: refine(client, request_of_the_paper()) and heard, "markers")
+def test_markers_show_the_search_to_who_listens(asker: Client) -> None:
+    heard = asker.listen(MarkerArray, "refinement_markers", RESULTS)
+    asker.eventually(lambda: refine(asker, request_of_the_paper()) and heard, "markers")
     markers = heard[0].markers
     assert any(len(marker.points) == len(marker.colors) >= 72 for marker in markers)
     assert all(marker.header.frame_id == "odom" for marker in markers)

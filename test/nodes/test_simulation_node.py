@@ -7,9 +7,13 @@ import itertools
 import math
 import signal
 import statistics
+from collections.abc import Iterator
 
+import domain_coordinator
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from process import Process, Processes
 from ros_client import Client
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -18,7 +22,30 @@ from std_srvs.srv import SetBool, Trigger
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
-from ator_ros.nodes.node_support import LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.node_support import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.robot import load_robot
+
+pytestmark = pytest.mark.node
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Client]]:
+    """Give one simulation for the tests that need no parameters of their own, and a client of it."""
+    with domain_coordinator.domain_id() as domain:
+        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
+        yield processes.start("simulation", real_time_factor=5.0, publish_clock=True), client
+        client.close()
+        processes.kill()
+
+
+@pytest.fixture
+def world(shared: tuple[Process, Client]) -> Client:
+    """Give a client of a simulation that was reset."""
+    client = shared[1]
+    assert client.call(Trigger, "reset").success
+    client.robots.clear()
+    client.balls.clear()
+    return client
 
 
 def drive_a_tick(client: Client, v: float) -> None:
@@ -27,8 +54,8 @@ def drive_a_tick(client: Client, v: float) -> None:
     client.eventually(lambda: len(client.robots) > heard, "the next tick")
 
 
-def test_state_comes_at_20_hz_of_simulated_time(start, client: Client) -> None:
-    start("simulation", real_time_factor=5.0)
+def test_state_comes_at_20_hz_of_simulated_time(world: Client) -> None:
+    client = world
     client.eventually(lambda: len(client.robots) > 30 and len(client.balls) > 30, "odometry of 30 ticks")
     times = [time for time, _ in client.robots]
     steps = [later - earlier for earlier, later in itertools.pairwise(times)]
@@ -38,8 +65,8 @@ def test_state_comes_at_20_hz_of_simulated_time(start, client: Client) -> None:
     assert client.ball().speed == pytest.approx(0.0, abs=1e-3)
 
 
-def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(start, client: Client) -> None:
-    start("simulation", real_time_factor=5.0)
+def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(world: Client) -> None:
+    client = world
     before = client.robot()
     for _ in range(100):
         drive_a_tick(client, 50.0)
@@ -66,8 +93,8 @@ def test_as_fast_as_possible_waits_for_who_steers(start, client: Client) -> None
         client.eventually(lambda: len(client.robots) > heard, "a tick without a command", patience=0.5)
 
 
-def test_robot_and_ball_are_placed_and_the_world_is_reset(start, client: Client) -> None:
-    start("simulation", real_time_factor=5.0)
+def test_robot_and_ball_are_placed_and_the_world_is_reset(world: Client) -> None:
+    client = world
     assert client.call(SetBool, "pause", SetBool.Request(data=True)).success
     client.place(robot=Pose(1.0, -1.0, 2.0), ball=(2.0, 1.0))
     client.eventually(
@@ -87,8 +114,8 @@ def test_robot_and_ball_are_placed_and_the_world_is_reset(start, client: Client)
     client.eventually(lambda: client.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 1e-3, "the start pose")
 
 
-def test_a_ball_rolls_and_is_removed(start, client: Client) -> None:
-    start("simulation", real_time_factor=5.0)
+def test_a_ball_rolls_and_is_removed(world: Client) -> None:
+    client = world
     request = PlaceBall.Request()
     request.velocity.x = 1.0
     assert client.call(PlaceBall, "place_ball", request).success
@@ -99,32 +126,75 @@ def test_a_ball_rolls_and_is_removed(start, client: Client) -> None:
     assert client.balls[-1][0] < time + 0.5
 
 
-@pytest.mark.parametrize(
-    ("where", "value", "expected"),
-    [
-        ("pose.pose.position.x", math.nan, "pose.pose.position.x: expected a finite number"),
-        ("pose.pose.position.y", 500.0, "pose.pose.position.y: expected a finite number"),
-        ("pose.pose.orientation.w", 0.0, "expected a quaternion"),
-        ("pose.header.frame_id", "moon", "expected the frame 'odom', got 'moon'"),
-        ("v", math.inf, "v: expected a finite number"),
-    ],
-)
+NONSENSE = [
+    ("place_robot", "pose.pose.position.x", math.nan, "pose.pose.position.x: expected a finite number"),
+    ("place_robot", "pose.pose.position.y", 500.0, "pose.pose.position.y: expected a finite number"),
+    ("place_robot", "pose.pose.orientation.w", 0.0, "expected a quaternion"),
+    ("place_robot", "pose.header.frame_id", "moon", "expected the frame 'odom', got 'moon'"),
+    ("place_robot", "v", math.inf, "v: expected a finite number"),
+    ("place_robot", "w", -9.0, "w: expected a finite number"),
+    ("place_ball", "position.point.x", math.inf, "position.point.x: expected a finite number"),
+    ("place_ball", "position.point.y", -500.0, "position.point.y: expected a finite number"),
+    ("place_ball", "position.header.frame_id", "moon", "expected the frame 'odom', got 'moon'"),
+    ("place_ball", "velocity.x", math.nan, "velocity.x: expected a finite number"),
+    ("place_ball", "velocity.y", 99.0, "velocity.y: expected a finite number"),
+]
+KINDS = {"place_robot": PlaceRobot, "place_ball": PlaceBall}
+
+
+@pytest.mark.parametrize(("service", "where", "value", "expected"), NONSENSE)
 def test_nonsense_is_answered_and_moves_nothing(
-    start, client: Client, where: str, value: object, expected: str
+    world: Client, service: str, where: str, value: object, expected: str
 ) -> None:
-    node = start("simulation", real_time_factor=5.0)
-    request = PlaceRobot.Request()
-    request.pose.pose = pose_of(Pose(1.0, 1.0, 0.0))
+    request = KINDS[service].Request()
+    if service == "place_robot":
+        request.pose.pose = pose_of(Pose(1.0, 1.0, 0.0))
     *path, field = where.split(".")
     setattr(functools.reduce(getattr, path, request), field, value)
-    response = client.call(PlaceRobot, "place_robot", request)
+    response = world.call(KINDS[service], service, request)
     assert not response.success
     assert expected in response.message
-    client.eventually(lambda: client.command(v=math.nan) or "cmd_vel.linear.x" in node.output, "a warning")
-    client.eventually(lambda: client.command(w=math.inf) or "cmd_vel.angular.z" in node.output, "a warning")
+    assert world.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
+    assert math.hypot(world.ball().x, world.ball().y) < 0.02
+
+
+def test_nonsense_on_cmd_vel_is_named_and_moves_nothing(
+    shared: tuple[Process, Client], world: Client
+) -> None:
+    node, stranger = shared[0], Client(world.domain, "stranger")
+    try:
+        words = stranger.node.create_publisher(String, "/cmd_vel", COMMANDS)
+        world.eventually(
+            lambda: (
+                words.publish(String(data="go"))
+                or world.command(v=math.nan)
+                or "cmd_vel.linear.x" in node.output
+            ),
+            "a warning",
+        )
+        world.eventually(lambda: world.command(w=math.inf) or "cmd_vel.angular.z" in node.output, "a warning")
+    finally:
+        stranger.close()
     assert "Traceback" not in node.output
     assert node.running
-    assert client.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
+    assert world.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
+
+
+def test_stamped_commands_must_be_in_the_robots_frame(start, domain: int, client: Client) -> None:
+    node = start("simulation", real_time_factor=5.0, stamped_commands=True)
+    driver = Client(domain, "driver")  # a topic has one type in a participant
+    commands = driver.node.create_publisher(TwistStamped, "/cmd_vel", COMMANDS)
+    message = TwistStamped()
+    message.twist.linear.x = 0.5
+    message.header.frame_id = "moon"
+    expected = "cmd_vel.header.frame_id: expected the frame 'base_link', got 'moon'"
+    try:
+        client.eventually(lambda: commands.publish(message) or expected in node.output, "a warning")
+        assert client.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
+        message.header.frame_id = "base_link"
+        client.eventually(lambda: commands.publish(message) or client.robot().v > 0.1, "the robot drives")
+    finally:
+        driver.close()
 
 
 def test_sensors_err_as_configured(start, client: Client) -> None:
@@ -134,16 +204,20 @@ def test_sensors_err_as_configured(start, client: Client) -> None:
     assert 0.02 < statistics.stdev(places) < 0.1
 
 
-def test_clock_description_and_health_are_published(start, client: Client) -> None:
+def test_clock_description_and_health_are_published(world: Client) -> None:
+    client = world
     clocks = client.listen(Clock, "/clock", SENSOR_DATA)
     health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
-    start("simulation", real_time_factor=5.0, publish_clock=True)
     client.eventually(lambda: len(clocks) > 5, "the clock")
     description = client.listen(String, "robot_description", LATCHED)
     client.eventually(
         lambda: description and "<robot" in description[0].data, "the description, to a late listener"
     )
     client.eventually(lambda: health and health[-1].status[0].name == "/simulation", "diagnostics")
+    values = {value.key: value.value for value in health[-1].status[0].values}
+    assert values["robot digest"] == load_robot().digest()
+    assert len(values["parameters digest"]) == 16
+    assert float(values["longest time between ticks (ms)"]) > 0.0
 
 
 def test_two_robots_do_not_hear_each_other(start, domain: int, client: Client) -> None:
