@@ -15,7 +15,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 BACKENDS = ("loky", "dask")
-_WORKERS_S = 30
+_WORKERS_S = 60
 """How long to wait for the first worker of a cluster."""
 
 
