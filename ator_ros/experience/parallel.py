@@ -7,7 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import joblib
 
@@ -15,6 +15,8 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 BACKENDS = ("loky", "dask")
+_WORKERS_S = 60
+"""How long to wait for the first worker of a cluster."""
 
 
 class BackendError(RuntimeError):
@@ -86,7 +88,7 @@ def cluster(address: str | None) -> Iterator[None]:
     Raises
     ------
     BackendError
-        `distributed` is not installed.
+        `distributed` is not installed, the cluster has no workers, or they cannot import this package.
     """
     if address is None:
         yield
@@ -95,5 +97,34 @@ def cluster(address: str | None) -> Iterator[None]:
         from distributed import Client
     except ImportError as error:
         raise BackendError("a dask cluster needs the package distributed: pip install distributed") from error
-    with Client(address):
+    with Client(address) as client:
+        check_cluster(client)
         yield
+
+
+def check_cluster(client: Any) -> None:
+    """Check that a `distributed.Client` has workers, and that all can run our tasks: else these never end.
+
+    Raises
+    ------
+    BackendError
+        They cannot.
+    """
+
+    def fault() -> str:  # sent as a whole, since it lies in no module
+        try:
+            import ator_ros  # noqa: F401
+        except ImportError as error:
+            return str(error)
+        return ""
+
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+    except TimeoutError as error:
+        raise BackendError(
+            f"the dask cluster: expected a worker within {_WORKERS_S} s, found none"
+        ) from error
+    faults = {"the scheduler": client.run_on_scheduler(fault), **client.run(fault)}
+    for place, words in faults.items():
+        if words:
+            raise BackendError(f"the dask cluster: {place} must be able to import ator_ros: {words}")
