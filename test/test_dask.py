@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import distributed
@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from experience_rows import made_up_experience
 
-from ator_ros.experience.parallel import BackendError, cluster, run_tasks
+from ator_ros.experience.parallel import BackendError, check_cluster, cluster, run_tasks
 from ator_ros.experience.table import read_experience
 from ator_ros.experiments.toolset import ACTIONS
 from ator_ros.performance.model_file import save_model
@@ -38,7 +38,7 @@ def test_collect_gives_the_same_table(address: str, tmp_path: Path) -> None:
     tables = []
     for name, words in {"here": ["--jobs", "1"], "there": on(address)}.items():
         file = tmp_path / f"{name}.parquet"
-        assert collect.main(["--episodes", "2", "--seed", "9", "--out", str(file), *words]) == 0
+        assert collect.main(["--episodes", "1", "--seed", "9", "--out", str(file), *words]) == 0
         tables.append(read_experience(file).frame)
     assert set(tables[0]["action"]) == {"goToPose", "dribbleBall", "shoot"}
     pd.testing.assert_frame_equal(*tables, check_exact=True)
@@ -48,10 +48,9 @@ def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
     models = tmp_path / "models"
     for action in ACTIONS:
         save_model(models / f"{action}.json", train(action, made_up_experience(action), load_robot()))
-    policies = ["--policies", "naive", "face_goal", "refined"]
-    given = ["--situations", "3", "--seed", "405", "--oracle", "3", *policies]
+    given = ["--situations", "2", "--seed", "405", "--policies", "naive", "refined"]
     runs = []
-    for name, words in {"here": ["--jobs", "2"], "there": on(address)}.items():
+    for name, words in {"here": ["--jobs", "1"], "there": on(address)}.items():
         folder = tmp_path / name
         assert evaluate.main([*given, "--models", str(models), "--out", str(folder), *words]) == 0
         runs.append(json.loads((folder / "evaluation.json").read_text(encoding="utf-8"))["runs"])
@@ -77,6 +76,35 @@ def test_results_come_as_they_are_made(address: str, tmp_path: Path) -> None:
         for file in files[1:]:
             file.touch()
         assert list(results) == ["two", "three"]
+
+
+class Elsewhere:
+    """A cluster of machines that lack this package."""
+
+    def __init__(self, missing: str) -> None:
+        self.missing = missing
+
+    def wait_for_workers(self, count: int, timeout: float) -> None:
+        if self.missing == "workers":
+            raise TimeoutError
+
+    def run_on_scheduler(self, function: Callable[[], str]) -> str:
+        return function()
+
+    def run(self, function: Callable[[], str]) -> dict[str, str]:
+        return {"tcp://far:1": "No module named 'ator_ros'" if self.missing == "package" else function()}
+
+
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [
+        ("workers", "expected a worker within 60 s"),
+        ("package", "tcp://far:1 must be able to import ator_ros"),
+    ],
+)
+def test_a_cluster_that_cannot_work_is_refused(missing: str, message: str) -> None:
+    with pytest.raises(BackendError, match=message):
+        check_cluster(Elsewhere(missing))
 
 
 def test_dask_without_a_cluster_is_refused() -> None:

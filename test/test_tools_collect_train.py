@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +16,7 @@ import pandas as pd
 import pytest
 from experience_rows import made_up_experience
 
+from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.robot import load_robot
 from ator_ros.tools import collect, train
@@ -58,7 +64,75 @@ def test_collect_keeps_the_finished_episodes_on_ctrl_c(
     experience = read_experience(file)
     assert experience.frame["episode"].nunique() == 3
     assert experience.metadata["complete"] is False
-    assert "interrupted: kept the finished episodes" in capsys.readouterr().out
+    assert "interrupted; kept the finished episodes" in capsys.readouterr().out
+
+
+def test_collect_keeps_the_finished_episodes_when_a_worker_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
+        yield made_up_experience("goToPose", episodes=3)
+        yield from run_tasks(die, [signal.SIGKILL] * 2, jobs=2)
+
+    monkeypatch.setattr(collect, "collect", broken)
+    file = tmp_path / "part.parquet"
+    assert collect.main(["--actions", "goToPose", "--out", str(file)]) == 1
+    assert read_experience(file).frame["episode"].nunique() == 3
+    assert "a worker process was killed" in capsys.readouterr().out
+
+
+def die(how: signal.Signals) -> None:
+    """Be killed, as a process is that needs too much memory."""
+    os.kill(os.getpid(), how)
+
+
+def test_ctrl_c_in_a_terminal_ends_all_workers_and_keeps_the_finished_episodes(tmp_path: Path) -> None:
+    file = tmp_path / "part.parquet"
+    words = ["--actions", "goToPose", "--episodes", "2000", "--jobs", "2", "--out", str(file)]
+    with subprocess.Popen(
+        [sys.executable, "-c", WATCHED, *words], start_new_session=True, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        while "3 episodes" not in process.stdout.readline():
+            assert process.poll() is None
+        os.killpg(process.pid, signal.SIGINT)  # a terminal sends it to all of them
+        assert "interrupted; kept the finished episodes" in process.stdout.read()
+        assert process.wait() == collect.INTERRUPTED
+    assert eventually_gone(process.pid)
+    assert 3 <= read_experience(file).frame["episode"].nunique() < 2000
+
+
+def eventually_gone(group: int) -> bool:
+    """Say whether no process of a group is left within 30 s."""
+    for _ in range(300):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+WATCHED = """
+import sys
+from ator_ros.tools import collect
+
+class Bar:
+    def __init__(self, episodes, **options):
+        self.episodes = episodes
+
+    def __iter__(self):
+        for number, frame in enumerate(self.episodes, start=1):
+            yield frame
+            print(f"{number} episodes", flush=True)
+
+    def close(self):
+        self.episodes.close()
+
+collect.tqdm = Bar
+sys.exit(collect.main(sys.argv[1:]))
+"""
+"""Runs `collect` and tells how far it is."""
 
 
 def test_train_writes_models_with_their_accuracy(learned: Path) -> None:

@@ -6,7 +6,8 @@ import contextlib
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from concurrent.futures import BrokenExecutor
+from typing import Any, TypeVar
 
 import joblib
 
@@ -14,6 +15,8 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 BACKENDS = ("loky", "dask")
+_WORKERS_S = 60
+"""How long to wait for the first worker of a cluster."""
 
 
 class BackendError(RuntimeError):
@@ -43,7 +46,7 @@ def run_tasks(
     Raises
     ------
     BackendError
-        The backend is unknown, not installed, or has no cluster to work on.
+        The backend is unknown, not installed, or has no cluster to work on; or a worker was killed.
     """
     if backend not in BACKENDS:
         raise BackendError(f"backend: expected one of {', '.join(BACKENDS)}, got {backend!r}")
@@ -60,7 +63,10 @@ def run_tasks(
     except (ImportError, ValueError) as error:
         raise BackendError(f"backend {backend!r} cannot be used: {error}") from error
     with contextlib.closing(results) if streams else contextlib.nullcontext():
-        yield from results
+        try:
+            yield from results
+        except BrokenExecutor as error:
+            raise BackendError(f"a worker process was killed: {str(error).splitlines()[0]}") from error
 
 
 def _joblib_version() -> tuple[int, int]:
@@ -82,7 +88,7 @@ def cluster(address: str | None) -> Iterator[None]:
     Raises
     ------
     BackendError
-        `distributed` is not installed.
+        `distributed` is not installed, the cluster has no workers, or they cannot import this package.
     """
     if address is None:
         yield
@@ -91,5 +97,34 @@ def cluster(address: str | None) -> Iterator[None]:
         from distributed import Client
     except ImportError as error:
         raise BackendError("a dask cluster needs the package distributed: pip install distributed") from error
-    with Client(address):
+    with Client(address) as client:
+        check_cluster(client)
         yield
+
+
+def check_cluster(client: Any) -> None:
+    """Check that a `distributed.Client` has workers, and that all can run our tasks: else these never end.
+
+    Raises
+    ------
+    BackendError
+        They cannot.
+    """
+
+    def fault() -> str:  # sent as a whole, since it lies in no module
+        try:
+            import ator_ros  # noqa: F401
+        except ImportError as error:
+            return str(error)
+        return ""
+
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+    except TimeoutError as error:
+        raise BackendError(
+            f"the dask cluster: expected a worker within {_WORKERS_S} s, found none"
+        ) from error
+    faults = {"the scheduler": client.run_on_scheduler(fault), **client.run(fault)}
+    for place, words in faults.items():
+        if words:
+            raise BackendError(f"the dask cluster: {place} must be able to import ator_ros: {words}")

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experience.collect import collect
-from ator_ros.experience.parallel import cluster
+from ator_ros.experience.parallel import BackendError, cluster
 from ator_ros.experience.situations import SITUATIONS
 from ator_ros.experience.table import (
     Experience,
@@ -53,7 +53,7 @@ def _collect(options: argparse.Namespace, command: str) -> int:
     actions = ACTION_SETS[options.action_set]
     factories = {name: actions[name] for name in options.actions}
     frames: list[pd.DataFrame] = []
-    interrupted = False
+    stopped: BaseException | None = None
     with cluster(options.cluster):
         episodes = collect(
             factories,
@@ -66,25 +66,27 @@ def _collect(options: argparse.Namespace, command: str) -> int:
         bar = tqdm(episodes, total=options.episodes * len(factories), unit="episode", disable=None)
         try:
             frames.extend(bar)
-        except KeyboardInterrupt:
-            interrupted = True
+        except (KeyboardInterrupt, BackendError) as error:
+            stopped = error
         finally:
             bar.close()
     metadata = {
         "seed": options.seed,
         "robot_digest": robot.digest(),
         "action_set": options.action_set,
-        "complete": not interrupted,
+        "complete": stopped is None,
         "command": command,
         "versions": library_versions(),
     }
+    if isinstance(stopped, BackendError) and not frames:
+        raise stopped
     frame = join(frames)
     write_experience(options.out, Experience(frame, metadata))
-    _report(frame, options.out, interrupted)
-    return INTERRUPTED if interrupted else 0
+    _report(frame, options.out, stopped)
+    return 0 if stopped is None else INTERRUPTED if isinstance(stopped, KeyboardInterrupt) else 1
 
 
-def _report(frame: pd.DataFrame, file: Path, interrupted: bool) -> None:
+def _report(frame: pd.DataFrame, file: Path, stopped: BaseException | None) -> None:
     for action, rows in frame.groupby("action", sort=False):
         ends = rows.drop_duplicates("episode", keep="last")
         print(
@@ -93,7 +95,10 @@ def _report(frame: pd.DataFrame, file: Path, interrupted: bool) -> None:
         )
         for reason, count in ends.loc[~ends["success"], "reason"].value_counts().head(5).items():
             print(f"  failed {count} times: {reason}")
-    print(f"{'interrupted: kept the finished episodes in' if interrupted else 'wrote'} {file}")
+    if stopped is None:
+        print(f"wrote {file}")
+    else:
+        print(f"{str(stopped) or 'interrupted'}; kept the finished episodes in {file}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,42 @@
+"""The models that are shipped: whole, measured on other episodes than they learned from, told in docs."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import pytest
+
+from ator_ros.experiments.accuracy_tables import accuracy_table
+from ator_ros.performance.model_file import is_model, load_model
+from ator_ros.resources import resource_path
+from ator_ros.robot import load_robot
+
+ROBOT = load_robot()
+FILES = sorted(filter(is_model, resource_path("models").rglob("*.json")))
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: f"{file.parent.name}/{file.stem}")
+def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = load_model(file, ROBOT)
+    accuracy, training = model.metadata["accuracy"], model.metadata["training"]
+    for name in ("mae_s", "rmse_s"):
+        low, high = accuracy[f"{name}_ci95"]
+        assert low < accuracy[name] < high
+    assert accuracy["relative_error"] > 0.0
+    assert accuracy["episodes"] >= 400
+    assert training["episodes"] >= 1000
+    assert training["seed"] != accuracy["seed"]
+    assert len(training["digest"]) == 16
+    assert {"python", "numpy", "scikit-learn"} <= model.metadata["versions"].keys()
+    assert model.action == file.stem
+    assert model.metadata["action_set"] == ("default" if file.parent.name == "models" else file.parent.name)
+
+
+def test_the_table_of_accuracy_is_theirs() -> None:
+    told = (DOCS / "accuracy.md").read_text(encoding="utf-8")
+    for line in accuracy_table(load_model(file, ROBOT) for file in FILES):
+        assert line in told
