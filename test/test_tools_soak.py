@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import os
-from pathlib import Path
 
 import pytest
 
@@ -77,18 +76,6 @@ def test_times_that_make_no_sense_are_refused(
     with pytest.raises(SystemExit):
         main([f"{option}={text}"])
     assert f"argument {option}: expected a finite number from 0, got {text!r}" in capsys.readouterr().err
-
-
-def test_a_result_that_cannot_be_written_is_known_before_it_begins(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").touch()
-    for out in (tmp_path, tmp_path / "file" / "soak.json"):
-        assert main(["--out", str(out)]) == 1
-        told = capsys.readouterr()
-        assert told.err.startswith("soak: ")
-        assert str(tmp_path) in told.err
-        assert not told.out
 
 
 def test_a_process_is_measured() -> None:

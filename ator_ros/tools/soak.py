@@ -19,7 +19,7 @@ from typing import Any
 
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
-from ator_ros.tools.command_line import whole
+from ator_ros.tools.command_line import destination, whole
 from ator_ros.tools.soak_report import MEANING, Soak, summary
 from ator_ros.tools.soak_run import run
 
@@ -41,7 +41,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--duration", type=_number, default=120.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--real-time-factor", type=_number, default=0.0, metavar="F", help="0: highest")
     parser.add_argument("--seed", type=whole(), default=701)
-    parser.add_argument("--out", type=Path, default=Path("build/soak.json"), metavar="FILE.json")
+    parser.add_argument("--out", type=destination, default=Path("build/soak.json"), metavar="FILE.json")
     return parser
 
 
@@ -66,8 +66,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             write_text(options.out, json.dumps(report_of(soak, **how), indent=1) + "\n")
 
     try:
-        # That it cannot be written is better known now than after an hour.
-        write_text(options.out, options.out.read_text(encoding="utf-8") if options.out.exists() else "{}\n")
         soak = run(**how, write=write)
     except ImportError as error:
         print(f"soak: {error}: source your ROS 2 workspace, or use make run", file=sys.stderr)
