@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from pathlib import Path
 
 import pytest
 
@@ -34,6 +35,34 @@ def test_numbers_that_are_none_are_refused(
     told = capsys.readouterr().err.splitlines()[-1]
     assert told.startswith(f"{command}: error: argument {option}: expected a whole number from ")
     assert repr(text) in told
+
+
+DESTINATIONS = {
+    "bench": ["--out"],
+    "collect": ["--out"],
+    "compare": ["--out"],
+    "demo": ["--out"],
+    "noise": ["--out"],
+    "qualify": ["--out", "--slices"],
+    "soak": ["--out"],
+    "train": ["--ablation", "--report"],
+}
+
+
+@pytest.mark.parametrize(
+    ("command", "option"), [(c, option) for c, names in DESTINATIONS.items() for option in names]
+)
+def test_a_result_that_cannot_be_written_is_refused_before_the_work(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    tool = importlib.import_module(f"ator_ros.tools.{command}")
+    for place in (tmp_path, tmp_path / "file" / "result", tmp_path / "file" / "folder" / "result"):
+        with pytest.raises(SystemExit) as ended:
+            tool.main([f"{option}={place}"])
+        assert ended.value.code == 2
+        told = capsys.readouterr().err.splitlines()[-1]
+        assert f"argument {option}: expected a file that can be written, got {str(place)!r}" in told
 
 
 def test_whole_numbers_within_bounds_are_read() -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 import stat
+import threading
 from pathlib import Path
 
 import pytest
@@ -74,6 +76,21 @@ def test_processes_end_with_the_block_even_deaf_ones(tmp_path: Path) -> None:
         nodes.start("deaf", {})
         while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
             nodes.check()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+def test_a_second_signal_leaves_no_process_behind(tmp_path: Path) -> None:
+    script(tmp_path, "deaf", f"trap '' INT; echo $$ > {tmp_path}/pid; while :; do sleep 0.05; done")
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with NodeProcesses(tmp_path, 1, patience=0.5) as nodes:
+            nodes.start("deaf", {})
+            while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+                nodes.check()
+            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGTERM)).start()
+    finally:
+        signal.signal(signal.SIGTERM, previous)
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
 

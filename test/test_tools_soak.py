@@ -7,6 +7,7 @@ import os
 
 import pytest
 
+from ator_ros.tools.soak import main
 from ator_ros.tools.soak_report import NODES, Answer, Sample, Soak, sample, summary
 
 
@@ -65,6 +66,16 @@ def test_at_real_time_ticks_and_cpu_are_judged() -> None:
     assert "expected 99% of the ticks within 5 ms, got 95.00%" in late
     assert "the executor takes 20.0% of a core" in executor
     assert "refinement idle takes 3.0%" in refinement
+
+
+@pytest.mark.parametrize("option", ["--duration", "--real-time-factor"])
+@pytest.mark.parametrize("text", ["nan", "inf", "-1", "long", ""])
+def test_times_that_make_no_sense_are_refused(
+    option: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([f"{option}={text}"])
+    assert f"argument {option}: expected a finite number from 0, got {text!r}" in capsys.readouterr().err
 
 
 def test_a_process_is_measured() -> None:

@@ -19,6 +19,7 @@ from typing import Any
 from ator_ros.experience.table import library_versions
 from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.tools import bench_collection, bench_learners, bench_refinement, bench_simulation
+from ator_ros.tools.command_line import destination
 
 
 def _service(_: argparse.Namespace) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def arguments() -> argparse.ArgumentParser:
         )
     parser.add_argument(
         "--out",
-        type=Path,
+        type=destination,
         default=Path("docs/benchmarks.json"),
         metavar="FILE.json",
         help="keeps what it holds of other parts; the learners' table, peers.md, goes beside it "

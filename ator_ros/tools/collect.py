@@ -23,7 +23,7 @@ from ator_ros.experience.table import (
 )
 from ator_ros.files import portable_command
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import INTERRUPTED, add_parallel_options, guarded, whole
+from ator_ros.tools.command_line import INTERRUPTED, add_parallel_options, destination, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -35,7 +35,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
     add_parallel_options(parser)
     parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
-    parser.add_argument("--out", type=Path, default=Path("experience.parquet"))
+    parser.add_argument("--out", type=destination, default=Path("experience.parquet"))
     return parser
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -87,6 +88,15 @@ def executed(settings: Settings, options: argparse.Namespace, folder: Path) -> l
                 records, initial=done, total=total, unit="situation", smoothing=0.05, disable=None
             ),
         )
+
+
+def destination(text: str) -> Path:
+    """Be a type for argparse: a file that can be written, as far as that is known beforehand."""
+    path = Path(text)
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise argparse.ArgumentTypeError(f"expected a file that can be written, got {text!r}")
+    return path
 
 
 def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:

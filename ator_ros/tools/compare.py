@@ -18,7 +18,7 @@ from ator_ros.experiments.toolset import ToolsetSource, make_toolset
 from ator_ros.experiments.trials import Trial, random_trial
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import INTERRUPTED, whole
+from ator_ros.tools.command_line import INTERRUPTED, destination, whole
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
 from ator_ros.tops.library import TopLibrary
 
@@ -41,7 +41,7 @@ def arguments() -> argparse.ArgumentParser:
         metavar="F",
         help="simulated per real seconds (default: %(default)s); 0: as fast as the robot is steered",
     )
-    parser.add_argument("--out", type=Path, default=Path("build/compare.json"), metavar="FILE.json")
+    parser.add_argument("--out", type=destination, default=Path("build/compare.json"), metavar="FILE.json")
     return parser
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from ator_ros.experiments.trials import Trial, open_speeds, random_trial
 from ator_ros.refinement.free_variables import goal_values, with_values
 from ator_ros.robot import Robot, load_robot
-from ator_ros.tools.command_line import INTERRUPTED, whole
+from ator_ros.tools.command_line import INTERRUPTED, destination, whole
 from ator_ros.tools.demo_report import DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
 from ator_ros.tops.chain import TopChain
@@ -42,7 +42,7 @@ def arguments() -> argparse.ArgumentParser:
         help="simulated per real seconds; 0 (default): as fast as the robot is steered",
     )
     parser.add_argument("--models", default="", metavar="DIR", help="of other performance models")
-    parser.add_argument("--out", type=Path, default=Path("build/demo.png"), metavar="FILE.png")
+    parser.add_argument("--out", type=destination, default=Path("build/demo.png"), metavar="FILE.png")
     return parser
 
 

@@ -77,7 +77,7 @@ def table(situations: Sequence[DemoSituation]) -> str:
     for number, situation in enumerate(situations, start=1):
         rows.append([str(number), "naive", *_cells(situation.naive, len(tops)), ""])
         gain = situation.gain
-        percent = 100.0 * gain / situation.naive.total[1]
+        percent = 100.0 * gain / (situation.naive.total[1] or math.inf)  # a run may end before it began
         saved = "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"
         kind = "refined" if situation.refined.refined else "left alone"
         rows.append(["", kind, *_cells(situation.refined, len(tops)), saved])

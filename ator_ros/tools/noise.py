@@ -22,7 +22,7 @@ from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
 from ator_ros.simulation.sensors import REALISTIC
-from ator_ros.tools.command_line import guarded, whole
+from ator_ros.tools.command_line import destination, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -41,7 +41,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
     parser.add_argument("--models", default="", help="folder of the models (default: the shipped ones)")
     parser.add_argument("--jobs", type=int, default=-1)
-    parser.add_argument("--out", type=Path, default=Path("docs/robustness_noise.json"))
+    parser.add_argument("--out", type=destination, default=Path("docs/robustness_noise.json"))
     return parser
 
 

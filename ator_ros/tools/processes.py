@@ -97,10 +97,12 @@ class NodeProcesses:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # A second Ctrl-C must not leave a node behind.
-        previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # A second Ctrl-C, or the SIGTERM that `timeout` sends twice, must not leave a node behind.
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
         try:
             self.stop()
             self._logs.cleanup()
         finally:
-            signal.signal(signal.SIGINT, previous)
+            for number, handler in zip(numbers, previous, strict=True):
+                signal.signal(number, handler)

@@ -18,7 +18,7 @@ from ator_ros.experiments.action_quality import KINDS, Outcome, Task, execute, r
 from ator_ros.experiments.action_slices import draw_slices
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import guarded, whole
+from ator_ros.tools.command_line import destination, guarded, whole
 
 RULED = ("pose", "approach", "dribble")
 
@@ -38,13 +38,15 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=whole(), default=901)
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
     parser.add_argument("--jobs", type=int, default=-1)
-    parser.add_argument("--out", type=Path, default=Path("docs/actions.json"))
+    parser.add_argument("--out", type=destination, default=Path("docs/actions.json"))
     parser.add_argument(
         "--optimal", type=Path, metavar="DIR",
         help="folder for the ruler: pairs_KIND.json is written there, and optimal_KIND.json (the times in s "
         "that benchmarks/time_optimal.py prints for it) is read where it exists",
     )  # fmt: skip
-    parser.add_argument("--slices", type=Path, metavar="PNG", help="also draw duration against start heading")
+    parser.add_argument(
+        "--slices", type=destination, metavar="PNG", help="also draw duration against start heading"
+    )
     return parser
 
 

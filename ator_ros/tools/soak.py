@@ -19,7 +19,7 @@ from typing import Any
 
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
-from ator_ros.tools.command_line import whole
+from ator_ros.tools.command_line import destination, whole
 from ator_ros.tools.soak_report import MEANING, Soak, summary
 from ator_ros.tools.soak_run import run
 
@@ -38,17 +38,20 @@ def report_of(soak: Soak, *, duration: float, real_time_factor: float, seed: int
 def arguments() -> argparse.ArgumentParser:
     """Give the command line of `soak`."""
     parser = argparse.ArgumentParser(prog="soak", description=__doc__)
-    parser.add_argument("--duration", type=_positive, default=120.0, metavar="S", help="default: %(default)s")
-    parser.add_argument("--real-time-factor", type=float, default=0.0, metavar="F", help="0: highest")
+    parser.add_argument("--duration", type=_number, default=120.0, metavar="S", help="default: %(default)s")
+    parser.add_argument("--real-time-factor", type=_number, default=0.0, metavar="F", help="0: highest")
     parser.add_argument("--seed", type=whole(), default=701)
-    parser.add_argument("--out", type=Path, default=Path("build/soak.json"), metavar="FILE.json")
+    parser.add_argument("--out", type=destination, default=Path("build/soak.json"), metavar="FILE.json")
     return parser
 
 
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"expected a time above 0 s, got {text}")
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a finite number from 0, got {text!r}")
     return value
 
 
@@ -67,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ImportError as error:
         print(f"soak: {error}: source your ROS 2 workspace, or use make run", file=sys.stderr)
         return 1
-    except RuntimeError as error:  # a node that has ended is one
+    except (RuntimeError, OSError) as error:  # a node that has ended is one
         print(f"soak: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -23,7 +23,7 @@ from ator_ros.performance.model_file import ModelFileError, is_model, load_model
 from ator_ros.performance.training import TrainingError, digest, train
 from ator_ros.resources import resource_path
 from ator_ros.robot import Robot, load_robot
-from ator_ros.tools.command_line import guarded
+from ator_ros.tools.command_line import destination, guarded
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -43,10 +43,10 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--action-set", help="that recordings were made with (tables know their own)")
     parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
     parser.add_argument(
-        "--ablation", type=Path, metavar="FILE", help="write the feature ablation as Markdown"
+        "--ablation", type=destination, metavar="FILE", help="write the feature ablation as Markdown"
     )
     parser.add_argument(
-        "--report", type=Path, metavar="FILE", help="write the accuracy of all models there are"
+        "--report", type=destination, metavar="FILE", help="write the accuracy of all models there are"
     )
     parser.add_argument("--rules", metavar="ACTION", help="print the rules of a model and stop")
     parser.add_argument("--measure", default="duration", help="whose rules (default: %(default)s)")
