@@ -161,6 +161,13 @@ def test_who_does_not_want_it_is_not_asked(options: dict[str, object]) -> None:
         assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("wanted", "told"), [(True, "no answer from refinement yet"), (False, "not asked for")]
+)
+def test_before_an_answer_it_says_whether_one_is_awaited(wanted: bool, told: str) -> None:
+    assert told in Refining(ROBOT, wanted=wanted, again_after=0.15).reason
+
+
 def test_a_refined_chain_must_be_valid() -> None:
     world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
     assert refined_chain(CHAIN, 0, with_yaw(CHAIN, 1.0), world, ROBOT) == with_yaw(CHAIN, 1.0)

@@ -113,12 +113,14 @@ class GoalRun:
         if not self.handle.is_active or (status == told and abs(now - when) < _FEEDBACK_PERIOD):
             return
         self._told = (status, now)
+        phase, reason = execution.phase.value, execution.reason
+        doing = phase if reason == phase else f"{phase}: {reason}"
         feedback = ExecuteChain.Feedback(
             chain_id=self._chain_id,
             step=execution.step,
             steps=len(execution.chain),
             top=execution.top.name,
-            status=f"{execution.phase.value}: {execution.reason} ({execution.refining.reason})",
+            status=f"{doing} ({execution.refining.reason})",
             elapsed=execution.elapsed,
             predicted_remaining=execution.predicted_remaining(now),
         )

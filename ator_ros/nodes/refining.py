@@ -12,6 +12,7 @@ from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.world import BallState, World
 
 _NOT_ASKED = "refinement was not asked for"
+_UNANSWERED = "no answer from refinement yet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,8 @@ class Refining:
     @property
     def reason(self) -> str:
         """What became of the first question, of the last that changed the chain, and of one since then."""
-        return (self._first or _NOT_ASKED) + self._changed + self._left
+        unanswered = _UNANSWERED if self.wanted else _NOT_ASKED
+        return (self._first or unanswered) + self._changed + self._left
 
     def ask(self, world: World, chain: TopChain, now: float, *, step: int = 0) -> None:
         """Ask about `chain` from `step` on."""

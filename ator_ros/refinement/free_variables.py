@@ -91,7 +91,8 @@ class Analysis:
 def goal_values(goal: Goal) -> dict[str, float]:
     """Give the goal variables of `goal`: x, y, yaw of its pose (m, rad), and its other numbers by name."""
     values = dict(zip(goal.pose._fields, goal.pose, strict=True))
-    for name in _numbers(type(goal)):
+    kind: Any = type(goal)  # mypy takes a class whose instances hash for one that does not itself
+    for name in _numbers(kind):
         values[name] = float(getattr(goal, name))
     return values
 

@@ -1,0 +1,97 @@
+"""The README's requests are read as printed, and what it prints as answer is what the shipped models say."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import TopCall
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.nodes.conversions import chain_from
+from ator_ros.nodes.refinement import refinement_of
+from ator_ros.nodes.refinement_answers import answer_of
+from ator_ros.performance.model_file import load_models, model_path
+from ator_ros.refinement.gate_file import load_gate
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.robot import load_robot
+from ator_ros.tops.library import TopLibrary
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+ROBOT = load_robot()
+LIBRARY = TopLibrary(ROBOT)
+
+
+def filled(message: Any, values: dict[str, Any]) -> Any:
+    """Fill `message` as `ros2 service call` does."""
+    for name, value in values.items():
+        current = getattr(message, name)
+        if isinstance(value, dict):
+            filled(current, value)
+        elif name == "calls":
+            message.calls = [filled(TopCall(), call) for call in value]
+        else:
+            setattr(message, name, type(current)(value))
+    return message
+
+
+def printed(command: str) -> dict[str, Any]:
+    """Give the message that the README's line `command` sends."""
+    found = re.search(rf'{command}.*?"(\{{.*?\}})"', README, re.DOTALL)
+    assert found is not None
+    values: dict[str, Any] = yaml.safe_load(found.group(1))
+    return values
+
+
+def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
+    models = load_models(ROBOT)
+    refiner = Refiner(ROBOT, models, load_gate(ROOT / "models" / model_path("gate", "default")))
+    found = refinement_of(request, refiner, LIBRARY, frame="odom")
+    return answer_of(found, action_set="default", frame="odom", want_curve=False)
+
+
+def durations(field: str) -> list[str]:
+    """Give the durations that the README prints in a field of the answer."""
+    found = re.search(rf"\b{field}=\[?(Performance\(.*?)(?:, after=|\]|,?\n)", README)
+    assert found is not None
+    return re.findall(r"duration=([\d.]+)", found.group(1))
+
+
+def test_the_printed_answer_is_what_comes() -> None:
+    answer = answered(filled(RefineSubgoal.Request(), printed("ros2 service call /refine_subgoal")))
+    assert answer.accepted
+    assert f'refined={answer.refined}, reason="{answer.reason}"' in README
+    approach = answer.chain.calls[0].goal.pose.orientation
+    assert f"orientation=Quaternion(z={approach.z:.4f}, w={approach.w:.4f})" in README
+    (free,) = answer.free
+    assert f"name='{free.name}', before={free.before}, after={free.after:.4f}" in README
+    assert durations("before") == [f"{answer.before.duration:.2f}"]
+    assert durations("after") == [f"{answer.after.duration:.2f}"]
+    assert durations("before_actions") == [f"{action.duration:.2f}" for action in answer.before_actions]
+    assert durations("after_actions") == [f"{action.duration:.2f}" for action in answer.after_actions]
+
+
+def test_an_open_speed_is_worth_what_it_says() -> None:
+    request = filled(RefineSubgoal.Request(), printed("ros2 service call /refine_subgoal"))
+    request.chain.calls[0].bound, request.chain.calls[0].open = ["x", "y"], ["yaw", "speed"]
+    answer = answered(request)
+    said = re.search(r"along at ([\d.]+) m/s and the chain is predicted to take ([\d.]+) s", README)
+    assert said is not None
+    assert float(said.group(1)) == pytest.approx(answer.chain.calls[0].speed, abs=0.05)
+    assert said.group(2) == f"{answer.after.duration:.2f}"
+
+
+def test_the_printed_goal_is_the_same_chain() -> None:
+    goal = filled(ExecuteChain.Goal(), printed("ros2 action send_goal --feedback /execute_chain"))
+    request = filled(RefineSubgoal.Request(), printed("ros2 service call /refine_subgoal"))
+    assert goal.refine
+    assert goal.chain == request.chain
+    assert [call.top.name for call in chain_from(goal.chain, LIBRARY, frame="odom").calls] == [
+        "goToBall",
+        "dribbleBall",
+    ]
