@@ -41,10 +41,11 @@ def test_peers_that_cannot_run_say_why_and_the_others_are_compared(tmp_path: Pat
     assert (row["limit_rmse_over_best_ceiling"], row["limit_predict_ms"]) == (1.15, 0.3)
     assert row["rmse_over_best_ceiling"] > 0.0
     assert "times_faster_fit" not in row
-    text = bench_learners.document(cases)
+    text = bench_learners.document(cases, 0.25)
     assert "| m5py | not run: installing the peers' packages failed with code 1: no network |" in text
     assert "| Weka M5P | not run: expected java and" in text
     assert "- `times_faster_fit`: not measured" in text
+    assert "load when this began was 0.2" in text
     assert text.count("\n## ") == 4
 
 

@@ -32,8 +32,9 @@ def _service(_: argparse.Namespace) -> dict[str, Any]:
 
 def _learners(options: argparse.Namespace) -> dict[str, Any]:
     tables = {"experience": options.experience, "fresh": options.fresh}
+    load = os.getloadavg()[0]
     cases = bench_learners.measure(tables)
-    write_text(options.out.with_name("peers.md"), bench_learners.document(cases))
+    write_text(options.out.with_name("peers.md"), bench_learners.document(cases, load))
     return cases
 
 

@@ -167,8 +167,8 @@ def _rounded(value: Any) -> Any:
     return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
-def document(cases: Mapping[str, Row]) -> str:
-    """Write what `measure` gave as Markdown."""
+def document(cases: Mapping[str, Row], load: float) -> str:
+    """Write what `measure` gave as Markdown; `load` is the machine's when it began."""
     lines = [
         "# The model tree beside its peers",
         "",
@@ -176,6 +176,7 @@ def document(cases: Mapping[str, Row]) -> str:
         f"of `collect --seed {SEEDS['experience']}` to learn and of `collect --seed {SEEDS['fresh']}` to",
         "measure. m5py and linear-tree run in an environment of their own with scikit-learn 1.3.2, Weka from",
         "Debian's package; all with their defaults (linear-tree: depth 8). Weka tells no time of prediction.",
+        f"The machine's load when this began was {load:.1f}: times hold for an idle machine, near 0.",
     ]
     subjects: dict[str, dict[str, Row]] = {}
     for case, row in cases.items():

@@ -55,6 +55,9 @@ def dribble(arena: Arena, visit: Visit) -> Sent:
     return sent
 
 
+STAGES = (waiting, refining, approach, dribble)
+
+
 def said(sent: Sent, words: str) -> bool:
     """Say whether a goal's feedback has held these words."""
     return any(words in told.status for told in sent.feedback)

@@ -7,13 +7,11 @@ from collections.abc import Iterator
 
 import pytest
 from arena import Arena, arena_with
-from stages import Stage, approach, dribble, refining, waiting
+from stages import STAGES, Stage, approach, dribble, refining, waiting
 
 from ator_interfaces.msg import Outcome
 
 pytestmark = pytest.mark.node
-
-STAGES = (waiting, refining, approach, dribble)
 
 
 @pytest.fixture(scope="module")
