@@ -114,7 +114,9 @@ def eventually_gone(group: int) -> bool:
 
 
 WATCHED = """
+import signal
 import sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job would ignore Ctrl-C
 from ator_ros.tools import collect
 
 class Bar:

@@ -33,6 +33,7 @@ class Geometry:
     def __init__(self, direct: Direct, robot: Robot) -> None:
         self.direct = direct_arrays(direct)
         self.robot = robot
+        self.features: dict[str, FloatArray] = {}  # by name, each computed for the first tree that asks
 
     @cached_property
     def destination(self) -> tuple[FloatArray, FloatArray]:

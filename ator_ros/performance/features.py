@@ -142,7 +142,9 @@ def table_of(geometry: Geometry, names: Sequence[str]) -> FloatArray:
     """Compute the features `names` of a geometry that others may have been computed of, shape (n, k)."""
     table = np.empty((len(geometry.direct["x"]), len(names)))
     for column, name in enumerate(names):
-        table[:, column] = FEATURES[name].compute(geometry)
+        if name not in geometry.features:
+            geometry.features[name] = FEATURES[name].compute(geometry)
+        table[:, column] = geometry.features[name]
     return table
 
 

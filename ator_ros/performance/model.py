@@ -99,7 +99,11 @@ class PerformanceModel:
             if name in self.trees and name not in fields:
                 tree = self.trees[name]
                 low, high = _RANGES.get(name, (0.0, np.inf))
-                fields[name] = np.clip(tree.predict(table_of(geometry, tree.names)), low, high)
+                if tree.constant is None:
+                    values = tree.predict(table_of(geometry, tree.names))
+                else:
+                    values = np.full(len(geometry.direct["x"]), tree.constant)
+                fields[name] = np.minimum(np.maximum(values, low), high)
         return Prediction(**fields)
 
     def rules(self, measure: str = "duration") -> str:

@@ -98,12 +98,13 @@ def search_fastest(
     """
     lanes = np.empty(len(kinds), dtype=_LANE)
     gaps = np.empty(_BRACKETS, dtype=np.float32)
+    likely = 0  # what was fastest just before is tried first: then more of the others are hopeless
     for at in range(ends.shape[1]):
         speed, arrival = ends[3, at], ends[4, at]
         if at == 0 or speed != ends[3, at - 1] or arrival != ends[4, at - 1]:
             _set_speeds(lanes, speed, arrival, kinds, tables, rules)
-        result[0, at], result[1, at] = _fastest(
-            ends[0, at], ends[1, at], ends[2, at], lanes, gaps, kinds, tables, rules
+        result[0, at], result[1, at], likely = _fastest(
+            ends[0, at], ends[1, at], ends[2, at], likely, lanes, gaps, kinds, tables, rules
         )
 
 
@@ -143,17 +144,19 @@ def _fastest(
     x: float,
     y: float,
     turn: float,
+    likely: int,
     lanes: Rows,
     gaps: RealArray,
     kinds: Rows,
     tables: TurnTables,
     rules: Rules,
-) -> tuple[float, float]:
-    """Give time (s) and turned angle (rad) of the fastest motion to one destination."""
+) -> tuple[float, float, int]:
+    """Give time (s), turned angle (rad) and kind of the fastest motion to one destination."""
     cos, sin = math.cos(turn), math.sin(turn)
     ball_x, ball_y = x + rules.hold * cos, y + rules.hold * sin
-    best, turned = np.inf, 0.0
-    for index in range(len(kinds)):
+    best, turned, fastest = np.inf, 0.0, likely
+    for number in range(len(kinds)):
+        index = (likely + number) % len(kinds)
         kind, lane = kinds[index], lanes[index]
         lead, run = lane["lead"], lane["run"]
         way = _Way(x - lead - run * cos, y - run * sin, ball_x - lead, ball_y)
@@ -175,8 +178,8 @@ def _fastest(
                     if abs(last) < WIDEST and angles < _MOST_TURNED:
                         time = _time(first, last, best, way, kind, lane, tables.along, tables.across, rules)
                         if time < best:
-                            best, turned = time, angles
-    return best, turned
+                            best, turned, fastest = time, angles, index
+    return best, turned, fastest
 
 
 @compiled

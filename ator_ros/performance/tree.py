@@ -61,6 +61,8 @@ class ModelTree:
         for node in np.flatnonzero(~self.is_leaf):
             depth[self.children[node]] = depth[node] + 1
         object.__setattr__(self, "_depth", int(depth.max()))
+        constant = float(np.clip(self.intercept[0], self.lower[0], self.upper[0]))
+        object.__setattr__(self, "_constant", None if self.used_features() else constant)
 
     @property
     def is_leaf(self) -> BoolArray:
@@ -103,6 +105,11 @@ class ModelTree:
         leaf = np.empty(len(X), dtype=np.intp)
         _walk(X, self.feature, self.threshold, self.children, leaf)
         return leaf
+
+    @property
+    def constant(self) -> float | None:
+        """What is predicted everywhere, in the target's unit; None where that depends on features."""
+        return self._constant  # type: ignore[attr-defined,no-any-return]
 
     def predict(self, X: FloatArray) -> FloatArray:
         """Predict the target of each row, in its unit; shapes as in `apply`."""
