@@ -18,7 +18,8 @@ LONG = 60.0
 GENEROUS = {"start_timeout": LONG, "odom_timeout": 5.0}
 
 
-@pytest.mark.parametrize("factor", [0.0, 1.0])
+# At factor 0 the simulation waits only once it is steered: the goal's time limit may pass before that.
+@pytest.mark.parametrize("factor", [1.0, 4.0])
 def test_a_goal_that_comes_before_the_simulation_is_executed(
     start: Start, client: Client, factor: float
 ) -> None:
