@@ -14,8 +14,9 @@ from ator_ros.performance.families import Family, approach_family, dribble_famil
 from ator_ros.performance.ideal_times import Motions, fastest_motions
 from ator_ros.robot import Robot
 
-RELEASE = 0.33  # m before the goal at which a ball is let go
-# Ways to shoot: where into the goal's mouth, in shares of its width from the middle, and in which direction.
+# The ideal shots, nine of them; the action itself chooses among more: m before the goal at which the ball is
+# let go, and where into the goal's mouth, in shares of its width from the middle, in which direction (rad).
+RELEASE = 0.33
 _AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
 
 

@@ -57,10 +57,6 @@ class ModelTree:
     samples: FloatArray
 
     def __post_init__(self) -> None:
-        depth = np.zeros(len(self.feature), dtype=np.intp)
-        for node in np.flatnonzero(~self.is_leaf):
-            depth[self.children[node]] = depth[node] + 1
-        object.__setattr__(self, "_depth", int(depth.max()))
         constant = float(np.clip(self.intercept[0], self.lower[0], self.upper[0]))
         object.__setattr__(self, "_constant", None if self.used_features() else constant)
 
@@ -74,11 +70,6 @@ class ModelTree:
     def n_leaves(self) -> int:
         """How many leaves, that is rules, the tree has."""
         return int(self.is_leaf.sum())
-
-    @property
-    def depth(self) -> int:
-        """How many comparisons the longest path takes; 0 for a single leaf."""
-        return int(self._depth)  # type: ignore[attr-defined]
 
     def used_features(self) -> tuple[str, ...]:
         """Give the features that partition the tree or appear in a leaf's model (paper, section 4.2)."""

@@ -12,7 +12,6 @@ from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.robot import Limits
 
-Indices = NDArray[np.intp]
 RealArray = NDArray[np.floating[Any]]
 
 STEP = np.pi / 8.0  # rad between the turns among which motions are bracketed

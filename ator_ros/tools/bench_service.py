@@ -23,7 +23,7 @@ from ator_ros.experiments.trials import random_trial
 from ator_ros.nodes.conversions import chain_of, situation_of
 from ator_ros.nodes.node_support import run_node
 from ator_ros.robot import load_robot
-from ator_ros.tools.processes import NodeProcesses
+from ator_ros.tools.processes import own_nodes
 from ator_ros.tops.library import TopLibrary
 
 EMPTY = "empty_refine_subgoal"
@@ -45,17 +45,12 @@ def measure(requests: int = 1000) -> dict[str, float]:
 
     Both services are asked in turn, by a thread beside the one that spins.
     """
-    from ament_index_python.packages import get_package_prefix
-
-    domain = 1 + os.getpid() % 100
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-    folder = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
-    with NodeProcesses(folder, domain) as nodes:
+    with own_nodes() as nodes:
         nodes.start("refinement", {})
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(nodes.domain)}
         empty = subprocess.Popen([sys.executable, "-m", "ator_ros.tools.bench_service"], env=environment)
         try:
-            return _measured(domain, nodes.pid("refinement"), requests)
+            return _measured(nodes.domain, nodes.pid("refinement"), requests)
         finally:
             empty.terminate()
             empty.wait()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import platform
 import statistics
 import sys
@@ -19,14 +18,12 @@ from ator_ros.experiments.trials import Trial, random_trial
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
 from ator_ros.tools.command_line import INTERRUPTED, destination, whole
-from ator_ros.tools.processes import NodeEndedError, NodeProcesses
+from ator_ros.tools.processes import NodeEndedError, all_nodes
 from ator_ros.tops.library import TopLibrary
 
 LIMIT_PERCENT = 2.0
 """How far the mean durations may be apart."""
 _FRAME = "odom"
-_DOMAINS = 100
-_ODOM_TIMEOUT = 2.0
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -97,26 +94,18 @@ def summary(pairs: Sequence[tuple[float, float]]) -> dict[str, Any]:
 
 def _pairs(options: argparse.Namespace) -> Iterator[tuple[float, float]]:
     """Start the nodes and execute the situations one by one; give both durations in s."""
-    from ament_index_python.packages import get_package_prefix
-
     from ator_ros.tools.demo_client import DemoClient
 
-    domain = 1 + os.getpid() % _DOMAINS
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     robot = load_robot()
     library, refiner = TopLibrary(robot), make_toolset(ToolsetSource()).refiner(gated=True)
-    with NodeProcesses(Path(get_package_prefix("ator_ros"), "lib", "ator_ros"), domain) as nodes:
-        nodes.start("simulation", {"real_time_factor": options.real_time_factor, "command_wait": 1.0})
-        nodes.start("refinement", {})
-        nodes.start("executor", {"odom_timeout": _ODOM_TIMEOUT})
-        with DemoClient(domain, nodes.check) as client:
-            client.ready()
-            for index in range(options.situations):
-                trial = random_trial(options.seed, index, "dribble", robot, library)
-                naive = refiner.naive(trial.world, trial.chain)
-                chain = refiner.refine(trial.world, naive).chain
-                run = run_chain(robot, library, trial.world, chain)
-                yield _over_ros(client, Trial(index, trial.world, chain)), run.duration
+    with all_nodes(options.real_time_factor) as nodes, DemoClient(nodes.domain, nodes.check) as client:
+        client.ready()
+        for index in range(options.situations):
+            trial = random_trial(options.seed, index, "dribble", robot, library)
+            naive = refiner.naive(trial.world, trial.chain)
+            chain = refiner.refine(trial.world, naive).chain
+            run = run_chain(robot, library, trial.world, chain)
+            yield _over_ros(client, Trial(index, trial.world, chain)), run.duration
 
 
 def _over_ros(client: Any, trial: Trial) -> float:

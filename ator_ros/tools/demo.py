@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -16,15 +15,12 @@ from ator_ros.refinement.free_variables import goal_values, with_values
 from ator_ros.robot import Robot, load_robot
 from ator_ros.tools.command_line import INTERRUPTED, destination, whole
 from ator_ros.tools.demo_report import DemoSituation, save_picture, table
-from ator_ros.tools.processes import NodeEndedError, NodeProcesses
+from ator_ros.tools.processes import NodeEndedError, all_nodes
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 
 _FRAME = "odom"
-_DOMAINS = 100
 _LONGEST_DEMO = 200
-# The robot stops when no odometry has come for so long: more than on a robot, for machines that are busy.
-_ODOM_TIMEOUT = 2.0
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -52,8 +48,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):  # also as a background job
         signal.signal(number, signal.default_int_handler)
     try:
-        from ament_index_python.packages import get_package_prefix
-
         from ator_ros.tools.demo_client import DemoError
     except ImportError as error:
         print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
@@ -62,8 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     played: list[DemoSituation] = []
     code = 0
     try:
-        folder = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
-        played.extend(_play(options, robot, folder))
+        played.extend(_play(options, robot))
     except KeyboardInterrupt:
         print("interrupted")
         code = INTERRUPTED
@@ -77,21 +70,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def _play(options: argparse.Namespace, robot: Robot, folder: Path) -> Iterator[DemoSituation]:
+def _play(options: argparse.Namespace, robot: Robot) -> Iterator[DemoSituation]:
     """Start the nodes and play the situations one by one."""
     from ator_ros.tools.demo_client import DemoClient
 
-    domain = 1 + os.getpid() % _DOMAINS
     library = TopLibrary(robot)
-    models = {"models": options.models} if options.models else {}
-    with NodeProcesses(folder, domain) as nodes:
-        nodes.start("simulation", {"real_time_factor": float(options.real_time_factor), "command_wait": 1.0})
-        nodes.start("refinement", models)
-        nodes.start("executor", {**models, "odom_timeout": _ODOM_TIMEOUT, "refinement_timeout": 2.0})
-        print(f"three nodes start on ROS domain {domain} …", flush=True)
-        # The client's threads listen on this machine only, as the nodes do.
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        with DemoClient(domain, nodes.check) as client:
+    with all_nodes(options.real_time_factor, models=options.models) as nodes:
+        print(f"three nodes start on ROS domain {nodes.domain} …", flush=True)
+        with DemoClient(nodes.domain, nodes.check) as client:
             client.ready()
             for index in range(options.situations):
                 trial = random_trial(options.seed, index, "shoot", robot, library)

@@ -7,9 +7,15 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
+
+_DOMAINS = 100
+# The executor waits so long, in s, for odometry and refinement: more than on a robot, for machines that are
+# busy.
+_EXECUTOR_PATIENCE = 2.0
 
 
 class NodeEndedError(RuntimeError):
@@ -30,6 +36,7 @@ class NodeProcesses:
     """
 
     def __init__(self, folder: Path, domain: int, *, patience: float = 5.0) -> None:
+        self.domain = domain
         self._folder = folder
         self._patience = patience
         self._environment = {
@@ -106,3 +113,29 @@ class NodeProcesses:
         finally:
             for number, handler in zip(numbers, previous, strict=True):
                 signal.signal(number, handler)
+
+
+def own_nodes() -> NodeProcesses:
+    """Give the installed nodes a domain of their own, which is heard on this machine only, as we are.
+
+    Raises
+    ------
+    ImportError
+        ROS is not there, or has not been sourced.
+    """
+    from ament_index_python.packages import get_package_prefix
+
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    return NodeProcesses(Path(get_package_prefix("ator_ros"), "lib", "ator_ros"), 1 + os.getpid() % _DOMAINS)
+
+
+@contextmanager
+def all_nodes(real_time_factor: float, *, models: str = "") -> Iterator[NodeProcesses]:
+    """Start simulation, refinement and executor, with other performance models than ours where named."""
+    named = {"models": models} if models else {}
+    with own_nodes() as nodes:
+        nodes.start("simulation", {"real_time_factor": real_time_factor, "command_wait": 1.0})
+        nodes.start("refinement", named)
+        patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
+        nodes.start("executor", {**named, **patience})
+        yield nodes

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
+import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ator_ros.experiments.trials import random_trial
 from ator_ros.robot import Robot, load_robot
-from ator_ros.tools.processes import NodeProcesses
+from ator_ros.tools.processes import NodeProcesses, all_nodes
 from ator_ros.tools.soak_report import NODES, Soak, sample
 from ator_ros.tops.library import TopLibrary
 
@@ -22,7 +21,6 @@ WARM_UP_S = 10.0
 IDLE_S = 10.0
 """Time in s without a goal before the first chain, in which the nodes' idle CPU is measured."""
 MOST_HICCUPS = 10
-_ODOM_TIMEOUT = 2.0
 _WRITING_PERIOD = 60.0
 
 
@@ -73,11 +71,15 @@ class Run:
                 if len(self.soak.hiccups) > MOST_HICCUPS:
                     raise
             trial += 1
-            print(f"\r{elapsed:6.0f} of {self._duration:.0f} s, {trial} chains", end="", flush=True)
+            if sys.stdout.isatty():
+                print(f"\r{elapsed:6.0f} of {self._duration:.0f} s, {trial} chains", end="", flush=True)
             if time.monotonic() > writes:
                 writes += _WRITING_PERIOD
                 self._write(self.soak)
-        print()
+                if not sys.stdout.isatty():
+                    print(f"{elapsed:.0f} of {self._duration:.0f} s, {trial} chains", flush=True)
+        if sys.stdout.isatty():
+            print()
 
     def _cpu(self) -> dict[str, float]:
         return {name: sample(self._nodes.pid(name)).cpu for name in NODES}
@@ -114,20 +116,12 @@ def run(
     *, duration: float, real_time_factor: float, seed: int, write: Callable[[Soak], None] = lambda _: None
 ) -> Soak:
     """Start the three nodes and execute random chains for `duration` (s of real time)."""
-    from ament_index_python.packages import get_package_prefix
-
     from ator_ros.tools.soak_client import SoakClient
 
-    domain = 1 + os.getpid() % 100
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    with NodeProcesses(Path(get_package_prefix("ator_ros"), "lib", "ator_ros"), domain) as nodes:
-        nodes.start("simulation", {"real_time_factor": real_time_factor, "command_wait": 1.0})
-        nodes.start("refinement", {})
-        nodes.start("executor", {"odom_timeout": _ODOM_TIMEOUT, "refinement_timeout": 2.0})
-        with SoakClient(domain, nodes.check) as client:
-            made = Run(duration=duration, seed=seed, nodes=nodes, client=client, write=write)
-            try:
-                made.go()
-            finally:
-                write(made.soak)
+    with all_nodes(real_time_factor) as nodes, SoakClient(nodes.domain, nodes.check) as client:
+        made = Run(duration=duration, seed=seed, nodes=nodes, client=client, write=write)
+        try:
+            made.go()
+        finally:
+            write(made.soak)
     return made.soak

@@ -1,0 +1,44 @@
+"""Chains, worlds and executions for the tests of the executor node's core."""
+
+from __future__ import annotations
+
+from ator_ros.actions.base import Goal
+from ator_ros.geometry import Pose
+from ator_ros.nodes.execution import Execution
+from ator_ros.nodes.phases import Deadlines
+from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.refining import Refining
+from ator_ros.robot import load_robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world import BallState, RobotState, World
+
+ROBOT = load_robot()
+LIBRARY = TopLibrary(ROBOT)
+BOUND = frozenset({"x", "y", "yaw", "speed"})
+
+
+def chain(*steps: tuple[str, Pose]) -> TopChain:
+    return TopChain(
+        tuple(TopCall(LIBRARY[top], Goal(pose, 0.0, LIBRARY[top].point), BOUND) for top, pose in steps)
+    )
+
+
+FORWARD = chain(("goToPose", Pose(1.0, 0.0, 0.0)))
+FORWARD_LEFT = chain(("goToPose", Pose(1.0, 1.0, 0.0)))
+
+
+def execution(plan: TopChain, *, refine: bool = False, fetches: int = 0) -> Execution:
+    return Execution(
+        LIBRARY,
+        plan,
+        refining=Refining(ROBOT, wanted=refine, again_after=0.15),
+        now=100.0,
+        predictor=Predictor(ROBOT, {}),
+        deadlines=Deadlines(),
+        fetches=fetches,
+    )
+
+
+def world(time: float = 1.0, *, v: float = 0.0, ball: BallState | None = None) -> World:
+    return World(time, RobotState(Pose(0.0, 0.0, 0.0), v), ball)
