@@ -26,7 +26,7 @@ from ator_ros.tools.peer_program import measure as measured
 from ator_ros.tools.peer_program import predict_ms
 
 ACTIONS = ("goToPose", "dribbleBall")
-SEEDS = {"experience": 101, "fresh": 201}
+SEEDS = {"experience": 101, "fresh": 211}
 OURS = "ator_ros"
 MODEL_TREES = ("m5py", "linear-tree", "Weka M5P")
 CEILINGS = ("HistGradientBoosting", "RandomForest")
