@@ -101,8 +101,11 @@ class Geometry:
         cos, sin = np.cos(yaw), np.sin(yaw)
         turn = wrap_angles(heading - yaw)
         columns = (cos * dx + sin * dy, cos * dy - sin * dx, turn, self.direct["v"], speed)
-        ends = np.stack([column.ravel() for column in np.broadcast_arrays(*columns)])
-        return fastest_motions(ends, family, hold=self.robot.hold).best_of(len(opening)).after(opening)
+        ends = np.empty((len(columns), *turn.shape))
+        for row, column in zip(ends, columns, strict=True):
+            row[...] = column
+        motions = fastest_motions(ends.reshape(len(columns), -1), family, hold=self.robot.hold)
+        return motions.best_of(len(opening)).after(opening)
 
     def _to_goal(self, family: Family) -> Motions:
         return self._motions(family, *self.destination, self.direct["yawg"], self.direct["speedg"])

@@ -52,21 +52,28 @@ def direct_arrays(direct: Direct) -> Arrays:
         raise ValueError(
             f"direct variables: expected {', '.join(DIRECT_VARIABLES)}; missing: {', '.join(missing)}"
         )
-    given = [np.asarray(direct[name], dtype=float) for name in DIRECT_VARIABLES]
-    sizes = {values.shape for values in given if values.shape}
+    given = [_number_or_array(direct[name]) for name in DIRECT_VARIABLES]
+    sizes = {values.shape for values in given if isinstance(values, np.ndarray)}
     if len(sizes) > 1 or any(len(shape) > 1 for shape in sizes):
-        shapes = {name: values.shape for name, values in zip(DIRECT_VARIABLES, given, strict=True)}
+        shapes = {name: np.shape(values) for name, values in zip(DIRECT_VARIABLES, given, strict=True)}
         raise ValueError(f"direct variables: expected numbers or arrays of one shape (n,), got {shapes}")
     count = next(iter(sizes))[0] if sizes else 1
     table = np.empty((len(given), count))
-    for row, values in zip(table, given, strict=True):
-        row[:] = values
+    for index, values in enumerate(given):
+        table[index] = values
     if not np.isfinite(table).all():
         wrong = [
             name for name, row in zip(DIRECT_VARIABLES, table, strict=True) if not np.isfinite(row).all()
         ]
         raise ValueError(f"direct variables: expected finite numbers; not finite: {', '.join(wrong)}")
     return dict(zip(DIRECT_VARIABLES, table, strict=True))
+
+
+def _number_or_array(value: Any) -> float | FloatArray:
+    if isinstance(value, float):
+        return value
+    array = np.asarray(value, dtype=float)
+    return array if array.shape else float(array)
 
 
 def direct_variables(state: RobotState, goal: Goal) -> dict[str, float]:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray
-from ator_ros.performance.tree import BoolArray, IntArray
+from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.performance.tree import IntArray
 
 # Added to the diagonal of the normal equations of standardised features: it settles features that are
 # constant or collinear in a node, and biases the others by a millionth.

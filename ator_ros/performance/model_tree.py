@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.linear_models import Standardised, corrected_error, fit_node_models, squared_error
 from ator_ros.performance.partition import GrownNode, GrowthLimits, Partition
 from ator_ros.performance.pruning import drop_traces, prune, smooth
-from ator_ros.performance.tree import BoolArray, IntArray, ModelTree
+from ator_ros.performance.tree import IntArray, ModelTree
 
 try:
     from sklearn.utils.validation import validate_data

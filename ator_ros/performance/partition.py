@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.linear_models import corrected_error, normal_equations, residual_squares, solve
-from ator_ros.performance.tree import BoolArray, IntArray
+from ator_ros.performance.tree import IntArray
 
 # A node whose root-mean-square residual is this fraction of the target's deviation is exact.
 _EXACT = 1e-9

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray
-from ator_ros.performance.tree import BoolArray
+from ator_ros.geometry import BoolArray, FloatArray
 
 # Deviation of a term, as a share of the model's error, below which it is a trace.
 _TRACE = 0.01

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import FreeVariable, PerformanceModel
 from ator_ros.refinement.objective import Objective
@@ -17,6 +17,8 @@ from ator_ros.refinement.projection import columns_after, direct_columns, goal_c
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world import World
+
+Memory = dict[tuple[Any, ...], Any]
 
 #: What is reported of every action, whatever the objective needs.
 REPORTED = ("duration", "spread", "success", "accuracy")
@@ -62,6 +64,9 @@ class ChainModel:
         The variables that candidates give, in the order of each subgoal.
     objective : Objective
         What a step costs.
+    memory : dict, optional
+        Predictions by situation, shared by the models of one request: what one has predicted for a grid of
+        candidates, another that asks for the same grid need not.
     """
 
     def __init__(
@@ -73,6 +78,7 @@ class ChainModel:
         models: Mapping[str, PerformanceModel],
         free: Sequence[FreeVariable],
         objective: Objective,
+        memory: Memory | None = None,
     ) -> None:
         self.names: list[tuple[str, ...]] = [
             tuple(variable.name for variable in free if variable.subgoal == index)
@@ -85,13 +91,14 @@ class ChainModel:
         self._objective = objective
         self._fields = tuple(dict.fromkeys(REPORTED + objective.needs()))
         self._searched: list[list[tuple[FloatArray, FloatArray, Any]]] = [[] for _ in chain.calls]
+        self._memory: Memory = {} if memory is None else memory
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         """Give the cost of one action, shape (n,), as `ator_ros.refinement.search.StepCost` says."""
         prediction = self._predict(index, before, after)
         self._searched[index].append((before, after, prediction))
-        cost = np.asarray(self._objective.cost(prediction), dtype=float)
-        return np.where(np.isnan(cost), np.inf, cost)
+        cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
+        return cost
 
     def predict(self, chain: Sequence[FloatArray]) -> ChainPrediction:
         """Give the prediction for a chain whose subgoals have these free values, each of shape (k,)."""
@@ -107,8 +114,8 @@ class ChainModel:
     def _known(self, index: int, before: FloatArray, after: FloatArray) -> tuple[Any, int]:
         """Give a prediction and its row for one candidate: what was searched is not predicted again."""
         for searched_before, searched_after, prediction in reversed(self._searched[index]):
-            same = np.all(searched_before == before, axis=1) & np.all(searched_after == after, axis=1)
-            row = int(np.argmax(same))
+            same = _equal_rows(searched_before, before) & _equal_rows(searched_after, after)
+            row = int(same.argmax())
             if same[row]:
                 return prediction, row
         return self._predict(index, before[None, :], after[None, :]), 0
@@ -121,13 +128,30 @@ class ChainModel:
             start = columns_after(reached, previous.point, self._robot)
         goal = self._calls[index].goal
         direct = direct_columns(start, goal_columns(goal, self.names[index], after), goal.point)
-        prediction = self._models[index].predict(direct, self._fields)
+        key = (self._calls[index].top.action, self._fields, *map(_hashable, direct.values()))
+        if key not in self._memory:
+            self._memory[key] = self._checked(index, self._models[index].predict(direct, self._fields))
+        return self._memory[key]
+
+    def _checked(self, index: int, prediction: Any) -> Any:
         if prediction.duration is not None and np.ndim(prediction.duration) != 1:
             raise RefinementError(
                 f"model of {self._calls[index].top.action}: expected predictions of shape (n,), "
                 f"got {np.shape(prediction.duration)}"
             )
         return prediction
+
+
+def _equal_rows(table: FloatArray, row: FloatArray) -> BoolArray:
+    """Tell which rows of `table` (n, k) equal `row` (k,), shape (n,); all of them where k is 0."""
+    equal: BoolArray = table[:, 0] == row[0] if len(row) else np.ones(len(table), dtype=bool)
+    for column in range(1, len(row)):
+        equal = equal & (table[:, column] == row[column])
+    return equal
+
+
+def _hashable(value: float | FloatArray) -> float | bytes:
+    return value.tobytes() if isinstance(value, np.ndarray) else value
 
 
 def _row(value: Any, row: int) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.chain_model import ChainModel, ChainPrediction
+from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import (
     DOMAINS,
@@ -133,10 +133,11 @@ class Refiner:
         if not analysis.free:
             reason = "nothing is free: " + "; ".join(analysis.reasons)
             return Refinement(chain, False, reason, chain, chain)
+        memory: Memory = {}
         if any(math.isnan(_value(chain, variable)) for variable in analysis.free):
-            chain = self._fastest_alone(world, chain, analysis.free)
+            chain = self._fastest_alone(world, chain, analysis.free, memory)
         with np.errstate(all="ignore"):
-            model = self._model(world, chain, analysis.free, objective)
+            model = self._model(world, chain, analysis.free, objective, memory)
             given = [_values(chain, index, names) for index, names in enumerate(model.names)]
             optimum = search(model.step_cost, _axes(chain, analysis.free), given)
             before, after = model.predict(given), model.predict(optimum.values)
@@ -157,9 +158,11 @@ class Refiner:
         RefinementError
             As in `refine`.
         """
-        return self._fastest_alone(world, chain, self.analyse(world, chain).free)
+        return self._fastest_alone(world, chain, self.analyse(world, chain).free, {})
 
-    def _fastest_alone(self, world: World, chain: TopChain, free: Sequence[FreeVariable]) -> TopChain:
+    def _fastest_alone(
+        self, world: World, chain: TopChain, free: Sequence[FreeVariable], memory: Memory
+    ) -> TopChain:
         resting = [variable for variable in free if variable.domain.rest is not None]
         for variable in resting:
             chain = _replaced(chain, variable.subgoal, {variable.name: variable.domain.rest or 0.0})
@@ -167,7 +170,8 @@ class Refiner:
         for index in sorted({variable.subgoal for variable in searched}):
             alone = [variable for variable in searched if variable.subgoal == index]
             with np.errstate(all="ignore"):
-                model = self._model(world, TopChain(chain.calls[: index + 1]), alone, Objective())
+                calls = chain.calls[: index + 1]
+                model = self._model(world, TopChain(calls), alone, Objective(), memory)
                 axes = _axes(chain, alone)
                 optimum = search(_only(model, index), axes[: index + 1])
             if not math.isfinite(optimum.cost):
@@ -206,9 +210,16 @@ class Refiner:
         return analysis
 
     def _model(
-        self, world: World, chain: TopChain, free: Sequence[FreeVariable], objective: Objective
+        self,
+        world: World,
+        chain: TopChain,
+        free: Sequence[FreeVariable],
+        objective: Objective,
+        memory: Memory,
     ) -> ChainModel:
-        return ChainModel(world, chain, self.robot, models=self.models, free=free, objective=objective)
+        return ChainModel(
+            world, chain, self.robot, models=self.models, free=free, objective=objective, memory=memory
+        )
 
     def _answer(
         self,

@@ -77,9 +77,7 @@ def search(
     grids, steps = _first_grids(tuple(map(tuple, axes)))
     candidates = grids
     if given is not None:
-        candidates = [
-            g if v is None or not len(v) else np.vstack([g, v]) for g, v in zip(grids, given, strict=True)
-        ]
+        candidates = [g if v is None else _with(g, v) for g, v in zip(grids, given, strict=True)]
     path, cost, totals = _least_path(step_cost, candidates)
     values = [c[i] for c, i in zip(candidates, path, strict=True)]
     curves = tuple(Curve(grid, total[: len(grid)]) for grid, total in zip(grids, totals, strict=True))
@@ -119,6 +117,11 @@ def _first_grids(axes: tuple[tuple[Domain, ...], ...]) -> tuple[list[FloatArray]
         grids[-1].setflags(write=False)
         steps.append(np.array([line[1] - line[0] for line in lines]))
     return grids, steps
+
+
+def _with(grid: FloatArray, given: FloatArray) -> FloatArray:
+    """Give `grid` (n, k) and, after it, what is `given` (k,), where that is not among it already."""
+    return grid if (grid == given).all(axis=1).any() else np.vstack([grid, given])
 
 
 def _product(lines: Sequence[FloatArray]) -> FloatArray:
@@ -184,4 +187,4 @@ def _pairwise(step_cost: StepCost, index: int, before: FloatArray, after: FloatA
         rows = step_cost(index, np.repeat(before, m, axis=0), np.tile(after, (n, 1)))
     else:
         rows = step_cost(index, before, after)
-    return np.broadcast_to(rows, (n * m,)).reshape(n, m)
+    return rows.reshape(n, m) if len(rows) == n * m else np.full((n, m), rows[0])
