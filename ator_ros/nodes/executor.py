@@ -19,27 +19,16 @@ from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.deferred_action import DeferredActionServer
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.inputs import Inputs, TimeWentBackError
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
-from ator_ros.nodes.node_support import (
-    COMMANDS,
-    LATCHED,
-    RESULTS,
-    SENSOR_DATA,
-    STEADY,
-    Diagnostics,
-    Health,
-    Lateness,
-    Parameter,
-    SetupError,
-    declare_parameters,
-    digest_of,
-    run_node,
-)
+from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.nodes.rehearsal import rehearse
+from ator_ros.nodes.running import run_node
 from ator_ros.robot import ConfigError, load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tracking import BallTracker
@@ -285,4 +274,4 @@ class ExecutorNode(Node):
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    run_node(ExecutorNode, args)
+    run_node(ExecutorNode, PARAMETERS, args)

@@ -12,19 +12,13 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
-from ator_ros.nodes.node_support import (
-    RESULTS,
-    Diagnostics,
-    Health,
-    Parameter,
-    SetupError,
-    declare_parameters,
-    digest_of,
-    run_node,
-)
+from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
+from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refusal_of
 from ator_ros.nodes.rehearsal import rehearse_refinement
+from ator_ros.nodes.running import run_node
 from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import Gate
@@ -153,4 +147,4 @@ def refinement_of(
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    run_node(RefinementNode, args)
+    run_node(RefinementNode, PARAMETERS, args)

@@ -18,19 +18,10 @@ from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
-from ator_ros.nodes.node_support import (
-    LATCHED,
-    SENSOR_DATA,
-    STEADY,
-    Diagnostics,
-    Health,
-    Lateness,
-    Parameter,
-    SetupError,
-    declare_parameters,
-    digest_of,
-    run_node,
-)
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
+from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
+from ator_ros.nodes.qos import LATCHED, SENSOR_DATA
+from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedWorld
 from ator_ros.robot import ConfigError, load_robot
 from ator_ros.simulation.bodies import robot_urdf
@@ -259,4 +250,4 @@ class SimulationNode(Node):
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    run_node(SimulationNode, args)
+    run_node(SimulationNode, PARAMETERS, args)

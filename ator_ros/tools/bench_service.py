@@ -21,7 +21,7 @@ from rclpy.node import Node
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.experiments.trials import random_trial
 from ator_ros.nodes.conversions import chain_of, situation_of
-from ator_ros.nodes.node_support import run_node
+from ator_ros.nodes.running import run_node
 from ator_ros.robot import load_robot
 from ator_ros.tools.processes import own_nodes
 from ator_ros.tops.library import TopLibrary

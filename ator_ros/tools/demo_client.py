@@ -23,7 +23,7 @@ from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import PlaceBall, PlaceRobot, RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of, robot_from, situation_of
-from ator_ros.nodes.node_support import SENSOR_DATA
+from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.tools.demo_report import DemoRun
 from ator_ros.world import World
 

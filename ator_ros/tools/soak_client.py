@@ -9,7 +9,7 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 
 from ator_ros.nodes.conversions import seconds_from
-from ator_ros.nodes.node_support import COMMANDS
+from ator_ros.nodes.qos import COMMANDS
 from ator_ros.tools.demo_client import DemoClient
 from ator_ros.tools.soak_report import Answer
 

@@ -14,7 +14,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
-from ator_ros.nodes.node_support import LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 
 COMMITTED = ("x", "y", "yaw", "speed")
 

@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 from ros_client import Client
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
-from ator_ros.nodes.node_support import LATCHED, RESULTS
+from ator_ros.nodes.qos import LATCHED, RESULTS
 
 _PATIENCE = 10.0
 

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import ball_from, pose_of, robot_from, seconds_from
-from ator_ros.nodes.node_support import COMMANDS, SENSOR_DATA
+from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 from ator_ros.world import BallState, RobotState
 
 RETRY = 8.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import domain_coordinator
 import pytest
@@ -18,7 +17,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import ball_odometry_of, odometry_of
-from ator_ros.nodes.node_support import SENSOR_DATA
+from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.world import BallState, RobotState
 
 pytestmark = pytest.mark.node
@@ -168,43 +167,3 @@ def test_enormous_chains_weights_and_sets_are_refused(executor) -> None:
     goal.chain.calls = [one]
     outcome = chains.send([one], chain=goal.chain).outcome()
     assert "chain.action_set: expected one of" in outcome.reason
-
-
-@pytest.mark.parametrize(
-    ("name", "parameters", "expected"),
-    [
-        ("executor", {"odom_timeout": "nan"}, "odom_timeout"),
-        ("executor", {"odom_timeout": -1.0}, "odom_timeout"),
-        ("executor", {"frame": 3}, "frame"),
-        ("executor", {"stamped_commands": "maybe"}, "stamped_commands"),
-        ("executor", {"ball_noise": 0.02}, "parameters ball_noise and ball_velocity_noise: expected both"),
-        ("executor", {"ball_velocity_noise": 0.1}, "expected both above 0 or both 0, got 0 and 0.1"),
-        ("refinement", {"gate": 0.5}, "gate"),
-        ("refinement", {"models": "[a, b]"}, "models"),
-        ("simulation", {"seed": 1.5}, "seed"),
-        ("simulation", {"ball_dropouts": 2.0}, "ball_dropouts"),
-    ],
-)
-def test_wrong_parameters_end_a_node_with_one_line(start, name: str, parameters, expected: str) -> None:
-    node = start(name, **parameters)
-    assert node.wait() == 1
-    assert expected in node.output
-    assert "Traceback" not in node.output
-
-
-@pytest.mark.parametrize(
-    "content", [None, "{", "executor: [", "/**:\n  ros__parameters:\n    frame: [1, a]\n"]
-)
-def test_a_damaged_parameter_file_ends_a_node_with_one_line(
-    domain: int, tmp_path: Path, content: str | None
-) -> None:
-    file = tmp_path / "executor.yaml"
-    if content is not None:
-        file.write_text(content)
-    node = Process("executor", tmp_path / "log", domain, ["--ros-args", "--params-file", str(file)])
-    try:
-        assert node.wait() == 1
-    finally:
-        node.kill()
-    assert "Traceback" not in node.output
-    assert str(file) in node.output or "frame" in node.output

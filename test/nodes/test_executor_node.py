@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import PlaceBall
 from ator_ros.geometry import Pose
-from ator_ros.nodes.node_support import LATCHED, RESULTS
+from ator_ros.nodes.qos import LATCHED, RESULTS
 
 pytestmark = pytest.mark.node
 

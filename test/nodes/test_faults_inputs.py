@@ -15,7 +15,7 @@ from stages import STAGES, Stage, approach, dribble, refining, waiting
 from std_srvs.srv import Trigger
 
 from ator_interfaces.msg import Outcome
-from ator_ros.nodes.node_support import SENSOR_DATA
+from ator_ros.nodes.qos import SENSOR_DATA
 
 pytestmark = pytest.mark.node
 

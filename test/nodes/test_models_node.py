@@ -10,7 +10,7 @@ from conftest import Start
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros_client import Client
 
-from ator_ros.nodes.node_support import RESULTS
+from ator_ros.nodes.qos import RESULTS
 from ator_ros.resources import resource_path
 
 BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])

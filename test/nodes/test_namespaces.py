@@ -16,7 +16,7 @@ from ros_client import Client
 
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.node_support import LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 
 pytestmark = pytest.mark.node
 

@@ -23,7 +23,7 @@ from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, To
 from ator_ros.experience.recordings import read_recording
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_from
-from ator_ros.nodes.node_support import LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.performance.model_file import load_model
 from ator_ros.robot import load_robot
 

@@ -24,7 +24,7 @@ from ator_interfaces.msg import TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
-from ator_ros.nodes.node_support import RESULTS
+from ator_ros.nodes.qos import RESULTS
 from ator_ros.performance.model_file import load_models, save_model
 from ator_ros.performance.training import train
 from ator_ros.refinement.refiner import Refiner

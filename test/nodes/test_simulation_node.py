@@ -22,7 +22,7 @@ from std_srvs.srv import SetBool, Trigger
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
-from ator_ros.nodes.node_support import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.robot import load_robot
 
 pytestmark = pytest.mark.node

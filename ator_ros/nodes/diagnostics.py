@@ -1,0 +1,80 @@
+"""How a node is, published on /diagnostics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+from ator_ros.nodes.qos import RESULTS
+
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+"""For timers that run whatever the simulated time does."""
+
+_PERIOD = 1.0
+
+
+class Lateness:
+    """How late things come that should come regularly: the longest wait since it was last asked for."""
+
+    def __init__(self) -> None:
+        self._last, self._longest = math.nan, 0.0
+
+    def came(self, now: float) -> None:
+        """Note that one came at `now` s."""
+        if now - self._last > self._longest:
+            self._longest = now - self._last
+        self._last = now
+
+    def take(self) -> str:
+        """Give the longest time between two in ms, as text, and begin anew."""
+        longest, self._longest = self._longest, 0.0
+        return f"{1000.0 * longest:.1f}"
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """How a node is: what is wrong (empty: nothing), whether it cannot work so, and values by name."""
+
+    problem: str = ""
+    error: bool = False
+    values: Mapping[str, object] = field(default_factory=dict)
+
+
+class Diagnostics:
+    """Publishes a node's health on /diagnostics once a second, in steady time.
+
+    Parameters
+    ----------
+    node : Node
+        Whose health.
+    health : callable
+        Gives the present `Health`.
+    """
+
+    def __init__(self, node: Node, health: Callable[[], Health]) -> None:
+        self._node = node
+        self._health = health
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
+        self._timer = node.create_timer(_PERIOD, self.publish, clock=STEADY)
+
+    def publish(self) -> None:
+        """Publish the health now."""
+        health = self._health()
+        level = DiagnosticStatus.OK
+        if health.problem:
+            level = DiagnosticStatus.ERROR if health.error else DiagnosticStatus.WARN
+        status = DiagnosticStatus(
+            level=level,
+            name=self._node.get_fully_qualified_name(),
+            message=health.problem or "running",
+            values=[KeyValue(key=key, value=str(value)) for key, value in health.values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)

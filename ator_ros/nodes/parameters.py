@@ -1,0 +1,99 @@
+"""Parameters of nodes: type, description and bounds, declared and checked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+
+
+class SetupError(Exception):
+    """A node that cannot start with these parameters or files; the message is for the user."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a node, fixed at the start.
+
+    Attributes
+    ----------
+    name : str
+        Its name; a unit that is not SI is part of it.
+    default : bool, int, float or str
+        Default value, which also gives the type.
+    description : str
+        A sentence with the unit.
+    low, high : float, optional
+        Bounds of a number.
+    choices : tuple of str, optional
+        Allowed texts.
+    """
+
+    name: str
+    default: Any
+    description: str
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Give the description that `ros2 param describe` shows."""
+        descriptor = ParameterDescriptor(description=self.description, read_only=True)
+        if self.choices:
+            descriptor.additional_constraints = f"one of {', '.join(self.choices)}"
+        if isinstance(self.default, bool | str) or not math.isfinite(self.high - self.low):
+            return descriptor
+        if isinstance(self.default, int):
+            bounds = IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)
+            descriptor.integer_range = [bounds]
+        else:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high)]
+        return descriptor
+
+    def check(self, value: Any) -> None:
+        """Make sure that `value` is allowed.
+
+        Raises
+        ------
+        SetupError
+            It is not finite, out of bounds, or none of the choices.
+        """
+        expected = None
+        if self.choices and value not in self.choices:
+            expected = f"one of {', '.join(self.choices)}"
+        if isinstance(value, int | float) and not (math.isfinite(value) and self.low <= value <= self.high):
+            expected = f"a finite number from {self.low:g} to {self.high:g}"
+        if expected:
+            raise SetupError(f"parameter {self.name}: expected {expected}, got {value!r}")
+
+
+def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
+    """Declare parameters with type, description and bounds; give their values by name.
+
+    Raises
+    ------
+    SetupError
+        A value has another type, or is not allowed.
+    """
+    values = {}
+    for parameter in parameters:
+        try:
+            node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
+        except ParameterException as error:
+            raise SetupError(f"parameter {parameter.name} ({parameter.description}): {error}") from error
+        values[parameter.name] = node.get_parameter(parameter.name).value
+        parameter.check(values[parameter.name])
+    return values
+
+
+def digest_of(settings: Mapping[str, Any]) -> str:
+    """Give a short digest of parameters and their values."""
+    text = json.dumps(dict(settings), sort_keys=True, default=list)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,0 +1,66 @@
+"""The main loop of all nodes, and their command line."""
+
+from __future__ import annotations
+
+import inspect
+import signal
+import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from ator_ros.nodes.parameters import Parameter, SetupError
+
+_WAKE_UP = 0.1
+
+
+def run_node(
+    make: Callable[[], Node], parameters: Sequence[Parameter] = (), args: Sequence[str] | None = None
+) -> None:
+    """Make a node and spin it until Ctrl-C or SIGTERM, then end with exit code 0.
+
+    The node may have a method `stop`, called while it can still publish. Parameters and files that
+    do not suit end the process with one line and exit code 1. ``--help`` tells of the node and its
+    `parameters`; other words that are not ROS's end it with exit code 2.
+    """
+    words = list(sys.argv if args is None else args)
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _: stopped.append(received))
+    try:
+        _command_line(make, parameters).parse_args(remove_ros_args(words)[1:])
+        # rclpy's own handlers would invalidate the context before the robot has been stopped.
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+        node = make()
+    except (SetupError, ParameterException, RuntimeError) as error:  # rcl's errors are RuntimeErrors
+        rclpy.try_shutdown()
+        sys.exit(f"{Path(sys.argv[0]).name}: {error}")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not stopped:
+            executor.spin_once(timeout_sec=_WAKE_UP)
+    finally:
+        if hasattr(node, "stop"):
+            node.stop()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> ArgumentParser:
+    """Give the command line of a node, which takes ROS's own arguments only."""
+    lines = [f"  {p.name:24}{p.description} (default: {p.default!r})" for p in parameters]
+    return ArgumentParser(
+        usage="%(prog)s [-h] [--ros-args -p PARAMETER:=VALUE ... -r NAME:=OTHER ...]",
+        description=inspect.getdoc(make),
+        epilog="\n".join(["parameters:", *lines]) if lines else None,
+        formatter_class=RawDescriptionHelpFormatter,
+    )
