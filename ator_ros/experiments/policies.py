@@ -11,9 +11,10 @@ from types import MappingProxyType
 
 from ator_ros.experiments.trials import Trial, open_speeds, with_headings
 from ator_ros.geometry import Pose
+from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.free_variables import PerformanceModel
 from ator_ros.refinement.gate import Gate, OpenGate
-from ator_ros.refinement.refiner import Refinement, Refiner
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopChain
 

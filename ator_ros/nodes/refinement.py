@@ -20,10 +20,11 @@ from ator_ros.nodes.refinement_answers import answer_of, markers_of, refusal_of
 from ator_ros.nodes.rehearsal import rehearse_refinement
 from ator_ros.nodes.running import run_node
 from ator_ros.performance.model_file import model_path
+from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
-from ator_ros.refinement.refiner import Refinement, Refiner
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import ConfigError, Robot, load_robot
 from ator_ros.tops.library import TopLibrary
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import FloatArray
+from ator_ros.refinement.answer import Refinement, SubgoalCurve
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import (
@@ -31,62 +31,6 @@ from ator_ros.world import World
 
 LONGEST_CHAIN = 32
 """Chains of more actions are refused, so that one request cannot occupy a node for long."""
-
-
-@dataclass(frozen=True, slots=True)
-class SubgoalCurve:
-    """What was searched at one subgoal: candidates of its free variables and the best chain through each.
-
-    Attributes
-    ----------
-    subgoal : int
-        Counted from 0.
-    names : tuple of str, length k
-        The free variables.
-    values : ndarray, shape (n, k)
-        Candidates in m, rad, m/s.
-    totals : ndarray, shape (n,)
-        Cost of the whole chain, the other subgoals at their best for this candidate.
-    """
-
-    subgoal: int
-    names: tuple[str, ...]
-    values: FloatArray
-    totals: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Refinement:
-    """The answer to a request.
-
-    Attributes
-    ----------
-    chain : TopChain
-        The refined chain, or the chain of the request when `refined` is False.
-    refined : bool
-        Whether a subgoal was changed.
-    reason : str
-        Why the chain was refined or left alone.
-    original, best : TopChain
-        The chain compared with, which is the chain of the request with its open variables filled in, and the
-        best chain found.
-    free : tuple of FreeVariable
-        The variables that were free.
-    before, after : ChainPrediction or None
-        Predictions for the chain of the request and for the best one found; None where nothing was free.
-    curves : tuple of SubgoalCurve
-        What was searched.
-    """
-
-    chain: TopChain
-    refined: bool
-    reason: str
-    original: TopChain
-    best: TopChain
-    free: tuple[FreeVariable, ...] = ()
-    before: ChainPrediction | None = None
-    after: ChainPrediction | None = None
-    curves: tuple[SubgoalCurve, ...] = ()
 
 
 class Refiner:
