@@ -11,6 +11,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+_DIGITS = 300
+
 
 @contextlib.contextmanager
 def replaced(path: Path | str) -> Iterator[Path]:
@@ -37,6 +39,11 @@ def write_text(path: Path | str, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
+def is_name(value: object) -> bool:
+    """Say whether `value` may name an action or a set of them, and so a file or a folder."""
+    return isinstance(value, str) and value.isascii() and value.isidentifier()
+
+
 def portable_command(name: str, words: Sequence[str]) -> str:
     """Give a command line as it is to be recorded: files without the folders of this machine."""
     return shlex.join([name, *(Path(word).name if "/" in word else word for word in words)])
@@ -53,6 +60,13 @@ class UnreadableError(ValueError):
     """A file that holds no JSON; the message names it."""
 
 
+def _whole(digits: str) -> int:
+    # A greater one is refused, as no float can hold it.
+    if len(digits) > _DIGITS:
+        raise ValueError(f"expected numbers below 1e{_DIGITS}, got one of {len(digits)} digits")
+    return int(digits)
+
+
 def read_json(path: Path, **options: Any) -> Any:
     """Read a JSON file; `options` are those of ``json.loads``.
 
@@ -62,6 +76,6 @@ def read_json(path: Path, **options: Any) -> Any:
         The file cannot be read, is no JSON, or is nested beyond reason.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"), **options)
+        return json.loads(path.read_text(encoding="utf-8"), parse_int=_whole, **options)
     except (OSError, RecursionError, ValueError) as error:
         raise UnreadableError(f"{path}: expected a readable JSON file: {error}") from error

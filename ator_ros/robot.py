@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import json
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,16 @@ from ator_ros.world import BallState, Field, World
 
 T = TypeVar("T")
 _STANDING = 1e-3  # m/s up to which a ball counts as standing
+# PyYAML lets out whatever dates, tagged values and deep nesting make Python raise.
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+    yaml.YAMLError,
+)
 
 
 class ConfigError(ValueError):
@@ -137,7 +148,7 @@ def load_robot(path: Path | str | None = None) -> Robot:
     file = Path(path) if path is not None else resource_path("config", "pioneer.yaml")
     try:
         data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except _UNREADABLE as error:
         raise ConfigError(f"{file}: expected a readable YAML file: {error}") from error
     root = _section(data, "", file, {"robot", "ball", "field"})
     robot = dict(_section(root["robot"], "robot", file, None))
@@ -173,6 +184,6 @@ def _value(field: dataclasses.Field[Any], value: Any, where: str, file: Path) ->
     if field.type != "float":
         return value
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not math.isfinite(value) or value <= 0.0:
+    if not number or not 0.0 < value <= sys.float_info.max:
         raise ConfigError(f"{file}: {where}.{field.name}: expected a positive number, got {value!r}")
     return float(value)

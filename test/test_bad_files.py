@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -17,8 +18,9 @@ from experience_rows import made_up_experience
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
-from ator_ros.experience.table import ExperienceError, read_experience
+from ator_ros.experience.table import read_experience
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.training import train
 from ator_ros.refinement.errors import RefinementError
@@ -142,6 +144,35 @@ def replace_one(tree: Any, data: st.DataObject) -> None:
         else:
             del tree[key]
         return
+
+
+@pytest.mark.parametrize("name", STRUCTURED)
+@pytest.mark.parametrize(
+    "oddity",
+    [
+        "9" * 400,
+        "-" + "9" * 5000,
+        "1e400",
+        "2024-13-45",
+        "!!int x",
+        "!!timestamp x",
+        "[" * 5000,
+        "{? [1]: 2}",
+    ],
+)
+def test_values_that_parsers_stumble_over_are_refused(
+    whole: Path, tmp_path: Path, name: str, oddity: str
+) -> None:
+    places = {"pioneer.yaml": "mass: ", "model.json": '"schema_version": ', "gate.json": '"gain": '}
+    before, found, after = (whole / name).read_text(encoding="utf-8").partition(places[name])
+    assert found
+    damaged = tmp_path / name
+    damaged.write_text(
+        before + found + oddity + after[re.match(r"[^,#\n]*", after).end() :], encoding="utf-8"
+    )  # type: ignore[union-attr]
+    load, error = LOADERS[name]
+    with pytest.raises(error, match=name):
+        load(damaged)
 
 
 @pytest.mark.parametrize("name", LOADERS)

@@ -14,6 +14,7 @@ from turning_action import TurnDriveTurn
 from ator_ros.actions.base import Goal, Point
 from ator_ros.experience.collect import EpisodeTask, collect, run_task
 from ator_ros.experience.episode import run_episode
+from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import BackendError, run_tasks
 from ator_ros.experience.situations import (
     CLEARANCE,
@@ -26,7 +27,6 @@ from ator_ros.experience.situations import (
 from ator_ros.experience.table import (
     COLUMNS,
     Experience,
-    ExperienceError,
     join,
     read_experience,
     write_experience,

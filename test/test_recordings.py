@@ -177,7 +177,16 @@ def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None
     assert read_recording(tmp_path / "bag", ROBOT).of("goToPose")["duration"].tolist() == [3.25]
 
 
-def action_performance(store: Any, *, goal: Pose, speed: float, duration: float, code: int) -> Any:
+def action_performance(
+    store: Any,
+    *,
+    goal: Pose,
+    speed: float,
+    duration: float,
+    code: int,
+    action: str = "goToPose",
+    action_set: str = "default",
+) -> Any:
     """Give the record of a goToBall from (-1, 0.25)."""
     types = store.types
     stamp = types["builtin_interfaces/msg/Time"](0, 0)
@@ -200,8 +209,8 @@ def action_performance(store: Any, *, goal: Pose, speed: float, duration: float,
     unknown = performance(duration=np.nan, spread=np.nan, success=np.nan, accuracy=np.nan)
     actual = performance(duration=duration, spread=0.0, success=float(code == 1), accuracy=0.01)
     return types["ator_interfaces/msg/ActionPerformance"](
-        header=header, chain_id="0", step=0, steps=1, action="goToPose", call=call, start=situation,
-        end=situation, predicted=unknown, actual=actual, heading_error=0.02,
+        header=header, chain_id="0", step=0, steps=1, action=action, action_set=action_set, call=call,
+        start=situation, end=situation, predicted=unknown, actual=actual, heading_error=0.02,
         outcome=types["ator_interfaces/msg/Outcome"](code=code, reason="so it went"),
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,10 @@ import pandas as pd
 from ator_ros.actions.base import Goal, Point
 from ator_ros.experience.drives import SHORTEST, Streams, drives
 from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
+from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.situations import Situation
-from ator_ros.experience.table import Experience, ExperienceError, episode_frame, join, library_versions
+from ator_ros.experience.table import Experience, episode_frame, join, library_versions
+from ator_ros.experience.validation import check_rows
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.robot import Robot
 from ator_ros.world import BallState, RobotState
@@ -40,6 +42,7 @@ class _Recorded:
 
     stretches: list[Streams] = field(default_factory=lambda: [Streams()])
     records: list[Episode] = field(default_factory=list)
+    action_sets: set[str] = field(default_factory=set)
 
     def episodes(self, robot: Robot) -> Iterator[Episode]:
         """Yield the executor's records, or the drives where there are none."""
@@ -63,7 +66,8 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
     Raises
     ------
     RecordingError
-        rosbags is not installed, or the recording is damaged, lacks a topic, or holds no drive.
+        rosbags is not installed, or the recording is damaged, lacks a topic, holds no drive, or actions
+        of several sets.
     """
     file = Path(path)
     by_robot = _read(file)
@@ -82,11 +86,21 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
     metadata = {
         "seed": None,
         "robot_digest": robot.digest(),
-        "action_set": "default",
+        "action_set": _action_set(file, by_robot),
         "command": f"recording {file.name}",
         "versions": library_versions(),
     }
-    return Experience(join(frames), metadata)
+    frame = join(frames)
+    check_rows(file, frame, metadata["action_set"] or "default")
+    return Experience(frame, metadata)
+
+
+def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
+    """Give the action set that the records tell of; odometry and commands tell of none."""
+    found = sorted(set().union(*(recorded.action_sets for recorded in by_robot.values())))
+    if len(found) > 1:
+        raise RecordingError(f"{file}: expected records of one action set, got {', '.join(found)}")
+    return found[0] if found else None
 
 
 def _read(file: Path) -> dict[str, _Recorded]:
@@ -99,6 +113,8 @@ def _read(file: Path) -> dict[str, _Recorded]:
             _add(by_robot[namespace], topic, message)
         elif message.outcome.code in (SUCCEEDED, FAILED) and _finite(_numbers(episode := _record(message))):
             by_robot[namespace].records.append(episode)
+            # Recordings from before it was told have none.
+            by_robot[namespace].action_sets.add(getattr(message, "action_set", "") or "default")
     return by_robot
 
 

@@ -15,6 +15,8 @@ import pandas as pd
 
 from ator_ros.actions.base import Point
 from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
+from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.validation import check_rows
 from ator_ros.files import replaced
 
 FORMAT = "ator_ros experience"
@@ -45,10 +47,6 @@ COLUMNS: dict[str, str] = {
     "heading_error": "rad, at the end; NaN where the heading does not matter",
 }
 """Name and meaning of each column; SI units, world frame."""
-
-
-class ExperienceError(ValueError):
-    """Experience that cannot be used; the message names the file, the field and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +150,8 @@ def read_experience(path: Path | str) -> Experience:
     Raises
     ------
     ExperienceError
-        The file is missing, damaged, not experience, newer than this program, or lacks a column.
+        The file is missing, damaged, not experience, newer than this program, lacks a column, or a value
+        in it is not what its column holds.
     """
     arrow, parquet = require_pyarrow()
     try:
@@ -165,7 +164,9 @@ def read_experience(path: Path | str) -> Experience:
         raise ExperienceError(
             f"{path}: expected the columns {', '.join(COLUMNS)}; missing: {', '.join(missing)}"
         )
-    return Experience(table.to_pandas()[list(COLUMNS)], metadata)
+    frame = table.to_pandas()[list(COLUMNS)]
+    check_rows(path, frame, metadata.get("action_set", "default"))
+    return Experience(frame, metadata)
 
 
 def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:

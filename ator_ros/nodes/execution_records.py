@@ -29,7 +29,7 @@ def outcome_of(ending: Ending, reason: str) -> Outcome:
 
 
 def action_record_of(
-    record: ActionRecord, end: World, execution: Execution, *, chain_id: str, frame: str
+    record: ActionRecord, end: World, execution: Execution, *, chain_id: str, action_set: str, frame: str
 ) -> ActionPerformance:
     """Write how one action of a chain went, which ended in the state `end`."""
     ending = _ENDINGS[record.outcome]
@@ -39,6 +39,7 @@ def action_record_of(
         step=record.index,
         steps=len(execution.chain),
         action=record.action,
+        action_set=action_set,
         call=call_of(call, frame=frame),
         start=situation_of(record.start, frame=frame),
         end=situation_of(end, frame=frame),

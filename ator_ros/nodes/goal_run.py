@@ -98,7 +98,14 @@ class GoalRun:
     def new_records(self) -> list[ActionPerformance]:
         """Give the records of the actions that have ended since the last call."""
         new = [
-            action_record_of(record, end, self.execution, chain_id=self._chain_id, frame=self._frame)
+            action_record_of(
+                record,
+                end,
+                self.execution,
+                chain_id=self._chain_id,
+                action_set=self._library.action_set,
+                frame=self._frame,
+            )
             for record, end in self.execution.records[len(self._records) :]
         ]
         self._records += new

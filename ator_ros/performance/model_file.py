@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.files import UnreadableError, is_name, read_json, write_text
 from ator_ros.performance.features import FEATURES
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree_storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
@@ -49,7 +49,16 @@ class RobotMismatchWarning(UserWarning):
 
 
 def model_path(action: str, action_set: str = "default") -> Path:
-    """Give the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set."""
+    """Give the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set.
+
+    Raises
+    ------
+    ModelFileError
+        A name that is no name, and could lead elsewhere.
+    """
+    for field, name in (("action", action), ("action_set", action_set)):
+        if not is_name(name):
+            raise ModelFileError(f"{field}: expected a name of letters, digits and _, got {name!r}")
     return Path(action_set if action_set != "default" else "", f"{action}.json")
 
 
@@ -156,6 +165,13 @@ def load_models(
     models = {file.stem: load_model(file, robot) for file in sorted(place.glob("*.json")) if is_model(file)}
     if not models:
         raise NoModelsError(f"{place}: expected model files such as goToPose.json: run train to make them")
+    for name, model in models.items():
+        for field, expected in (("action", name), ("action_set", action_set)):
+            if model.metadata[field] != expected:
+                raise ModelFileError(
+                    f"{place / name}.json: {field}: expected {expected!r} in this place, "
+                    f"got {model.metadata[field]!r}"
+                )
     return models
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegressor
 from sklearn.tree import DecisionTreeRegressor
 
-from ator_ros.experience.table import Experience, ExperienceError, read_experience
+from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import PAPER_11, feature_table, names_of
 from ator_ros.performance.model_tree import ModelTreeRegressor

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
-from ator_ros.experience.table import ExperienceError
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Record, Settings
 from ator_ros.experiments.running import run_situations

@@ -12,8 +12,9 @@ from typing import Any
 
 import pandas as pd
 
+from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
-from ator_ros.experience.table import ExperienceError, join, library_versions, read_experience
+from ator_ros.experience.table import join, library_versions, read_experience
 from ator_ros.experiments.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
@@ -40,7 +41,9 @@ def arguments() -> argparse.ArgumentParser:
         help="other episodes, on which accuracy is measured (alone: of the models there are)",
     )
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
-    parser.add_argument("--action-set", help="that recordings were made with (tables know their own)")
+    parser.add_argument(
+        "--action-set", help="of odometry and commands that were recorded (tables and records know their own)"
+    )
     parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
     parser.add_argument(
         "--ablation", type=destination, metavar="FILE", help="write the feature ablation as Markdown"
@@ -76,15 +79,17 @@ def _run(options: argparse.Namespace, command: str) -> int:
     if options.experience:
         _train(options, robot, folder, command)
     elif options.fresh:
-        _measure_again(options.fresh, robot, folder)
+        _measure_again(options, robot, folder)
     if options.report:
         _report(options.report, robot, folder)
     return 0
 
 
 def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
-    rows, source = _experience(options.experience, robot)
-    fresh, fresh_source = _experience(options.fresh, robot) if options.fresh else (rows[:0], {})
+    rows, source = _experience(options.experience, robot, options.action_set)
+    fresh, fresh_source = rows[:0], dict[str, Any]()
+    if options.fresh:
+        fresh, fresh_source = _experience(options.fresh, robot, source["action_set"])
     by_action = dict(iter(rows.groupby("action", sort=False)))
     for action, model in _learn(by_action, robot).items():
         examples = by_action[action]
@@ -100,14 +105,13 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
             "examples": len(examples),
             "train_command": command,
         }
-        action_set = options.action_set or source.get("action_set", "default")
         metadata = {
-            "action_set": action_set,
+            "action_set": source["action_set"],
             "training": training,
             "versions": library_versions(),
             "accuracy": measured,
         }
-        file = folder / model_path(action, action_set)
+        file = folder / model_path(action, source["action_set"])
         save_model(file, dataclasses.replace(model, metadata=metadata))
         print(f"{file}: {_summary(model, measured)}")
     if options.ablation and len(fresh):
@@ -133,8 +137,13 @@ def _learn(by_action: Mapping[str, pd.DataFrame], robot: Robot) -> dict[str, Per
     return models
 
 
-def _experience(paths: Sequence[Path], robot: Robot) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Read and join all sources; episodes keep apart, and the first table's metadata count."""
+def _experience(
+    paths: Sequence[Path], robot: Robot, action_set: str | None
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Read and join all sources; episodes keep apart, and the first table's metadata count.
+
+    `action_set` is taken where a source does not tell its own.
+    """
     frames: list[pd.DataFrame] = []
     sources: list[dict[str, Any]] = []
     for path in paths:
@@ -147,17 +156,18 @@ def _experience(paths: Sequence[Path], robot: Robot) -> tuple[pd.DataFrame, dict
         shift = max((int(frame["episode"].max()) + 1 for frame in frames if len(frame)), default=0)
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
         sources.append(table.metadata)
-    sets = {source.get("action_set", "default") for source in sources}
+    sets = {source.get("action_set") or action_set or "default" for source in sources}
+    sets |= {action_set} if action_set else set()
     if len(sets) > 1:
         raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
-    return join(frames), sources[0]
+    return join(frames), {**sources[0], "action_set": sets.pop()}
 
 
-def _measure_again(paths: Sequence[Path], robot: Robot, folder: Path) -> None:
+def _measure_again(options: argparse.Namespace, robot: Robot, folder: Path) -> None:
     """Measure the models there are on fresh episodes; their trees stay as they are."""
-    fresh, source = _experience(paths, robot)
+    fresh, source = _experience(options.fresh, robot, options.action_set)
     for action, tests in fresh.groupby("action", sort=False):
-        file = folder / model_path(action, source.get("action_set", "default"))
+        file = folder / model_path(action, source["action_set"])
         model = load_model(file, robot)
         measured = _measure(model, tests, source["seed"])
         save_model(file, dataclasses.replace(model, metadata={**model.metadata, "accuracy": measured}))
