@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import signal
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
@@ -16,7 +17,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import Parameter, SetupError
+from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
 
@@ -36,10 +39,16 @@ def run_node(
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
         _command_line(make, parameters).parse_args(remove_ros_args(words)[1:])
+        stay_on_this_machine(os.environ)
         # rclpy's own handlers would invalidate the context before the robot has been stopped.
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
-    except (SetupError, ParameterException, RuntimeError) as error:  # rcl's errors are RuntimeErrors
+    except (
+        SetupError,
+        ResourceError,
+        ParameterException,
+        RuntimeError,
+    ) as error:  # rcl's errors are RuntimeErrors
         rclpy.try_shutdown()
         sys.exit(f"{Path(sys.argv[0]).name}: {error}")
     executor = SingleThreadedExecutor()

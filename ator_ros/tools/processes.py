@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
+from ator_ros.nodes.network import RANGE, THIS_MACHINE, stay_on_this_machine
+
 _DOMAINS = 100
 # The executor waits so long, in s, for odometry and refinement: more than on a robot, for machines that are
 # busy.
@@ -42,7 +44,7 @@ class NodeProcesses:
         self._environment = {
             **os.environ,
             "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            RANGE: THIS_MACHINE,
             "PYTHONUNBUFFERED": "1",
         }
         self._logs = tempfile.TemporaryDirectory(prefix="ator_ros_")
@@ -125,7 +127,8 @@ def own_nodes() -> NodeProcesses:
     """
     from ament_index_python.packages import get_package_prefix
 
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ[RANGE] = THIS_MACHINE
+    stay_on_this_machine(os.environ)
     return NodeProcesses(Path(get_package_prefix("ator_ros"), "lib", "ator_ros"), 1 + os.getpid() % _DOMAINS)
 
 
