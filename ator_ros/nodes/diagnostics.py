@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
@@ -12,6 +13,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.senders import strange_senders
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """For timers that run whatever the simulated time does."""
@@ -55,24 +57,34 @@ class Diagnostics:
         Whose health.
     health : callable
         Gives the present `Health`.
+    topics : mapping, optional
+        What the node listens to, type by name: who publishes something else there is told, and logged once.
     """
 
-    def __init__(self, node: Node, health: Callable[[], Health]) -> None:
+    def __init__(
+        self, node: Node, health: Callable[[], Health], topics: Mapping[str, type] = MappingProxyType({})
+    ) -> None:
         self._node = node
         self._health = health
+        self._topics, self._strange = topics, ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
         self._timer = node.create_timer(_PERIOD, self.publish, clock=STEADY)
 
     def publish(self) -> None:
         """Publish the health now."""
         health = self._health()
+        strange = strange_senders(self._node, self._topics)
+        if strange and strange != self._strange:
+            self._node.get_logger().warning(strange)
+        self._strange = strange
+        problem = "; ".join(filter(None, (health.problem, strange)))
         level = DiagnosticStatus.OK
-        if health.problem:
+        if problem:
             level = DiagnosticStatus.ERROR if health.error else DiagnosticStatus.WARN
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name(),
-            message=health.problem or "running",
+            message=problem or "running",
             values=[KeyValue(key=key, value=str(value)) for key, value in health.values.items()],
         )
         message = DiagnosticArray(status=[status])

@@ -22,6 +22,7 @@ from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
+_EXPECTED = (SetupError, ResourceError, ParameterException, RuntimeError)  # rcl's errors are RuntimeErrors
 
 
 def run_node(
@@ -43,12 +44,7 @@ def run_node(
         # rclpy's own handlers would invalidate the context before the robot has been stopped.
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
-    except (
-        SetupError,
-        ResourceError,
-        ParameterException,
-        RuntimeError,
-    ) as error:  # rcl's errors are RuntimeErrors
+    except _EXPECTED as error:
         rclpy.try_shutdown()
         sys.exit(f"{Path(sys.argv[0]).name}: {error}")
     executor = SingleThreadedExecutor()

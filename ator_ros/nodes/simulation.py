@@ -94,7 +94,7 @@ class SimulationNode(Node):
         self._ticks, self._counted = 0, (time.monotonic(), 0)
         period = TICK / factor if factor else _FASTEST_PERIOD
         self._timer = self.create_timer(period, self._tick, clock=STEADY)
-        self._diagnostics = Diagnostics(self, self._health)
+        self._diagnostics = Diagnostics(self, self._health, {"cmd_vel": self._command_type})
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
         self.get_logger().info(f"simulating {self._robot.name} {speed}")
 
@@ -120,8 +120,8 @@ class SimulationNode(Node):
             self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
         self._description = self.create_publisher(String, "robot_description", LATCHED)
         self._description.publish(String(data=robot_urdf(self._robot)))
-        kind = TwistStamped if self._settings["stamped_commands"] else Twist
-        self.create_subscription(kind, "cmd_vel", self._command, SENSOR_DATA)
+        self._command_type = TwistStamped if self._settings["stamped_commands"] else Twist
+        self.create_subscription(self._command_type, "cmd_vel", self._command, SENSOR_DATA)
 
     def _offer_services(self) -> None:
         self.create_service(PlaceRobot, "place_robot", self._guarded(self._place_robot))

@@ -115,6 +115,13 @@ def test_nonsense_from_the_sensors_is_named_and_moves_nothing(executor, change, 
     assert "Traceback" not in node.output
 
 
+def test_who_sends_another_type_of_message_is_named_once(executor) -> None:
+    node, chains, sensors = executor
+    told = "odom: expected nav_msgs/msg/Odometry, /stranger/test_client publishes std_msgs/msg/String"
+    chains.ros.eventually(lambda: sensors.send() or told in node.output, told)
+    assert node.output.count(told) == 1
+
+
 def test_goals_work_afterwards(executor) -> None:
     _, chains, sensors = executor
     sent = chains.send([call("goToPose", GOAL)])

@@ -180,6 +180,12 @@ def test_nonsense_on_cmd_vel_is_named_and_moves_nothing(
     assert world.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
 
 
+def test_who_sends_commands_of_the_other_type_is_named(start, client: Client) -> None:
+    node = start("simulation", real_time_factor=5.0, stamped_commands=True)
+    told = "cmd_vel: expected geometry_msgs/msg/TwistStamped, /test_client publishes geometry_msgs/msg/Twist"
+    client.eventually(lambda: told in node.output, told)
+
+
 def test_stamped_commands_must_be_in_the_robots_frame(start, domain: int, client: Client) -> None:
     node = start("simulation", real_time_factor=5.0, stamped_commands=True)
     driver = Client(domain, "driver")  # a topic has one type in a participant

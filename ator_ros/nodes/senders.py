@@ -1,0 +1,33 @@
+"""Messages of another type than ours on our topics: ROS delivers none of them, and says nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rclpy.node import Node
+
+
+def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
+    """Say who publishes something else than `node` listens to; empty where nobody does.
+
+    Parameters
+    ----------
+    node : Node
+        Who listens.
+    topics : mapping
+        Types of the messages by the topics' names.
+    """
+    return "; ".join(
+        f"{topic}: expected {name}, {sender.node_namespace.rstrip('/')}/{sender.node_name} "
+        f"publishes {sender.topic_type}"
+        for topic, kind in topics.items()
+        for name in [_name_of(kind)]
+        for sender in node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+        if sender.topic_type != name
+    )
+
+
+def _name_of(kind: type) -> str:
+    """Give the name of a type of message, as in nav_msgs/msg/Odometry."""
+    package, folder, *_ = kind.__module__.split(".")
+    return f"{package}/{folder}/{kind.__name__}"
