@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.inputs import Inputs, TimeWentBackError
+from ator_ros.nodes.inputs import Inputs, OtherClockError, TimeWentBackError
 from ator_ros.tracking import BallTracker
 from ator_ros.world import BallState, RobotState
 
@@ -44,6 +46,24 @@ def test_a_ball_is_overdue_when_nothing_has_come_of_it_for_half_its_timeout() ->
     assert both.ball_overdue
     both.ball(1.15, BallState(0.0, 0.0))
     assert not both.ball_overdue
+
+
+@pytest.mark.parametrize("stamp", [1.3, 2.9, 1e9])
+def test_a_ball_from_the_future_does_not_pass_for_one_that_comes(stamp: float) -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    both.ball(stamp, BallState(0.0, 0.0))  # before there is odometry to compare with
+    both.robot(1.0, robot)
+    with contextlib.suppress(OtherClockError):
+        both.ball(stamp, BallState(0.0, 0.0))
+    both.robot(1.25, robot)
+    assert both.ball_overdue
+
+
+def test_a_ball_of_another_clock_is_refused() -> None:
+    both = inputs()
+    both.robot(1.0, RobotState(Pose(0.0, 0.0, 0.0)))
+    with pytest.raises(OtherClockError, match=r"near odometry's 1\.00 s, got 1700000000\.00 s"):
+        both.ball(1.7e9, BallState(0.0, 0.0))
 
 
 def test_time_that_stands_is_no_news_and_time_that_goes_back_an_error() -> None:

@@ -11,10 +11,16 @@ from ator_ros.world import BallState, RobotState, World
 
 _BALLS_KEPT = 10
 _ROUNDING = 1e-6
+_OTHER_CLOCK = 2.0
+"""Time in s: a ball that is farther ahead of odometry has its stamp from another clock."""
 
 
 class TimeWentBackError(ValueError):
     """Odometry that is older than the last one, as after a reset; the message gives both times."""
+
+
+class OtherClockError(ValueError):
+    """A ball whose stamp cannot be of the clock that odometry goes by; the message gives both times."""
 
 
 class Inputs:
@@ -49,8 +55,18 @@ class Inputs:
         return self._time
 
     def ball(self, time: float, ball: BallState) -> None:
-        """Take a ball with its stamp in s, which may be old: a camera is late, and yet alive."""
-        self._ball_heard = time if self._time is None else max(time, self._time)
+        """Take a ball with its stamp in s, which may be old: a camera is late, and yet alive.
+
+        Raises
+        ------
+        OtherClockError
+            The stamp is far ahead of odometry; the ball is ignored.
+        """
+        if self._time is not None and time > self._time + _OTHER_CLOCK:
+            raise OtherClockError(
+                f"ball.header.stamp: expected a time near odometry's {self._time:.2f} s, got {time:.2f} s"
+            )
+        self._ball_heard = time if self._time is None else self._heard_by(max(time, self._time), self._time)
         self._balls.append((time, self._tracker.update(time, ball)))
 
     def robot(self, time: float, robot: RobotState) -> World | None:
@@ -69,7 +85,12 @@ class Inputs:
             raise TimeWentBackError(
                 f"expected odometry after {last:.2f} s, got {time:.2f} s: was there a reset?"
             )
+        self._ball_heard = self._heard_by(self._ball_heard, time)
         return None if time == last else World(time, robot, self._ball_at(time))
+
+    def _heard_by(self, heard: float, now: float) -> float:
+        # A ball may come before odometry of its time; one from the future does not count until then.
+        return min(heard, now + self._ball_timeout / 4.0)
 
     def _ball_at(self, time: float) -> BallState | None:
         """Give the newest ball that is not newer than `time`, carried on to it by its velocity.

@@ -120,6 +120,8 @@ def _document(result: dict[str, Any]) -> str:
         "control ticks of 0.05 s are in it. *Over time-optimal* is the mean duration over that of the",
         "time-optimal motion (`benchmarks/time_optimal.py`) at the same limits, which knows no ball",
         "and may drive backward; for dribbling at 1.0 m/s, 1.2 rad/s, 0.5 m/s² (losing speed), 3 rad/s².",
+        "*Greatest command / limit* compares speeds and turn rates with what the base can do; how fast they",
+        "change is not in it; the base clips that.",
         "",
         "| | situations | success | ball moved early | mean duration | greatest command / limit "
         "| turned by 1°: p95 / p99 | over time-optimal |",

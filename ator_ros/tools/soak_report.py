@@ -29,9 +29,9 @@ MEANING = {
     "tick_lateness_ms": "of commands, either way, against the 20 Hz grid of their chain; at real time only",
     "cpu": "share of one core: idle (no goal), and while chains run",
     "worse": f"memory grown by more than {MEMORY_SHARE:.0%} and {MEMORY_MIB:g} MiB, more threads or files, "
-    f"answers later than {LATER:g} times and {LATER_MS:g} ms, more than {FAILED_SHARE:.0%} of chains failed; "
-    f"at real time: less than {PUNCTUAL_SHARE:.0%} of the ticks within {1e3 * PUNCTUAL_S:g} ms, more CPU "
-    f"than {EXECUTOR_CPU:.0%} (executor) and {IDLE_REFINEMENT_CPU:.0%} (refinement, idle)",
+    f"answers' median later than {LATER:g} times and {LATER_MS:g} ms, over {FAILED_SHARE:.0%} of chains "
+    f"failed; at real time: less than {PUNCTUAL_SHARE:.0%} of the ticks within {1e3 * PUNCTUAL_S:g} ms, "
+    f"more CPU than {EXECUTOR_CPU:.0%} (executor) and {IDLE_REFINEMENT_CPU:.0%} (refinement, idle)",
 }
 """What the report's entries mean."""
 

@@ -90,6 +90,10 @@ def strange_child(message: Odometry) -> None:
     message.child_frame_id = "moon"
 
 
+def of_another_clock(message: Odometry) -> None:
+    message.header.stamp.sec = 1_700_000_000
+
+
 NONSENSE = [
     (not_a_number, False, "odom.pose.pose.position.x: expected a finite number"),
     (infinite_speed, False, "odom.twist.twist.linear.x: expected a finite number"),
@@ -100,6 +104,7 @@ NONSENSE = [
     (not_a_number, True, "ball.pose: x: expected a finite number"),
     (infinite_speed, True, "ball.twist: x: expected a finite number"),
     (strange_frame, True, "ball.header.frame_id: expected the frame 'odom', got 'moon'"),
+    (of_another_clock, True, "ball.header.stamp: expected a time near odometry"),
     (strange_child, True, "ball.child_frame_id: expected the frame 'odom', got 'moon'"),
 ]
 
