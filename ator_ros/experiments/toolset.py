@@ -47,7 +47,7 @@ class ToolsetSource:
     def folder(self) -> Path:
         """Give the folder of the model files."""
         top = Path(self.models) if self.models else resource_path("models")
-        return (top / model_path(GATE, self.action_set)).parent
+        return top / model_path("gate", self.action_set).parent
 
     def digest(self, policies: Iterable[str], chain: str) -> str:
         """Give a digest of the robot's description and of all files that the policies' choices depend on."""

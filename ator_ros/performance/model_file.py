@@ -161,7 +161,7 @@ def load_models(
     top = folder if folder is not None else resource_path("models")
     if not top.is_dir():
         raise ModelFileError(f"{top}: expected a folder of models, found none")
-    place = (top / model_path("any", action_set)).parent
+    place = top / model_path("any", action_set).parent
     models = {file.stem: load_model(file, robot) for file in sorted(place.glob("*.json")) if is_model(file)}
     if not models:
         raise NoModelsError(f"{place}: expected model files such as goToPose.json: run train to make them")
