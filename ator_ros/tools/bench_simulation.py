@@ -28,8 +28,8 @@ def measure(blocks: int = 12) -> dict[str, dict[str, float]]:
     results = {}
     for name, limit in LIMITS_TIMES_REAL_TIME.items():
         ball = name == "with ball contact"
-        ours = min(_timed(_drive, ball=ball) for _ in range(blocks))
-        bare = min(_timed(_bare, ball=ball) for _ in range(blocks))
+        pairs = [(_timed(_drive, ball=ball), _timed(_bare, ball=ball)) for _ in range(blocks)]
+        ours, bare = map(min, zip(*pairs, strict=True))
         results[name] = {
             "times_real_time": round(_BLOCK_S / ours, 1),
             "limit_times_real_time": limit,

@@ -1,0 +1,48 @@
+"""The launch file starts what is installed, with files and parameters that are there.
+
+`ros2 launch` itself is not among the wheels: this reads the file as XML.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+
+from ator_ros.nodes.executor import PARAMETERS as EXECUTOR
+from ator_ros.nodes.refinement import PARAMETERS as REFINEMENT
+from ator_ros.nodes.simulation import PARAMETERS as SIMULATION
+from ator_ros.resources import PACKAGE, share_folder
+
+LAUNCH = ET.parse(share_folder() / "launch" / "ator.launch.xml").getroot()  # noqa: S314 - a file of ours
+OURS = {node.get("exec"): node for node in LAUNCH.iter("node") if node.get("pkg") == PACKAGE}
+PARAMETERS = {"simulation": SIMULATION, "executor": EXECUTOR, "refinement": REFINEMENT}
+
+
+def test_it_starts_the_three_nodes_in_one_namespace() -> None:
+    assert set(OURS) == set(PARAMETERS)
+    assert set(OURS) <= {script.name for script in entry_points(group="console_scripts")}
+    (group,) = LAUNCH.findall("group")
+    assert group.find("push_ros_namespace").get("namespace") == "$(var namespace)"  # type: ignore[union-attr]
+    assert set(group.findall("node")) >= set(OURS.values())
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_its_files_hold_parameters_that_the_nodes_have(name: str) -> None:
+    known = {parameter.name: parameter for parameter in PARAMETERS[name]}
+    files = [param.get("from", "") for param in OURS[name].iter("param") if param.get("from")]
+    assert files == [f"$(var share)/config/{name}.yaml"]
+    content = yaml.safe_load((share_folder() / "config" / f"{name}.yaml").read_text(encoding="utf-8"))
+    (settings,) = [entry["ros__parameters"] for entry in content.values()]
+    assert set(settings) <= set(known)
+    named = {param.get("name") for param in OURS[name].iter("param") if param.get("name")}
+    assert named <= set(known)
+
+
+def test_what_it_names_is_declared() -> None:
+    declared = {entry.get("name") for kind in ("arg", "let") for entry in LAUNCH.findall(kind)}
+    text = ET.tostring(LAUNCH, encoding="unicode")
+    assert {part.partition(")")[0] for part in text.split("$(var ")[1:]} == declared
+    assert (share_folder() / "rviz" / "ator.rviz").is_file()
