@@ -12,6 +12,7 @@ import numpy as np
 
 from ator_ros.actions.base import ActionError, Status
 from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.actions.planned.planned_action import PlannedAction
 from ator_ros.experience.episode import place
 from ator_ros.experience.situations import Situation, random_situation
 from ator_ros.geometry import Pose
@@ -52,6 +53,8 @@ class Outcome:
         Start and goal of the axle, for the ruler.
     reason : str
         How it ended.
+    planned : float
+        Duration in s that was planned at the start; NaN where the action has no plan.
     """
 
     success: bool
@@ -60,6 +63,7 @@ class Outcome:
     excess: float
     poses: tuple[Pose, Pose]
     reason: str
+    planned: float = math.nan
 
 
 def situation_of(task: Task, robot: Robot) -> Situation:
@@ -100,6 +104,9 @@ def _execute(simulation: PioneerSimulation, situation: Situation, task: Task) ->
         action.start(simulation.world(), goal)
     except ActionError as error:
         return Outcome(False, False, _LIMIT, 0.0, poses, str(error))
+    planned = math.nan
+    if isinstance(action, PlannedAction) and task.kind != "shoot":  # a shot is planned up to the release only
+        planned = action.left(simulation.world())
     while simulation.time < _LIMIT:
         world = simulation.world()
         step = action.step(world)
@@ -111,7 +118,7 @@ def _execute(simulation: PioneerSimulation, situation: Situation, task: Task) ->
         simulation.command(command)
         simulation.tick()
     success = step.status is Status.SUCCEEDED
-    return Outcome(success, early, simulation.time, excess, poses, step.message)
+    return Outcome(success, early, simulation.time, excess, poses, step.message, planned)
 
 
 def _touched_early(situation: Situation, ball: BallState | None, pose: Pose, robot: Robot) -> bool:
@@ -135,8 +142,17 @@ def summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "ball_moved_early_percent": round(100.0 * float(np.mean([o.early for o in outcomes])), 2),
         "mean_duration_s": round(float(durations.mean()), 3),
         "greatest_command_over_limit": round(max(outcome.excess for outcome in outcomes), 3),
+        **_around_plan([outcome for outcome in outcomes if outcome.success]),
         "failures": failures[:10],
     }
+
+
+def _around_plan(outcomes: Sequence[Outcome]) -> dict[str, float]:
+    """Give mean and standard deviation (s) of duration less plan; nothing where there are no plans."""
+    over = np.array([outcome.duration - outcome.planned for outcome in outcomes])
+    if np.isnan(over).any():
+        return {}
+    return {"over_plan_mean_s": round(float(over.mean()), 3), "over_plan_std_s": round(float(over.std()), 3)}
 
 
 def regularity(base: Sequence[Outcome], turned: Sequence[Outcome]) -> dict[str, float]:

@@ -177,7 +177,7 @@ def document(cases: Mapping[str, Row], load: float) -> str:
         f"of `collect --seed {SEEDS['experience']}` to learn and of `collect --seed {SEEDS['fresh']}` to",
         "measure. m5py and linear-tree run in an environment of their own with scikit-learn 1.3.2, Weka from",
         "Debian's package; all with their defaults (linear-tree: depth 8). Weka tells no time of prediction.",
-        "Ours alone is told which rows are of one episode (`groups`), and keeps them together when it prunes.",
+        "Ours alone is told which rows are of one episode (`groups`), to keep them together when it prunes.",
         f"The machine's load when this began was {load:.1f}: times hold for an idle machine, near 0.",
     ]
     subjects: dict[str, dict[str, Row]] = {}

@@ -117,24 +117,30 @@ def _document(result: dict[str, Any]) -> str:
         "",
         f"Made by `{result['command']}`, seed {result['seed']}. Starts and goals at rest, times in s.",
         "*Turned by 1°* is the change of duration when only the start's heading changes by a degree;",
-        "control ticks of 0.05 s are in it. *Over time-optimal* is the mean duration over that of the",
+        "control ticks of 0.05 s are in it. *Over plan* is the mean and standard deviation of the duration",
+        "less that planned at the start. *Over time-optimal* is the mean duration over that of the",
         "time-optimal motion (`benchmarks/time_optimal.py`) at the same limits, which knows no ball",
         "and may drive backward; for dribbling at 1.0 m/s, 1.2 rad/s, 0.5 m/s² (losing speed), 3 rad/s².",
         "*Greatest command / limit* compares speeds and turn rates with what the base can do; how fast they",
         "change is not in it; the base clips that.",
         "",
         "| | situations | success | ball moved early | mean duration | greatest command / limit "
-        "| turned by 1°: p95 / p99 | over time-optimal |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| turned by 1°: p95 / p99 | over plan | over time-optimal |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for row in result["kinds"]:
         turned = row.get("turned_by_1_degree")
         change = f"{turned['p95_s']:.2f} / {turned['p99_s']:.2f}" if turned else "-"
+        plan = (
+            f"{row['over_plan_mean_s']:.3f} ± {row['over_plan_std_s']:.3f}"
+            if "over_plan_mean_s" in row
+            else "-"
+        )
         over = f"{row['over_time_optimal']:.3f} ({row['pairs']} pairs)" if "over_time_optimal" in row else "-"
         lines.append(
             f"| {row['kind']} | {row['situations']} | {row['success_percent']} % "
             f"| {row['ball_moved_early_percent']} % | {row['mean_duration_s']:.2f} "
-            f"| {row['greatest_command_over_limit']:.2f} | {change} | {over} |"
+            f"| {row['greatest_command_over_limit']:.2f} | {change} | {plan} | {over} |"
         )
     failures = [f"* {row['kind']}: {reason}" for row in result["kinds"] for reason in row["failures"]]
     lines += ["", "What failed:" if failures else "Nothing failed.", "", *failures]

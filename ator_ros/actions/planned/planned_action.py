@@ -99,6 +99,10 @@ class PlannedAction(Action):
             return Step(self._tracker.command(world), Status.RUNNING, f"{why}; keeping to the plan: {error}")
         return Step(self._tracker.command(world), Status.RUNNING, f"{why}: planned anew")
 
+    def left(self, world: World) -> float:
+        """Give how long the plan still takes, in s."""
+        return self._tracker.left(world)
+
     def target(self) -> Pose:
         """Give the pose of the axle at the goal."""
         return self.goal.robot_pose(self.robot)
