@@ -135,7 +135,8 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
 
 def test_action_sets_lie_in_folders_of_their_own(model: PerformanceModel, tmp_path: Path) -> None:
     save_model(tmp_path / model_path("goToPose"), model)
-    save_model(tmp_path / model_path("goToPose", "bezier"), model)
+    bezier = dataclasses.replace(model, metadata={**model.metadata, "action_set": "bezier"})
+    save_model(tmp_path / model_path("goToPose", "bezier"), bezier)
     (tmp_path / "gate.json").write_text("{}")
     assert list(load_models(ROBOT, folder=tmp_path)) == ["goToPose"]
     assert list(load_models(ROBOT, action_set="bezier", folder=tmp_path)) == ["goToPose"]

@@ -15,6 +15,11 @@ CHAIN = [
     call("goToBall", Pose(0.0, 0.0, 0.0), bound=("x", "y", "speed")),
     call("dribbleBall", Pose(1.2, 0.0, 0.0)),
 ]
+SHOT = [
+    call("goToBall", Pose(0.0, 0.0, 0.0), bound=("x", "y", "speed")),
+    call("dribbleBall", Pose(0.8, 0.0, 0.0)),
+    call("shoot", Pose(4.0, 0.0, 0.0)),
+]
 Stage = Callable[[Arena, Visit], Sent]
 
 
@@ -55,7 +60,17 @@ def dribble(arena: Arena, visit: Visit) -> Sent:
     return sent
 
 
-STAGES = (waiting, refining, approach, dribble)
+def shoot(arena: Arena, visit: Visit) -> Sent:
+    """Let the robot run at the goal with the ball."""
+    visit.place()
+    sent = visit.send(SHOT)
+    visit.ros.eventually(lambda: any(told.top == "shoot" for told in sent.feedback), "the shot")
+    visit.ros.eventually(lambda: visit.ros.robot().v > 0.2, "the robot drives")
+    return sent
+
+
+MOVING = (approach, dribble, shoot)
+STAGES = (waiting, refining, *MOVING)
 
 
 def said(sent: Sent, words: str) -> bool:

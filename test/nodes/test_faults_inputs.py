@@ -12,7 +12,7 @@ import pytest
 from arena import LONGEST_STOP, Arena, arena_with
 from nav_msgs.msg import Odometry
 from ros_client import Client, stamp
-from stages import STAGES, Stage, approach, dribble, refining, waiting
+from stages import MOVING, STAGES, Stage, approach, dribble, refining, waiting
 from std_srvs.srv import Trigger
 
 from ator_interfaces.msg import Outcome
@@ -84,7 +84,7 @@ def recovery(arena: Arena, relay: Relay) -> Iterator[None]:
     arena.check()
 
 
-@pytest.mark.parametrize("stage", [approach, dribble])
+@pytest.mark.parametrize("stage", MOVING)
 @pytest.mark.parametrize("name", INPUTS)
 def test_an_input_falls_silent(arena: Arena, relay: Relay, name: str, stage: Stage) -> None:
     visit = arena.visit()
@@ -115,7 +115,7 @@ def test_a_chain_succeeds_with_lost_messages_and_a_late_ball(arena: Arena, relay
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 
-@pytest.mark.parametrize("stage", [refining, approach, dribble])
+@pytest.mark.parametrize("stage", [refining, *MOVING])
 def test_time_jumps_back(arena: Arena, stage: Stage) -> None:
     visit = arena.visit()
     sent = stage(arena, visit)
@@ -142,7 +142,7 @@ def test_the_executor_freezes(arena: Arena, stage: Stage) -> None:
     arena.nodes["executor"].send(signal.SIGSTOP)
     time = visit.ros.time()
     visit.ros.eventually(lambda: visit.ros.time() > time + 2.0, "two seconds pass")
-    if stage in (approach, dribble):
+    if stage in MOVING:
         assert len(arena.stops()) > stops
     arena.nodes["executor"].send(signal.SIGCONT)
     if stage is waiting:

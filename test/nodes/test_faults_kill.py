@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 from arena import Arena, arena_with
-from stages import STAGES, Stage, approach, dribble, refining, waiting
+from stages import MOVING, STAGES, Stage, refining, waiting
 
 from ator_interfaces.msg import Outcome
 
@@ -42,7 +42,7 @@ def test_the_executor_is_killed(arena: Arena, stage: Stage) -> None:
     stage(arena, visit)
     stops = len(arena.stops())
     arena.nodes["executor"].kill()
-    if stage in (approach, dribble):
+    if stage in MOVING:
         visit.ros.eventually(lambda: len(arena.stops()) > stops, "the robot stands")
     recovers(arena, "executor")
 
