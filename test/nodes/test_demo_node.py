@@ -1,0 +1,61 @@
+"""The installed demo, to its end and broken off: what `make demo` runs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+
+pytestmark = pytest.mark.node
+
+DEMO = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "demo")
+INTERRUPTED = 130
+PATIENCE = 120.0
+
+
+@pytest.fixture
+def demo(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start the demo of three situations, as a group of processes of its own."""
+    words = [str(DEMO), "--situations", "3", "--out", str(tmp_path / "demo.png")]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment)
+    yield process
+    process.kill()
+    process.wait()
+    assert process.stdout is not None
+    process.stdout.close()
+
+
+def nodes_of(demo: subprocess.Popen[str]) -> list[int]:
+    """Give the process ids of the nodes that the demo has started."""
+    return [int(word) for word in Path(f"/proc/{demo.pid}/task/{demo.pid}/children").read_text().split()]
+
+
+def test_it_tells_the_gain_and_draws_the_paths(demo: subprocess.Popen[str], tmp_path: Path) -> None:
+    told, _ = demo.communicate(timeout=PATIENCE)
+    assert demo.returncode == 0, told
+    assert "3 of 3 situations succeeded both ways; refinement saved" in told
+    assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_broken_off_it_tells_what_was_played_and_leaves_no_node(
+    demo: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
+) -> None:
+    assert demo.stdout is not None
+    while "situation 2 of 3" not in (line := demo.stdout.readline()):
+        assert line, "expected a second situation"
+    nodes = nodes_of(demo)
+    assert len(nodes) == 3
+    demo.send_signal(number)
+    told, _ = demo.communicate(timeout=PATIENCE)
+    assert demo.returncode == INTERRUPTED, told
+    assert "interrupted" in told
+    assert "of 2 situations" in told
+    assert (tmp_path / "demo.png").is_file()
+    assert not [pid for pid in nodes if Path(f"/proc/{pid}").exists()]
