@@ -61,7 +61,7 @@ class UnreadableError(ValueError):
 
 
 def _whole(digits: str) -> int:
-    # A greater one is refused, as no float can hold it.
+    # More than anything here needs; a little more, and no float holds it.
     if len(digits) > _DIGITS:
         raise ValueError(f"expected numbers below 1e{_DIGITS}, got one of {len(digits)} digits")
     return int(digits)

@@ -7,7 +7,7 @@ import contextlib
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.inputs import Inputs, OtherClockError, TimeWentBackError
+from ator_ros.nodes.inputs import BallAheadError, Inputs, TimeWentBackError
 from ator_ros.tracking import BallTracker
 from ator_ros.world import BallState, RobotState
 
@@ -53,16 +53,55 @@ def test_a_ball_from_the_future_does_not_pass_for_one_that_comes(stamp: float) -
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.ball(stamp, BallState(0.0, 0.0))  # before there is odometry to compare with
     both.robot(1.0, robot)
-    with contextlib.suppress(OtherClockError):
+    with contextlib.suppress(BallAheadError):
         both.ball(stamp, BallState(0.0, 0.0))
     both.robot(1.25, robot)
     assert both.ball_overdue
 
 
-def test_a_ball_of_another_clock_is_refused() -> None:
+@pytest.mark.parametrize("skew", [-0.2, 0.0, 0.2, 0.45, 0.6, 1.9, 2.1, 1e9])
+def test_a_ball_of_a_clock_that_differs_is_used_or_refused_and_never_ignored_in_silence(skew: float) -> None:
+    both, robot, known, refused = inputs(), RobotState(Pose(0.0, 0.0, 0.0)), 0, 0
+    for tick in range(1, 201):
+        try:
+            both.ball(0.05 * tick + skew, BallState(0.0, 0.0))
+        except BallAheadError:
+            refused += 1
+        world = both.robot(0.05 * tick, robot)
+        known += world is not None and world.ball is not None and not both.ball_overdue
+    assert refused >= 199 if skew > 2.0 else refused == 0
+    assert known <= 7 if skew > 2.0 else known >= 200 - 20 * abs(skew) - 1
+
+
+@pytest.mark.parametrize(
+    ("timeout", "period", "lead"),
+    [(0.1, 0.1, 0.06), (0.06, 0.05, 0.04), (0.05, 0.05, 0.04), (0.3, 0.25, 0.24)],
+)
+def test_a_ball_between_two_odometries_is_not_overdue(timeout: float, period: float, lead: float) -> None:
+    both, robot = Inputs(timeout, BallTracker(0.0, 0.0)), RobotState(Pose(0.0, 0.0, 0.0))
+    both.robot(0.0, robot)
+    for tick in range(100):
+        both.ball(tick * period + lead, BallState(0.0, 0.0))
+        both.robot((tick + 1) * period, robot)
+        assert not both.ball_overdue
+
+
+def test_balls_that_come_while_odometry_pauses_are_there_when_it_goes_on() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    both.robot(1.0, robot)
+    for tick in range(1, 30):
+        both.ball(1.0 + 0.05 * tick, BallState(0.0, 0.0))
+    world = both.robot(2.5, robot)
+    assert world is not None
+    assert world.ball is not None
+
+
+def test_a_ball_far_ahead_is_refused() -> None:
     both = inputs()
     both.robot(1.0, RobotState(Pose(0.0, 0.0, 0.0)))
-    with pytest.raises(OtherClockError, match=r"near odometry's 1\.00 s, got 1700000000\.00 s"):
+    with pytest.raises(
+        BallAheadError, match=r"at most 2 s more than odometry's 1\.00 s, got 1700000000\.00 s"
+    ):
         both.ball(1.7e9, BallState(0.0, 0.0))
 
 

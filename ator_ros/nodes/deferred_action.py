@@ -8,6 +8,9 @@ from typing import Any
 from rclpy.action import ActionServer
 from rclpy.action.server import ServerGoalHandle
 
+_RESULT_KEPT = 60
+"""Time in s for which a result can be asked for. rclpy's 900 s keep hundreds of chains' records in memory."""
+
 
 class DeferredActionServer(ActionServer):
     """Hands over accepted goals at once, as executing, and answers when `finish` is called.
@@ -34,7 +37,14 @@ class DeferredActionServer(ActionServer):
         *,
         cancel_callback: Callable[[ServerGoalHandle], Any],
     ) -> None:
-        super().__init__(node, action_type, action_name, start, cancel_callback=cancel_callback)
+        super().__init__(
+            node,
+            action_type,
+            action_name,
+            start,
+            cancel_callback=cancel_callback,
+            result_timeout=_RESULT_KEPT,
+        )
 
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[[ServerGoalHandle], None] | None

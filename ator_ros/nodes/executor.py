@@ -21,7 +21,7 @@ from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
 from ator_ros.nodes.goal_run import GoalRun, unstarted
-from ator_ros.nodes.inputs import Inputs, OtherClockError, TimeWentBackError
+from ator_ros.nodes.inputs import BallAheadError, Inputs, TimeWentBackError
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
@@ -126,7 +126,7 @@ class ExecutorNode(Node):
     def _take_ball(self, message: Odometry) -> None:
         try:
             self._inputs.ball(*conversions.ball_from(message, frame=self._settings["frame"]))
-        except (MessageError, OtherClockError) as error:
+        except (MessageError, BallAheadError) as error:
             self._note(f"ignored: {error}")
 
     def _take_odom(self, message: Odometry) -> None:

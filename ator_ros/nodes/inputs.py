@@ -9,18 +9,18 @@ from collections import deque
 from ator_ros.tracking import BallTracker
 from ator_ros.world import BallState, RobotState, World
 
-_BALLS_KEPT = 10
+_AHEAD = 2.0
+"""Time in s that a ball may be ahead of odometry, which may have paused, and be used when that has come."""
+_BALLS_KEPT = 256
 _ROUNDING = 1e-6
-_OTHER_CLOCK = 2.0
-"""Time in s: a ball that is farther ahead of odometry has its stamp from another clock."""
 
 
 class TimeWentBackError(ValueError):
     """Odometry that is older than the last one, as after a reset; the message gives both times."""
 
 
-class OtherClockError(ValueError):
-    """A ball whose stamp cannot be of the clock that odometry goes by; the message gives both times."""
+class BallAheadError(ValueError):
+    """A ball whose stamp is far ahead of odometry, and ignored; the message says by how much."""
 
 
 class Inputs:
@@ -59,14 +59,16 @@ class Inputs:
 
         Raises
         ------
-        OtherClockError
-            The stamp is far ahead of odometry; the ball is ignored.
+        BallAheadError
+            The stamp is far ahead of odometry.
         """
-        if self._time is not None and time > self._time + _OTHER_CLOCK:
-            raise OtherClockError(
-                f"ball.header.stamp: expected a time near odometry's {self._time:.2f} s, got {time:.2f} s"
-            )
-        self._ball_heard = time if self._time is None else self._heard_by(max(time, self._time), self._time)
+        if self._time is not None:
+            if time > self._time + _AHEAD:
+                raise BallAheadError(
+                    f"ball.header.stamp: expected at most {_AHEAD:g} s more than odometry's "
+                    f"{self._time:.2f} s, got {time:.2f} s: another clock, or odometry has ceased"
+                )
+            self._ball_heard = self._time
         self._balls.append((time, self._tracker.update(time, ball)))
 
     def robot(self, time: float, robot: RobotState) -> World | None:
@@ -85,12 +87,11 @@ class Inputs:
             raise TimeWentBackError(
                 f"expected odometry after {last:.2f} s, got {time:.2f} s: was there a reset?"
             )
-        self._ball_heard = self._heard_by(self._ball_heard, time)
+        # A ball that came before odometry of its time was heard at that time.
+        self._ball_heard = max([self._ball_heard, *(stamp for stamp, _ in self._balls if stamp <= time)])
+        while self._balls and self._balls[0][0] < time - self._ball_timeout:
+            self._balls.popleft()
         return None if time == last else World(time, robot, self._ball_at(time))
-
-    def _heard_by(self, heard: float, now: float) -> float:
-        # A ball may come before odometry of its time; one from the future does not count until then.
-        return min(heard, now + self._ball_timeout / 4.0)
 
     def _ball_at(self, time: float) -> BallState | None:
         """Give the newest ball that is not newer than `time`, carried on to it by its velocity.

@@ -6,21 +6,26 @@ from collections.abc import MutableMapping
 
 from ator_ros.resources import resource_path
 
-RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-THIS_MACHINE = "LOCALHOST"
+RANGE, THIS_MACHINE = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_OPEN = ("SUBNET", "SYSTEM_DEFAULT")
+_ONLY_HERE = "ROS_LOCALHOST_ONLY"  # of older distributions; overrides RANGE
+_ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
-    """Set the environment variables that keep ROS on this machine, where the user has not set them.
+    """Set the environment variables that keep ROS on this machine, unless the user has asked for others.
 
-    `RANGE` limits discovery, with any middleware; Fast DDS would still take in messages from everywhere,
-    which the file that `PROFILES` names forbids. Call this before ``rclpy.init``.
+    Asked for are other machines by a `RANGE` of SUBNET or SYSTEM_DEFAULT, static peers, or a discovery
+    server. `RANGE` limits discovery, with any middleware; Fast DDS would still take in messages from
+    everywhere, which the file that `PROFILES` names forbids. Call this before ``rclpy.init``.
 
     Parameters
     ----------
     environment : mutable mapping
-        ``os.environ``, or that of a process to be started.
+        ``os.environ``, or that of a process to be started. An empty variable counts as none.
     """
-    if environment.setdefault(RANGE, THIS_MACHINE) == THIS_MACHINE:
-        environment.setdefault(PROFILES, str(resource_path("config", "fastdds_loopback.xml")))
+    environment[RANGE] = environment.get(RANGE) or THIS_MACHINE
+    is_open = environment[RANGE] in _OPEN and environment.get(_ONLY_HERE) != "1"
+    if not is_open and not any(environment.get(name) for name in (*_ELSEWHERE, PROFILES)):
+        environment[PROFILES] = str(resource_path("config", "fastdds_loopback.xml"))

@@ -22,7 +22,7 @@ def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
         f"publishes {sender.topic_type}"
         for topic, kind in topics.items()
         for name in [_name_of(kind)]
-        for sender in node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+        for sender in node.get_publishers_info_by_topic(topic)
         if sender.topic_type != name
     )
 

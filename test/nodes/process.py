@@ -27,20 +27,33 @@ class Process:
         ROS domain.
     arguments : sequence of str
         Command line.
+    environment : mapping, optional
+        Environment variables that differ; None takes one away.
     """
 
-    def __init__(self, name: str, log: Path, domain: int, arguments: Sequence[str]) -> None:
+    def __init__(
+        self,
+        name: str,
+        log: Path,
+        domain: int,
+        arguments: Sequence[str],
+        environment: Mapping[str, str | None] | None = None,
+    ) -> None:
         self.name, self._log = name, log
         executable = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", name)
-        environment = {
+        variables: dict[str, str | None] = {
             **os.environ,
             "ROS_DOMAIN_ID": str(domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "PYTHONUNBUFFERED": "1",
+            **(environment or {}),
         }
         with log.open("w", encoding="utf-8") as output:
             self._process = subprocess.Popen(
-                [str(executable), *arguments], stdout=output, stderr=subprocess.STDOUT, env=environment
+                [str(executable), *arguments],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={key: value for key, value in variables.items() if value is not None},
             )
 
     @property
@@ -100,6 +113,7 @@ class Processes:
         namespace: str = "",
         remap: Mapping[str, str] | None = None,
         log_level: str = "info",
+        environment: Mapping[str, str | None] | None = None,
         **parameters: object,
     ) -> Process:
         """Start the executable `name` with these ROS parameters and remapped names."""
@@ -111,7 +125,7 @@ class Processes:
         if namespace:
             arguments += ["-r", f"__ns:=/{namespace}"]
         log = self._logs / f"{name}{len(self._started)}.log"
-        self._started.append(Process(name, log, self._domain, arguments))
+        self._started.append(Process(name, log, self._domain, arguments, environment))
         return self._started[-1]
 
     def kill(self) -> None:

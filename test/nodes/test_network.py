@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 from pathlib import Path
@@ -11,41 +12,72 @@ from conftest import Start
 from process import Process
 from ros_client import Client
 
-from ator_ros.nodes.network import PROFILES, RANGE, stay_on_this_machine
+from ator_ros.nodes.network import PROFILES, RANGE, THIS_MACHINE, stay_on_this_machine
 
 LOOPBACK = "127.0.0.1"
 NODES = {"simulation": "simulating", "executor": "ready for chains", "refinement": "refining chains"}
 
 
 @pytest.mark.parametrize("node", NODES)
-def test_the_ports_of_a_node_take_in_what_this_machine_sends(
-    start: Start, client: Client, domain: int, node: str
-) -> None:
+def test_a_node_listens_to_this_machine_only(start: Start, client: Client, node: str) -> None:
     process = start(node)
     client.eventually(lambda: NODES[node] in process.output, "the node is ready")
-    # Ports of the domain, as the DDS standard has them; what sends has ports from elsewhere.
-    ports = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
-    places = {address for address, port in udp_sockets(process) if port in ports}
-    assert places == {LOOPBACK}
+    assert listens_at(process) == {LOOPBACK}
+
+
+@pytest.mark.parametrize("setting", [None, "", "LOCALHOST", "OFF", "localhost"])
+def test_only_who_asks_for_a_network_gets_one(start: Start, client: Client, setting: str | None) -> None:
+    process = start("refinement", environment={RANGE: setting})
+    client.eventually(lambda: NODES["refinement"] in process.output, "the node is ready")
+    assert listens_at(process) <= {LOOPBACK}
+
+
+def listens_at(process: Process) -> set[str]:
+    """Give the addresses of its sockets but those that only send: their ports were chosen by the kernel."""
+    low, high = map(int, Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split())
+    return {address for address, port in udp_sockets(process) if not low <= port <= high}
 
 
 def udp_sockets(process: Process) -> list[tuple[str, int]]:
     """Give address and port of each UDP socket of a process."""
     folder = Path("/proc", str(process.pid))
-    mine = {str(file.readlink()) for file in (folder / "fd").iterdir()}
-    lines = [line.split() for line in (folder / "net" / "udp").read_text(encoding="utf-8").splitlines()[1:]]
-    places = [words[1].split(":") for words in lines if f"socket:[{words[9]}]" in mine]
-    return [(socket.inet_ntoa(struct.pack("=I", int(where, 16))), int(port, 16)) for where, port in places]
+    mine = set()
+    for file in (folder / "fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):
+            mine.add(str(file.readlink()))
+    places = []
+    for table, family, words in (("udp", socket.AF_INET, 1), ("udp6", socket.AF_INET6, 4)):
+        for line in (folder / "net" / table).read_text(encoding="utf-8").splitlines()[1:]:
+            _, local, *rest = line.split()
+            if f"socket:[{rest[7]}]" in mine:
+                number, _, port = local.partition(":")
+                packed = b"".join(struct.pack("=I", int(number[8 * i : 8 * i + 8], 16)) for i in range(words))
+                places.append((socket.inet_ntop(family, packed), int(port, 16)))
+    return places
 
 
-def test_what_the_user_has_set_stays() -> None:
-    silent: dict[str, str] = {}
-    stay_on_this_machine(silent)
-    assert silent[RANGE] == "LOCALHOST"
-    assert Path(silent[PROFILES]).is_file()
-    network = {RANGE: "SUBNET"}
-    stay_on_this_machine(network)
-    assert network == {RANGE: "SUBNET"}
-    own = {PROFILES: "/my/profiles.xml"}
-    stay_on_this_machine(own)
-    assert own == {PROFILES: "/my/profiles.xml", RANGE: "LOCALHOST"}
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {RANGE: "SUBNET"},
+        {RANGE: "SYSTEM_DEFAULT"},
+        {RANGE: "LOCALHOST", "ROS_STATIC_PEERS": "10.0.0.2"},
+        {RANGE: "LOCALHOST", "ROS_DISCOVERY_SERVER": "10.0.0.2:11811"},
+        {RANGE: "LOCALHOST", PROFILES: "/my/profiles.xml"},
+    ],
+)
+def test_what_the_user_has_set_stays(asked: dict[str, str]) -> None:
+    environment = dict(asked)
+    stay_on_this_machine(environment)
+    assert environment == asked
+
+
+@pytest.mark.parametrize(
+    "closed",
+    [{}, {RANGE: ""}, {RANGE: "OFF"}, {RANGE: "nonsense"}, {RANGE: "SUBNET", "ROS_LOCALHOST_ONLY": "1"}],
+)
+def test_all_else_stays_here(closed: dict[str, str]) -> None:
+    environment = dict(closed)
+    stay_on_this_machine(environment)
+    assert environment[RANGE] == (closed.get(RANGE) or THIS_MACHINE)
+    assert Path(environment[PROFILES]).is_file()
