@@ -173,8 +173,14 @@ def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None
         action_performance(store, goal=Pose(np.inf, 0.5, 0.7), speed=0.3, duration=3.0, code=1),
         action_performance(store, goal=Pose(1.5, 0.5, np.nan), speed=0.3, duration=3.0, code=2),
     ]
+    for place, error, length in ((np.inf, 0.02, 3.0), (0.0, np.inf, 3.0), (0.0, 0.02, -1.0)):
+        odd = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=length, code=1)
+        odd.start.ball.x, odd.heading_error = place, error
+        bad.append(odd)
     write_records(tmp_path / "bag", store, [*bad, good])
-    assert read_recording(tmp_path / "bag", ROBOT).of("goToPose")["duration"].tolist() == [3.25]
+    experience = read_recording(tmp_path / "bag", ROBOT)
+    assert experience.of("goToPose")["duration"].tolist() == [3.25]
+    assert experience.metadata["records_left_out"] == len(bad)
 
 
 def action_performance(

@@ -13,23 +13,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from ator_ros.actions.base import Goal, Point
 from ator_ros.experience.drives import SHORTEST, Streams, drives
-from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
+from ator_ros.experience.episode import Episode
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.situations import Situation
+from ator_ros.experience.records import ENDED, episode_of, finite, pose_of, sound
 from ator_ros.experience.table import Experience, episode_frame, join, library_versions
-from ator_ros.experience.validation import check_rows
-from ator_ros.geometry import Pose, yaw_from_quaternion
+from ator_ros.experience.validation import checked_rows
 from ator_ros.robot import Robot
-from ator_ros.world import BallState, RobotState
 
 TOPICS = ("odom", "cmd_vel", "ball")
 RECORDS = "performance/action"
-SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 
 
 class RecordingError(ExperienceError):
@@ -43,6 +38,17 @@ class _Recorded:
     stretches: list[Streams] = field(default_factory=lambda: [Streams()])
     records: list[Episode] = field(default_factory=list)
     action_sets: set[str] = field(default_factory=set)
+    left_out: int = 0
+
+    def add(self, message: Any) -> None:
+        """Take an ActionPerformance; one with numbers that are none is left out, and counted."""
+        episode = episode_of(message)
+        if not sound(episode):
+            self.left_out += 1
+            return
+        self.records.append(episode)
+        # Recordings from before it was told have none.
+        self.action_sets.add(getattr(message, "action_set", "") or "default")
 
     def episodes(self, robot: Robot) -> Iterator[Episode]:
         """Yield the executor's records, or the drives where there are none."""
@@ -68,6 +74,8 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
     RecordingError
         rosbags is not installed, or the recording is damaged, lacks a topic, holds no drive, or actions
         of several sets.
+    ExperienceError
+        It names an action or an action set by what is no name.
     """
     file = Path(path)
     by_robot = _read(file)
@@ -88,11 +96,11 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
         "robot_digest": robot.digest(),
         "action_set": _action_set(file, by_robot),
         "command": f"recording {file.name}",
+        "records_left_out": sum(recorded.left_out for recorded in by_robot.values()),
         "versions": library_versions(),
     }
-    frame = join(frames)
-    check_rows(file, frame, metadata["action_set"] or "default")
-    return Experience(frame, metadata)
+    rows = checked_rows(file, join(frames), metadata["action_set"] or "default")
+    return Experience(rows, metadata)
 
 
 def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
@@ -111,10 +119,8 @@ def _read(file: Path) -> dict[str, _Recorded]:
         namespace = name[: -len(topic)] or "/"
         if topic != RECORDS:
             _add(by_robot[namespace], topic, message)
-        elif message.outcome.code in (SUCCEEDED, FAILED) and _finite(_numbers(episode := _record(message))):
-            by_robot[namespace].records.append(episode)
-            # Recordings from before it was told have none.
-            by_robot[namespace].action_sets.add(getattr(message, "action_set", "") or "default")
+        elif message.outcome.code in ENDED:
+            by_robot[namespace].add(message)
     return by_robot
 
 
@@ -139,47 +145,6 @@ def _kind(topic: str) -> str:
     return next((name for name in (RECORDS, *TOPICS) if f"/{topic}".endswith(f"/{name}")), "")
 
 
-def _record(message: Any) -> Episode:
-    """Give the episode that an ActionPerformance tells of."""
-    start, call = message.start, message.call
-    ball = (
-        BallState(start.ball.x, start.ball.y, start.ball_velocity.x, start.ball_velocity.y)
-        if start.ball_known
-        else None
-    )
-    point = Point.AXLE if call.top == "goToPose" else Point.HOLD
-    return Episode(
-        situation=Situation(
-            message.action,
-            RobotState(_pose_of(start.robot), start.v, start.w),
-            ball,
-            Goal(_pose_of(call.goal.pose), call.speed, point),
-        ),
-        samples=np.empty((0, len(SAMPLE_COLUMNS))),
-        duration=message.actual.duration,
-        success=message.outcome.code == SUCCEEDED,
-        reason=message.outcome.reason,
-        position_error=message.actual.accuracy,
-        heading_error=message.heading_error,
-    )
-
-
-def _numbers(episode: Episode) -> tuple[float, ...]:
-    """Give what a model learns from."""
-    robot, goal = episode.situation.robot, episode.situation.goal
-    return (episode.duration, *robot.pose, robot.v, robot.w, *goal.pose, goal.speed)
-
-
-def _finite(row: tuple[float, ...]) -> bool:
-    """Say whether a row can be used: a sensor may have sent NaN."""
-    return all(map(math.isfinite, row))
-
-
-def _pose_of(pose: Any) -> Pose:
-    q = pose.orientation
-    return Pose(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
-
-
 def _add(recorded: _Recorded, topic: str, message: Any) -> None:
     streams = recorded.stretches[-1]
     if topic == "cmd_vel":
@@ -187,16 +152,16 @@ def _add(recorded: _Recorded, topic: str, message: Any) -> None:
         twist = getattr(message, "twist", message)
         now = streams.odom[-1][0] if streams.odom else math.nan
         command = (now, twist.linear.x, twist.angular.z)
-        if _finite(command):
+        if finite(command):
             streams.cmd_vel.append(command)
         return
     stamp = message.header.stamp
     time = stamp.sec + 1e-9 * stamp.nanosec
-    pose, twist = _pose_of(message.pose.pose), message.twist.twist
+    pose, twist = pose_of(message.pose.pose), message.twist.twist
     if topic == "ball":
-        if _finite(pose):
+        if finite(pose):
             streams.ball.append((time, pose.x, pose.y))
-    elif _finite(row := (time, *pose, twist.linear.x, twist.angular.z)):
+    elif finite(row := (time, *pose, twist.linear.x, twist.angular.z)):
         if not streams.goes_on_at(time):
             recorded.stretches.append(streams := Streams())
         streams.odom.append(row)

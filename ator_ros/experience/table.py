@@ -16,7 +16,7 @@ import pandas as pd
 from ator_ros.actions.base import Point
 from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.validation import check_rows
+from ator_ros.experience.validation import checked_rows
 from ator_ros.files import replaced
 
 FORMAT = "ator_ros experience"
@@ -165,8 +165,7 @@ def read_experience(path: Path | str) -> Experience:
             f"{path}: expected the columns {', '.join(COLUMNS)}; missing: {', '.join(missing)}"
         )
     frame = table.to_pandas()[list(COLUMNS)]
-    check_rows(path, frame, metadata.get("action_set", "default"))
-    return Experience(frame, metadata)
+    return Experience(checked_rows(path, frame, metadata.get("action_set", "default")), metadata)
 
 
 def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:

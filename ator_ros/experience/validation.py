@@ -2,40 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.files import is_name
+from ator_ros.geometry import FloatArray
 
-_UNKNOWN_AS_NAN = ("ball_x", "ball_y", "position_error", "heading_error")
-_FINITE = ("t", "x", "y", "yaw", "v", "w", "xg", "yg", "yawg", "speedg", "time_to_go", "duration")
-_RULES: dict[str, tuple[str, Callable[[pd.Series], pd.Series]]] = {
-    "action": ("a name of letters, digits and _", lambda values: values.map(is_name)),
-    "episode": ("whole numbers from 0", lambda values: (values >= 0) & (values % 1 == 0)),
-    "hold": ("0 or 1", lambda values: values.isin([0, 1])),
-    "success": ("true or false", lambda values: values.isin([True, False])),
-    **dict.fromkeys(_FINITE, ("finite numbers", lambda values: pd.Series(np.isfinite(values)))),
-    **dict.fromkeys(_UNKNOWN_AS_NAN, ("finite numbers or NaN", lambda values: ~np.isinf(values))),
-    **dict.fromkeys(
-        ("t", "time_to_go", "duration"), ("times in s from 0", lambda v: np.isfinite(v) & (v >= 0.0))
-    ),
+_FARTHEST = 1e6
+_NAME = "a name of letters, digits and _"
+
+
+class _Rule(NamedTuple):
+    """What the numbers of a column are to be, in words and in bounds; `whole`: without a fraction."""
+
+    expected: str
+    low: float
+    high: float = _FARTHEST
+    whole: bool = False
+    unknown: bool = False  # may be NaN
+
+
+_PLACE = _Rule("finite numbers up to 1e6", -_FARTHEST)
+_PLACE_OR_NAN = _Rule("finite numbers up to 1e6, or NaN", -_FARTHEST, unknown=True)
+_TIME = _Rule("times in s from 0", 0.0)
+_ERROR = _Rule("numbers from 0, or NaN", 0.0, unknown=True)
+_RULES = {
+    "episode": _Rule("whole numbers from 0", 0.0, np.iinfo(np.int32).max, whole=True),
+    **dict.fromkeys(("t", "time_to_go", "duration"), _TIME),
+    **dict.fromkeys(("x", "y", "yaw", "v", "w", "xg", "yg", "yawg"), _PLACE),
+    **dict.fromkeys(("ball_x", "ball_y"), _PLACE_OR_NAN),
+    "speedg": _Rule("speeds in m/s from 0", 0.0),
+    "hold": _Rule("0 or 1", 0.0, 1.0, whole=True),
+    "success": _Rule("true or false", 0.0, 1.0, whole=True),
+    **dict.fromkeys(("position_error", "heading_error"), _ERROR),
 }
-"""What the values of a column are to be, in words and as a test of each."""
+_TRUTHS = ("hold", "success")
+"""Columns that may be of a type for true and false."""
 
 
-def check_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> None:
-    """Check that a model can be learned from these rows and saved under the names they give.
+def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> pd.DataFrame:
+    """Give the rows with plain types, if models can be learned from them and saved under their names.
 
     Parameters
     ----------
     source : Path or str
         Where they were read, for the message.
     frame : pandas.DataFrame
-        With the columns of `table.COLUMNS`.
+        With the columns of `table.COLUMNS`, of any types.
     action_set : object
         Name of the set that the actions are of.
 
@@ -45,17 +62,33 @@ def check_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> N
         There are no rows, or a value is not what its column holds.
     """
     if not is_name(action_set):
-        raise ExperienceError(
-            f"{source}: action_set: expected a name of letters, digits and _, got {action_set!r}"
-        )
+        raise ExperienceError(f"{source}: action_set: expected {_NAME}, got {action_set!r}")
     if frame.empty:
         raise ExperienceError(f"{source}: expected rows of experience, found none")
-    for column, (expected, holds) in _RULES.items():
-        values = frame[column]
-        if column != "action" and not pd.api.types.is_numeric_dtype(values):
-            raise ExperienceError(f"{source}: {column}: expected {expected}, got the type {values.dtype}")
-        wrong = np.flatnonzero(~holds(values).to_numpy(dtype=bool))
-        if wrong.size:
-            raise ExperienceError(
-                f"{source}: {column}: expected {expected}, got {values.iloc[wrong[0]]!r} in row {wrong[0]}"
-            )
+    names = frame["action"].astype(object)
+    for name in names.unique():
+        if not is_name(name):
+            raise ExperienceError(f"{source}: action: expected {_NAME}, got {name!r}")
+    columns: dict[str, object] = {name: _numbers(source, frame[name], rule) for name, rule in _RULES.items()}
+    columns |= {"action": names, "reason": frame["reason"].astype(object)}
+    plain = {"episode": np.int32, "hold": np.int8, "success": bool}
+    return pd.DataFrame({name: columns[name] for name in frame.columns}).astype(plain)
+
+
+def _numbers(source: Path | str, column: pd.Series, rule: _Rule) -> FloatArray:
+    """Give the numbers of a column, which may be of any type that holds numbers."""
+    where = f"{source}: {column.name}: expected {rule.expected}"
+    truths = pd.api.types.is_bool_dtype(column)
+    if not pd.api.types.is_numeric_dtype(column) or (truths and column.name not in _TRUTHS):
+        raise ExperienceError(f"{where}, got the type {column.dtype}")
+    try:
+        values: FloatArray = column.to_numpy(dtype=float, na_value=np.nan)
+    except (TypeError, ValueError) as error:  # complex numbers, say
+        raise ExperienceError(f"{where}, got the type {column.dtype}") from error
+    with np.errstate(invalid="ignore"):
+        good = (values >= rule.low) & (values <= rule.high)
+        good &= (values % 1.0 == 0.0) | (not rule.whole)
+    wrong = np.flatnonzero(~(good | (np.isnan(values) & rule.unknown)))
+    if wrong.size:
+        raise ExperienceError(f"{where}, got {values[wrong[0]]:g} in row {wrong[0]}")
+    return values

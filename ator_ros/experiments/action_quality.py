@@ -140,7 +140,7 @@ def summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "situations": len(outcomes),
         "success_percent": round(100.0 * len(durations) / len(outcomes), 2),
         "ball_moved_early_percent": round(100.0 * float(np.mean([o.early for o in outcomes])), 2),
-        "mean_duration_s": round(float(durations.mean()), 3),
+        "mean_duration_s": round(float(durations.mean()), 3) if len(durations) else None,
         "greatest_command_over_limit": round(max(outcome.excess for outcome in outcomes), 3),
         **_around_plan([outcome for outcome in outcomes if outcome.success]),
         "failures": failures[:10],
@@ -150,7 +150,7 @@ def summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 def _around_plan(outcomes: Sequence[Outcome]) -> dict[str, float]:
     """Give mean and standard deviation (s) of duration less plan; nothing where there are no plans."""
     over = np.array([outcome.duration - outcome.planned for outcome in outcomes])
-    if np.isnan(over).any():
+    if not len(over) or np.isnan(over).any():
         return {}
     return {"over_plan_mean_s": round(float(over.mean()), 3), "over_plan_std_s": round(float(over.std()), 3)}
 

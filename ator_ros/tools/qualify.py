@@ -131,6 +131,7 @@ def _document(result: dict[str, Any]) -> str:
     for row in result["kinds"]:
         turned = row.get("turned_by_1_degree")
         change = f"{turned['p95_s']:.2f} / {turned['p99_s']:.2f}" if turned else "-"
+        mean = "-" if row["mean_duration_s"] is None else f"{row['mean_duration_s']:.2f}"
         plan = (
             f"{row['over_plan_mean_s']:.3f} ± {row['over_plan_std_s']:.3f}"
             if "over_plan_mean_s" in row
@@ -139,7 +140,7 @@ def _document(result: dict[str, Any]) -> str:
         over = f"{row['over_time_optimal']:.3f} ({row['pairs']} pairs)" if "over_time_optimal" in row else "-"
         lines.append(
             f"| {row['kind']} | {row['situations']} | {row['success_percent']} % "
-            f"| {row['ball_moved_early_percent']} % | {row['mean_duration_s']:.2f} "
+            f"| {row['ball_moved_early_percent']} % | {mean} "
             f"| {row['greatest_command_over_limit']:.2f} | {change} | {plan} | {over} |"
         )
     failures = [f"* {row['kind']}: {reason}" for row in result["kinds"] for reason in row["failures"]]

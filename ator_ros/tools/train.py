@@ -96,7 +96,7 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
         measured: dict[str, Any] = {}
         tests = fresh[fresh["action"] == action]
         if len(tests):
-            measured = _measure(model, tests, fresh_source["seed"])
+            measured = _measure(model, tests, _seed(fresh_source))
         training = {
             "seed": source.get("seed"),
             "command": source.get("command"),
@@ -116,7 +116,7 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
         print(f"{file}: {_summary(model, measured)}")
     if options.ablation and len(fresh):
         lines = ablation_table(
-            by_action, dict(iter(fresh.groupby("action"))), robot, seed=fresh_source["seed"]
+            by_action, dict(iter(fresh.groupby("action"))), robot, seed=_seed(fresh_source)
         )
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
 
@@ -153,6 +153,8 @@ def _experience(
                 f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got "
                 f"{table.metadata['robot_digest']}: give its description with --robot, or collect anew"
             )
+        if left_out := table.metadata.get("records_left_out"):
+            print(f"train: {path}: left out {left_out} records with numbers that are none", file=sys.stderr)
         shift = max((int(frame["episode"].max()) + 1 for frame in frames if len(frame)), default=0)
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
         sources.append(table.metadata)
@@ -169,9 +171,15 @@ def _measure_again(options: argparse.Namespace, robot: Robot, folder: Path) -> N
     for action, tests in fresh.groupby("action", sort=False):
         file = folder / model_path(action, source["action_set"])
         model = load_model(file, robot)
-        measured = _measure(model, tests, source["seed"])
+        measured = _measure(model, tests, _seed(source))
         save_model(file, dataclasses.replace(model, metadata={**model.metadata, "accuracy": measured}))
         print(f"{file}: {_summary(model, measured)}")
+
+
+def _seed(source: Mapping[str, Any]) -> int:
+    """Give the seed that a table was collected with, for resampling; recordings have none."""
+    seed = source.get("seed")
+    return seed if isinstance(seed, int) else 0
 
 
 def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import domain_coordinator
 import pytest
 from chain_client import ChainClient, call
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from process import Process, Processes
 from ros_client import Client
@@ -17,7 +18,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import ball_odometry_of, odometry_of
-from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
 from ator_ros.world import BallState, RobotState
 
 pytestmark = pytest.mark.node
@@ -124,6 +125,9 @@ def test_who_sends_another_type_of_message_is_named_once(executor) -> None:
     node, chains, sensors = executor
     told = "odom: expected nav_msgs/msg/Odometry, /stranger/test_client publishes std_msgs/msg/String"
     chains.ros.eventually(lambda: sensors.send() or told in node.output, told)
+    heard = chains.ros.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    chains.ros.eventually(lambda: len(heard) > 2, "the node has looked twice more")
+    assert told in heard[-1].status[0].message
     assert node.output.count(told) == 1
 
 

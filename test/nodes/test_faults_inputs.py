@@ -38,6 +38,7 @@ class Relay:
         self.silent: dict[str, float] = {}
         self.poor = False
         self.last: dict[str, float] = {}
+        self.longest: dict[str, float] = {}
         self._random, self._balls = random.Random(5), deque[Odometry](maxlen=1 + LATE_TICKS)
         self._publishers = {
             name: client.node.create_publisher(Odometry, f"relayed/{name}", SENSOR_DATA) for name in INPUTS
@@ -56,6 +57,7 @@ class Relay:
             self.silent.pop(name)
         if name in self.silent or (self.poor and self._random.random() < DROPOUTS):
             return
+        self.longest[name] = max(self.longest.get(name, 0.0), now - self.last.get(name, now))
         self.last[name] = now
         self._publishers[name].publish(message)
 
@@ -103,8 +105,10 @@ def test_an_input_falls_silent(arena: Arena, relay: Relay, name: str, stage: Sta
 def test_an_input_comes_back_before_its_timeout(arena: Arena, relay: Relay, name: str) -> None:
     visit = arena.visit()
     sent = approach(arena, visit)
+    relay.longest[name] = 0.0
     relay.silent[name] = 0.17  # the robot brakes after half of the ball's time-out of 0.3 s
     outcome = visit.ended(sent).outcome
+    assert 0.17 < relay.longest[name] < 0.3
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 

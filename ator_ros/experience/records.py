@@ -1,0 +1,63 @@
+"""Episodes that the executor's records (ator_interfaces/msg/ActionPerformance) tell of."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
+from ator_ros.experience.situations import Situation
+from ator_ros.geometry import Pose, yaw_from_quaternion
+from ator_ros.world import BallState, RobotState
+
+SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
+ENDED = (SUCCEEDED, FAILED)
+"""Outcomes of actions that were not broken off from outside."""
+
+
+def episode_of(message: Any) -> Episode:
+    """Give the episode that an ActionPerformance tells of, with its start for the only sample."""
+    start, call = message.start, message.call
+    ball = (
+        BallState(start.ball.x, start.ball.y, start.ball_velocity.x, start.ball_velocity.y)
+        if start.ball_known
+        else None
+    )
+    point = Point.AXLE if call.top == "goToPose" else Point.HOLD
+    return Episode(
+        situation=Situation(
+            message.action,
+            RobotState(pose_of(start.robot), start.v, start.w),
+            ball,
+            Goal(pose_of(call.goal.pose), call.speed, point),
+        ),
+        samples=np.empty((0, len(SAMPLE_COLUMNS))),
+        duration=message.actual.duration,
+        success=message.outcome.code == SUCCEEDED,
+        reason=message.outcome.reason,
+        position_error=message.actual.accuracy,
+        heading_error=message.heading_error,
+    )
+
+
+def sound(episode: Episode) -> bool:
+    """Say whether a model can learn from an episode: a sensor may have sent NaN."""
+    robot, goal, ball = episode.situation.robot, episode.situation.goal, episode.situation.ball
+    errors = (episode.position_error, episode.heading_error)
+    numbers: tuple[float, ...] = (*robot.pose, robot.v, robot.w, *goal.pose, goal.speed, episode.duration)
+    numbers += (ball.x, ball.y) if ball is not None else ()
+    return finite(numbers) and not min(episode.duration, goal.speed, *errors) < 0.0 and math.inf not in errors
+
+
+def finite(row: tuple[float, ...]) -> bool:
+    """Say whether a row can be used: a sensor may have sent NaN."""
+    return all(map(math.isfinite, row))
+
+
+def pose_of(pose: Any) -> Pose:
+    """Give the pose in the plane that a geometry_msgs/Pose stands for."""
+    q = pose.orientation
+    return Pose(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
