@@ -17,17 +17,23 @@ def test_which_tops_need_the_ball_follows_from_their_conditions() -> None:
     assert {name for name in LIBRARY if needs_ball(LIBRARY[name])} == {"goToBall", "dribbleBall", "shoot"}
 
 
-def test_an_execution_drives_at_once_and_stands_before_it_ends() -> None:
+def test_an_execution_answers_once_then_drives_and_stands_before_it_ends() -> None:
     run = execution(FORWARD)
-    command = run.tick(world(), 100.0)
-    assert command.v > 0.0
+    assert run.tick(world(), 100.0) == STOP
+    assert run.tick(world(1.05), 100.05).v > 0.0
+    assert run.start is not None
+    assert run.start.time == 1.05
     assert run.phase is Phase.EXECUTING
     run.end(Ending.CANCELED, "canceled by the client")
-    assert run.tick(world(1.05, v=0.5), 100.1) == STOP
+    assert run.tick(world(1.1, v=0.5), 100.1) == STOP
     assert run.phase is Phase.STOPPING
-    run.tick(world(1.1), 100.2)
+    run.tick(world(1.15), 100.2)
     assert run.phase is Phase.ENDED
     assert run.ending is Ending.CANCELED
+
+
+def test_a_robot_that_drives_is_not_stopped_by_a_new_goal() -> None:
+    assert execution(FORWARD).tick(world(v=0.5), 100.0).v > 0.0
 
 
 def test_a_robot_that_never_stands_does_not_hold_the_goal_for_ever() -> None:
@@ -86,7 +92,8 @@ def test_a_goal_that_comes_before_odom_waits_for_it() -> None:
     run = execution(FORWARD)
     run.watch(101.9)
     assert run.phase is Phase.WAITING
-    assert run.tick(world(), 101.95).v > 0.0
+    run.tick(world(), 101.95)
+    assert run.tick(world(1.05), 102.0).v > 0.0
     run.watch(102.1)
     assert run.phase is Phase.EXECUTING
 

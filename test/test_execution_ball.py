@@ -16,12 +16,14 @@ from ator_ros.world import STOP, BallState, World
 def test_a_step_that_needs_the_ball_pauses_where_it_is_overdue() -> None:
     ball = BallState(0.5, 0.0)
     run = execution(chain(("goToBall", Pose(0.5, 0.0, 0.0))))
-    assert run.tick(world(ball=ball), 100.0) != STOP
-    assert run.tick(world(1.05, ball=ball), 100.05, ball_overdue=True) == STOP
+    run.tick(world(ball=ball), 100.0)
+    assert run.tick(world(1.05, ball=ball), 100.05) != STOP
+    assert run.tick(world(1.1, ball=ball), 100.1, ball_overdue=True) == STOP
     assert run.ending is None
-    assert run.tick(world(1.1, ball=ball), 100.1) != STOP
+    assert run.tick(world(1.15, ball=ball), 100.15) != STOP
     alone = execution(FORWARD)
-    assert alone.tick(world(), 100.0, ball_overdue=True).v > 0.0
+    alone.tick(world(), 100.0)
+    assert alone.tick(world(1.05), 100.05, ball_overdue=True).v > 0.0
 
 
 def test_a_goal_that_comes_before_the_ball_waits_for_it_standing() -> None:
@@ -47,8 +49,9 @@ def test_a_goal_whose_ball_never_comes_ends() -> None:
 
 def test_a_ball_that_is_silent_while_it_is_needed_ends_the_goal() -> None:
     run = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0))))
-    assert run.tick(world(ball=BallState(1.0, 0.0)), 100.0) != STOP
-    assert run.tick(world(1.05), 100.05) == STOP
+    run.tick(world(ball=BallState(1.0, 0.0)), 100.0)
+    assert run.tick(world(1.05, ball=BallState(1.0, 0.0)), 100.05) != STOP
+    assert run.tick(world(1.1), 100.1) == STOP
     assert run.ending is Ending.INPUT_LOST
     assert "ball is missing: goToBall needs it, and no recent one is known" in run.reason
 

@@ -115,8 +115,9 @@ class Execution:
         Where the ball is overdue, a step that needs it pauses; it ends when no recent ball is known.
         """
         self._heard = now
-        if self.phase is Phase.WAITING:
-            self._begin(world, now)
+        # Planning takes time, for which a simulation in lockstep waits once it has heard from us.
+        if self.phase is Phase.WAITING and self._begin(world, now) and is_standing(world.robot):
+            return STOP
         if self.phase is Phase.EXECUTING:
             return self._execute(world, now, ball_overdue=ball_overdue)
         if self.phase is Phase.STOPPING:
@@ -200,20 +201,24 @@ class Execution:
 
     # Phases
 
-    def _begin(self, world: World, now: float) -> None:
-        """Start with the first state in which the chain can be judged: with a ball where one is needed."""
+    def _begin(self, world: World, now: float) -> bool:
+        """Start with the first state in which the chain can be judged: with a ball where one is needed.
+
+        Says whether the chain is to be executed now.
+        """
         self.start = world
         if world.ball is None and self._ball_user() is not None:
             self.reason = "waiting for a ball"
-            return
+            return False
         violations = self.chain.violations(world, self._library.robot)
         if violations:
             self.end(Ending.REFUSED, f"no valid plan: {'; '.join(violations)}")
-            return
+            return False
         self.phase = Phase.REFINING if self.refining.wanted else Phase.EXECUTING
         if self.refining.wanted:
             self.refining.ask(world, self.chain, now)
         self.reason = self.phase.value
+        return not self.refining.wanted
 
     def _give_up_waiting(self) -> None:
         limit = f"expected one within {self._deadlines.start:g} s of the goal, got none"

@@ -33,7 +33,7 @@ PARAMETERS = (
     Parameter("robot_frame", "base_link", "frame of the robot, in the middle of its axle"),
     Parameter("real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0),
     Parameter("command_wait", 0.3, "real s that a tick waits for a command, where it waits", 0.0, 10.0),
-    Parameter("lockstep", False, "whether ticks wait also at a real_time_factor above 0"),
+    Parameter("lockstep", True, "whether ticks wait also at a real_time_factor above 0"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
     Parameter("robot_start", [-2.0, 0.0, 0.0], "pose of the robot after a reset: x, y in m, yaw in rad"),

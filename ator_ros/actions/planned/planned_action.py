@@ -77,6 +77,7 @@ class PlannedAction(Action):
         failure = self.check(world)
         if failure is not None:
             return finished(Status.FAILED, failure)
+        self._tracker.wait_for_start(world)
         disturbed = self._tracker.disturbed(world)
         if disturbed or self.outdated(world):
             return self.replan(world, "disturbed" if disturbed else "the goal has moved")

@@ -13,6 +13,8 @@ from ator_ros.world import Command, World
 DISTURBED_DISTANCE = 0.12  # m from the plan
 DISTURBED_HEADING = 0.35  # rad
 _ROUNDING = 1e-6  # s by which sums of ticks may be off
+_STANDS = (0.003, 0.006)  # m/s and rad/s up to which a robot has not yet started
+_LONGEST_WAIT = 0.5  # s for it, on a computer that plans slowly
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +57,18 @@ class Tracker:
     def __init__(self, robot: Robot, trajectory: Trajectory, start_time: float, period: float = 0.05) -> None:
         self._limits = robot.limits
         self.trajectory = trajectory
-        self._start = start_time
+        self._start = self._made = start_time
+        first = trajectory.at(0.0)
+        self._waits = _stands(first.v, first.w) and trajectory.duration > _LONGEST_WAIT
         # A command is reached after a period's ramp, on average half of it late, and the motors lag behind.
         self._preview = 0.8 * period + robot.motor_time_constant
+
+    def wait_for_start(self, world: World) -> None:
+        """Let time begin when a robot at rest does: where planning takes long, its first command is late."""
+        patient = world.time - self._made < _LONGEST_WAIT
+        self._waits = self._waits and patient and _stands(world.robot.v, world.robot.w)
+        if self._waits:
+            self._start = world.time
 
     def left(self, world: World) -> float:
         """Give the time in s to the end of the trajectory; not positive afterwards."""
@@ -91,3 +102,7 @@ class Tracker:
         speed = max(abs(v), self.SLOW)
         gain = min(self.GAIN_ACROSS, self.ACROSS_BANDWIDTH / speed)
         return math.copysign(gain, v) * min(1.0, abs(v) / self.SLOW)
+
+
+def _stands(v: float, w: float) -> bool:
+    return abs(v) <= _STANDS[0] and abs(w) <= _STANDS[1]

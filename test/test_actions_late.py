@@ -1,0 +1,55 @@
+"""Commands that come late at the start, as on a computer that plans slowly, cost that time and no more."""
+
+from __future__ import annotations
+
+import pytest
+
+from ator_ros.actions.base import Goal, Point, Status
+from ator_ros.actions.planned.go_to_pose import GoToPose
+from ator_ros.geometry import Pose
+from ator_ros.robot import load_robot
+from ator_ros.simulation.pioneer import TICK, PioneerSimulation
+from ator_ros.world import STOP
+
+ROBOT = load_robot()
+BALL = (0.0, 0.0)
+ALLOWANCE = 2 * TICK
+
+
+def approach(late: int) -> tuple[float, float]:
+    """Drive to a ball, with the first `late` commands lost; give the duration and how far the ball moved."""
+    with PioneerSimulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        simulation.place_ball(*BALL)
+        action = GoToPose(ROBOT)
+        action.start(simulation.world(), Goal(Pose(*BALL, 0.0), 0.0, Point.HOLD))
+        for tick in range(400):
+            world = simulation.world()
+            step = action.step(world)
+            if step.status is not Status.RUNNING:
+                break
+            simulation.command(STOP if tick < late else step.command)
+            simulation.tick()
+        assert step.status is Status.SUCCEEDED, step.message
+        assert world.ball is not None
+        return world.time, abs(world.ball.x) + abs(world.ball.y)
+
+
+@pytest.mark.parametrize("late", [1, 2, 4, 8])
+def test_a_late_start_costs_its_delay_and_the_ball_stays(late: int) -> None:
+    punctual, _ = approach(0)
+    duration, moved = approach(late)
+    assert duration <= punctual + late * TICK + ALLOWANCE
+    assert moved < 0.02
+
+
+def test_a_robot_that_never_starts_does_not_make_the_plan_wait_for_ever() -> None:
+    with PioneerSimulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        action = GoToPose(ROBOT)
+        action.start(simulation.world(), Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.AXLE))
+        left = action.left(simulation.world())
+        for _ in range(40):
+            action.step(simulation.world())
+            simulation.tick()
+        assert action.left(simulation.world()) < left
