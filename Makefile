@@ -17,7 +17,9 @@ demo: setup
 
 # An exit code other than 0 makes make's own exit code 2; `scripts/run $(BIN)/EXE` gives it as it is.
 run: setup
-	@$(RUN) $(BIN)/$(or $(EXE),$(error which executable? make run EXE=simulation ARGS=...)) $(ARGS)
+	@test -x $(BIN)/$(or $(EXE),$(error which executable? make run EXE=simulation ARGS=...)) || \
+		{ echo "EXE=$(EXE): expected one of: $$(ls $(BIN) | tr '\n' ' ')" >&2; exit 2; }
+	@$(RUN) $(BIN)/$(EXE) $(ARGS)
 
 # In the order of the files: those that start nodes come first, as the longest of them lasts two minutes.
 test: setup

@@ -190,7 +190,7 @@ def test_models_are_measured_again_without_learning(learned: Path, tmp_path: Pat
     ("words", "message"),
     [
         (["none.parquet"], "none.parquet: expected a Parquet file"),
-        (["--rules", "fly"], "fly.json: expected a readable JSON file"),
+        (["--rules", "fly"], "fly.json: expected a model, there is none"),
         (["--rules", "goToPose", "--measure", "mood"], "measure: expected one of duration"),
         (["--rules", "goToPose", "--situation", "z=1"], "situation: expected NAME=NUMBER"),
         (["--rules", "goToPose", "--situation", "x=far"], "situation: expected NAME=NUMBER"),

@@ -154,6 +154,8 @@ def read_experience(path: Path | str) -> Experience:
         in it is not what its column holds.
     """
     arrow, parquet = require_pyarrow()
+    if not Path(path).exists():
+        raise ExperienceError(f"{path}: expected a Parquet file with experience: there is no such file")
     try:
         table = parquet.read_table(Path(path))
     except (OSError, arrow.ArrowException) as error:

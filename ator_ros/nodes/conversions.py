@@ -205,7 +205,7 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     goal = Goal(pose_from(call.goal.pose, f"{where}.goal.pose"), speed, top.point)
     bound = checks.names(call.bound, f"{where}.bound", allowed=GOAL_VARIABLES)
     unbound = sorted(set(GOAL_VARIABLES) - bound)
-    checks.names(call.open, f"{where}.open, of those not bound", allowed=unbound)
+    checks.names(call.open, f"{where}.open, of what is not in bound", allowed=unbound)
     return TopCall(top, goal, bound)
 
 
@@ -234,7 +234,7 @@ def objective_from(objective: msg.Objective, where: str = "objective") -> Object
     try:
         return Objective({name: float(getattr(objective, name)) for name in names})
     except RefinementError as error:
-        raise MessageError(f"{where}: {error}") from error
+        raise MessageError(str(error) if where == "objective" else f"{where}: {error}") from error
 
 
 def performance_of(values: Mapping[str, float] | None = None) -> msg.Performance:

@@ -85,7 +85,8 @@ class Inputs:
             self._ball_heard = -math.inf
             self._tracker.reset()
             raise TimeWentBackError(
-                f"expected odometry after {last:.2f} s, got {time:.2f} s: was there a reset?"
+                f"expected odometry after {last:.2f} s, got {time:.2f} s: was there a reset, or "
+                "do two nodes publish it?"
             )
         # A ball that came before odometry of its time was heard at that time.
         self._ball_heard = max([self._ball_heard, *(stamp for stamp, _ in self._balls if stamp <= time)])

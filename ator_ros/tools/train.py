@@ -14,7 +14,7 @@ import pandas as pd
 
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
-from ator_ros.experience.table import join, library_versions, read_experience
+from ator_ros.experience.table import Experience, join, library_versions, read_experience
 from ator_ros.experiments.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
@@ -147,7 +147,7 @@ def _experience(
     frames: list[pd.DataFrame] = []
     sources: list[dict[str, Any]] = []
     for path in paths:
-        table = read_experience(path) if path.suffix == ".parquet" else read_recording(path, robot)
+        table = _read(path, robot)
         if table.metadata.get("robot_digest", robot.digest()) != robot.digest():
             raise ExperienceError(
                 f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got "
@@ -163,6 +163,16 @@ def _experience(
     if len(sets) > 1:
         raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
     return join(frames), {**sources[0], "action_set": sets.pop()}
+
+
+def _read(path: Path, robot: Robot) -> Experience:
+    if path.suffix == ".parquet":
+        return read_experience(path)
+    if path.suffix == ".mcap" or path.is_dir():
+        return read_recording(path, robot)
+    raise ExperienceError(
+        f"{path}: expected a table of collect (.parquet) or a recording (.mcap, or the folder it is in)"
+    )
 
 
 def _measure_again(options: argparse.Namespace, robot: Robot, folder: Path) -> None:
@@ -201,7 +211,11 @@ def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
 
 
 def _rules(options: argparse.Namespace, robot: Robot, folder: Path) -> str:
-    model = load_model(folder / model_path(options.rules, options.action_set or "default"), robot)
+    file = folder / model_path(options.rules, options.action_set or "default")
+    if not file.exists():
+        there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
+        raise ModelFileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
+    model = load_model(file, robot)
     if options.measure not in model.trees:
         raise ModelFileError(f"measure: expected one of {', '.join(model.trees)}, got {options.measure!r}")
     if not options.situation:

@@ -158,7 +158,7 @@ BAD_GOALS = {
     ),
     "chain.calls[0].speed: expected a finite number": lambda c: setattr(c, "speed", -1.0),
     "chain.calls[0].bound: expected names of": lambda c: setattr(c, "bound", ["x", "colour"]),
-    "chain.calls[0].open, of those not bound: expected names of": lambda c: setattr(c, "open", ["x"]),
+    "chain.calls[0].open, of what is not in bound: expected names of": lambda c: setattr(c, "open", ["x"]),
 }
 
 

@@ -180,7 +180,7 @@ NONSENSE = {
     negative_weight: "objective: expected a weight of success that is not negative, got -1.0",
     no_weight: "objective: expected at least one weight above 0, got none",
     unknown_set: "chain.action_set: expected one of",
-    open_and_bound: "chain.calls[0].open, of those not bound: expected names of ['yaw'], each once",
+    open_and_bound: "chain.calls[0].open, of what is not in bound: expected names of ['yaw'], each once",
 }
 
 

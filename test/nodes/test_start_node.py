@@ -6,7 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from conftest import Start
 from process import Process
+from ros_client import Client
 
 Run = Callable[..., tuple[int, str]]
 
@@ -75,3 +77,10 @@ def test_a_damaged_parameter_file_ends_a_node_with_one_line(
     assert code == 1
     assert "Traceback" not in output
     assert str(file) in output or "frame" in output
+
+
+def test_a_parameter_that_does_not_exist_is_named(start: Start, client: Client) -> None:
+    node = start("simulation", real_time_factr=5.0)
+    told = "ignored: parameters real_time_factr: expected some of "
+    client.eventually(lambda: told in node.output, told)
+    assert "real_time_factor" in node.output.partition(told)[2]
