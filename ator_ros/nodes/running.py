@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import inspect
 import os
 import signal
@@ -47,6 +48,9 @@ def run_node(
     except _EXPECTED as error:
         rclpy.try_shutdown()
         sys.exit(f"{Path(sys.argv[0]).name}: {error}")
+    # Libraries and models are there for good: looking through them for garbage would take 50 ms at times.
+    gc.collect()
+    gc.freeze()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
