@@ -115,7 +115,7 @@ class Execution:
         Where the ball is overdue, a step that needs it pauses; it ends when no recent ball is known.
         """
         self._heard = now
-        # Planning takes time, for which a simulation in lockstep waits once it has heard from us.
+        # Planning takes time, for which a simulation waits that has heard from us.
         if self.phase is Phase.WAITING and self._begin(world, now) and is_standing(world.robot):
             return STOP
         if self.phase is Phase.EXECUTING:

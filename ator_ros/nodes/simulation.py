@@ -33,7 +33,7 @@ PARAMETERS = (
     Parameter("robot_frame", "base_link", "frame of the robot, in the middle of its axle"),
     Parameter("real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0),
     Parameter("command_wait", 0.3, "real s that a tick waits for a command, where it waits", 0.0, 10.0),
-    Parameter("lockstep", True, "whether ticks wait also at a real_time_factor above 0"),
+    Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
     Parameter("robot_start", [-2.0, 0.0, 0.0], "pose of the robot after a reset: x, y in m, yaw in rad"),
@@ -72,7 +72,7 @@ class SimulationNode(Node):
         reset (std_srvs/Trigger): a new world; simulated time starts at 0 again.
         pause (std_srvs/SetBool): stop and resume simulated time; a paused world is still published.
 
-    At `real_time_factor` 0, and with `lockstep`, a tick waits up to `command_wait` for the command that
+    Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for the command that
     answers the last one, if that one was answered: nobody who steers is left behind on a busy machine.
     """
 
@@ -90,6 +90,8 @@ class SimulationNode(Node):
         self._offer_topics()
         self._offer_services()
         factor = self._settings["real_time_factor"]
+        # No faster than real time a base waits for nobody, and who steers by hand sends what he likes.
+        self._waits = self._settings["lockstep"] or factor == 0.0 or factor > 1.0
         self._lateness = Lateness()
         self._ticks, self._counted = 0, (time.monotonic(), 0)
         period = TICK / factor if factor else _FASTEST_PERIOD
@@ -146,8 +148,7 @@ class SimulationNode(Node):
                 times = f"since {stop.stood:.2f} s, last told to move at {stop.last_command:.2f} s"
                 self.get_logger().debug(f"the robot stands {times}")
             self._ticks += 1
-            waits = self._settings["lockstep"] or self._settings["real_time_factor"] == 0.0
-            if waits and self._world.answered:
+            if self._waits and self._world.answered:
                 self._deadline = now + self._settings["command_wait"]
         self._publish()
 

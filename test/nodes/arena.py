@@ -30,8 +30,8 @@ READY = {
     "refinement": "refining chains",
 }
 SETTINGS: dict[str, dict[str, object]] = {
-    # In lockstep a loaded machine changes nothing but how long it takes.
-    "simulation": {"real_time_factor": 2.0, "lockstep": True, "command_wait": 0.5, "log_level": "debug"},
+    # Faster than real time the simulation waits for commands: a loaded machine changes how long it takes.
+    "simulation": {"real_time_factor": 2.0, "command_wait": 0.5, "log_level": "debug"},
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 3.0, "start_timeout": 20.0},
     "refinement": {},
 }
