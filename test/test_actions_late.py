@@ -35,7 +35,7 @@ def approach(late: int) -> tuple[float, float]:
         return world.time, abs(world.ball.x) + abs(world.ball.y)
 
 
-@pytest.mark.parametrize("late", [1, 2, 4, 8])
+@pytest.mark.parametrize("late", [1, 2, 10, 11])
 def test_a_late_start_costs_its_delay_and_the_ball_stays(late: int) -> None:
     punctual, _ = approach(0)
     duration, moved = approach(late)
@@ -48,8 +48,10 @@ def test_a_robot_that_never_starts_does_not_make_the_plan_wait_for_ever() -> Non
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
         action = GoToPose(ROBOT)
         action.start(simulation.world(), Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.AXLE))
-        left = action.left(simulation.world())
-        for _ in range(40):
-            action.step(simulation.world())
+        for _ in range(400):
+            step = action.step(simulation.world())
+            if step.status is not Status.RUNNING:
+                break
             simulation.tick()
-        assert action.left(simulation.world()) < left
+        assert step.status is Status.FAILED
+        assert "gave up after 20 new plans" in step.message

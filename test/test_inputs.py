@@ -59,8 +59,8 @@ def test_a_ball_from_the_future_does_not_pass_for_one_that_comes(stamp: float) -
     assert both.ball_overdue
 
 
-@pytest.mark.parametrize("skew", [-0.2, 0.0, 0.2, 0.45, 0.6, 1.9, 2.1, 1e9])
-def test_a_ball_of_a_clock_that_differs_is_used_or_refused_and_never_ignored_in_silence(skew: float) -> None:
+@pytest.mark.parametrize("skew", [-0.2, 0.0, 0.2, 0.45, 0.5, 0.7, 1.9, 1e9])
+def test_a_ball_of_a_clock_that_is_ahead_is_used_in_time_or_refused(skew: float) -> None:
     both, robot, known, refused = inputs(), RobotState(Pose(0.0, 0.0, 0.0)), 0, 0
     for tick in range(1, 201):
         try:
@@ -69,8 +69,8 @@ def test_a_ball_of_a_clock_that_differs_is_used_or_refused_and_never_ignored_in_
             refused += 1
         world = both.robot(0.05 * tick, robot)
         known += world is not None and world.ball is not None and not both.ball_overdue
-    assert refused >= 199 if skew > 2.0 else refused == 0
-    assert known <= 7 if skew > 2.0 else known >= 200 - 20 * abs(skew) - 1
+    assert refused >= 199 if skew > 0.6 else refused == 0
+    assert known <= 7 if skew > 0.6 else known >= 200 - 20 * abs(skew) - 1
 
 
 @pytest.mark.parametrize(
@@ -89,9 +89,9 @@ def test_a_ball_between_two_odometries_is_not_overdue(timeout: float, period: fl
 def test_balls_that_come_while_odometry_pauses_are_there_when_it_goes_on() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.robot(1.0, robot)
-    for tick in range(1, 30):
+    for tick in range(1, 12):
         both.ball(1.0 + 0.05 * tick, BallState(0.0, 0.0))
-    world = both.robot(2.5, robot)
+    world = both.robot(1.6, robot)
     assert world is not None
     assert world.ball is not None
 
@@ -100,7 +100,7 @@ def test_a_ball_far_ahead_is_refused() -> None:
     both = inputs()
     both.robot(1.0, RobotState(Pose(0.0, 0.0, 0.0)))
     with pytest.raises(
-        BallAheadError, match=r"at most 2 s more than odometry's 1\.00 s, got 1700000000\.00 s"
+        BallAheadError, match=r"at most 0.6 s more than odometry's 1\.00 s, got 1700000000\.00 s"
     ):
         both.ball(1.7e9, BallState(0.0, 0.0))
 

@@ -33,7 +33,7 @@ def test_it_starts_the_three_nodes_in_one_namespace() -> None:
 def test_its_files_hold_parameters_that_the_nodes_have(name: str) -> None:
     known = {parameter.name: parameter for parameter in PARAMETERS[name]}
     files = [param.get("from", "") for param in OURS[name].iter("param") if param.get("from")]
-    assert files == [f"$(var share)/config/{name}.yaml"]
+    assert files == [f"$(var config)/{name}.yaml"]
     content = yaml.safe_load((share_folder() / "config" / f"{name}.yaml").read_text(encoding="utf-8"))
     (settings,) = [entry["ros__parameters"] for entry in content.values()]
     assert set(settings) <= set(known)

@@ -173,7 +173,12 @@ def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None
         action_performance(store, goal=Pose(np.inf, 0.5, 0.7), speed=0.3, duration=3.0, code=1),
         action_performance(store, goal=Pose(1.5, 0.5, np.nan), speed=0.3, duration=3.0, code=2),
     ]
-    for place, error, length in ((np.inf, 0.02, 3.0), (0.0, np.inf, 3.0), (0.0, 0.02, -1.0)):
+    for place, error, length in (
+        (np.inf, 0.02, 3.0),
+        (2e6, 0.02, 3.0),
+        (0.0, np.inf, 3.0),
+        (0.0, 0.02, -1.0),
+    ):
         odd = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=length, code=1)
         odd.start.ball.x, odd.heading_error = place, error
         bad.append(odd)

@@ -10,6 +10,7 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
 from ator_ros.experience.situations import Situation
+from ator_ros.experience.validation import FARTHEST
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.world import BallState, RobotState
 
@@ -19,7 +20,7 @@ ENDED = (SUCCEEDED, FAILED)
 
 
 def episode_of(message: Any) -> Episode:
-    """Give the episode that an ActionPerformance tells of, with its start for the only sample."""
+    """Give the episode that an ActionPerformance tells of; it has no samples but its start."""
     start, call = message.start, message.call
     ball = (
         BallState(start.ball.x, start.ball.y, start.ball_velocity.x, start.ball_velocity.y)
@@ -54,7 +55,7 @@ def sound(episode: Episode) -> bool:
 
 def finite(row: tuple[float, ...]) -> bool:
     """Say whether a row can be used: a sensor may have sent NaN."""
-    return all(map(math.isfinite, row))
+    return all(abs(number) <= FARTHEST for number in row)  # NaN is not
 
 
 def pose_of(pose: Any) -> Pose:

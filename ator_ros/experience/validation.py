@@ -12,7 +12,8 @@ from ator_ros.experience.errors import ExperienceError
 from ator_ros.files import is_name
 from ator_ros.geometry import FloatArray
 
-_FARTHEST = 1e6
+FARTHEST = 1e6
+"""Greatest number that is believed, in m, rad, m/s, rad/s or s."""
 _NAME = "a name of letters, digits and _"
 
 
@@ -21,17 +22,17 @@ class _Rule(NamedTuple):
 
     expected: str
     low: float
-    high: float = _FARTHEST
+    high: float = FARTHEST
     whole: bool = False
     unknown: bool = False  # may be NaN
 
 
-_PLACE = _Rule("finite numbers up to 1e6", -_FARTHEST)
-_PLACE_OR_NAN = _Rule("finite numbers up to 1e6, or NaN", -_FARTHEST, unknown=True)
+_PLACE = _Rule("finite numbers up to 1e6", -FARTHEST)
+_PLACE_OR_NAN = _Rule("finite numbers up to 1e6, or NaN", -FARTHEST, unknown=True)
 _TIME = _Rule("times in s from 0", 0.0)
 _ERROR = _Rule("numbers from 0, or NaN", 0.0, unknown=True)
 _RULES = {
-    "episode": _Rule("whole numbers from 0", 0.0, np.iinfo(np.int32).max, whole=True),
+    "episode": _Rule("whole numbers from 0 to 1e7", 0.0, 1e7, whole=True),
     **dict.fromkeys(("t", "time_to_go", "duration"), _TIME),
     **dict.fromkeys(("x", "y", "yaw", "v", "w", "xg", "yg", "yawg"), _PLACE),
     **dict.fromkeys(("ball_x", "ball_y"), _PLACE_OR_NAN),

@@ -61,6 +61,7 @@ class ExecutorNode(Node):
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
+        A result can be asked for in the minute after the goal.
         The robot stands before a goal ends, or is told to for 2 s; where a newer goal takes over, odometry is
         lost or the node ends, the goal ends once the robot is told. The result says in words why it ended.
     Subscribes to

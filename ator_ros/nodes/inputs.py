@@ -9,8 +9,6 @@ from collections import deque
 from ator_ros.tracking import BallTracker
 from ator_ros.world import BallState, RobotState, World
 
-_AHEAD = 2.0
-"""Time in s that a ball may be ahead of odometry, which may have paused, and be used when that has come."""
 _BALLS_KEPT = 256
 _ROUNDING = 1e-6
 
@@ -60,12 +58,14 @@ class Inputs:
         Raises
         ------
         BallAheadError
-            The stamp is far ahead of odometry.
+            The stamp is ahead of odometry by more than twice `ball_timeout`. By less it may be, as odometry
+            may have paused; the ball is used when that has come.
         """
         if self._time is not None:
-            if time > self._time + _AHEAD:
+            most = 2.0 * self._ball_timeout
+            if time > self._time + most:
                 raise BallAheadError(
-                    f"ball.header.stamp: expected at most {_AHEAD:g} s more than odometry's "
+                    f"ball.header.stamp: expected at most {most:g} s more than odometry's "
                     f"{self._time:.2f} s, got {time:.2f} s: another clock, or odometry has ceased"
                 )
             self._ball_heard = self._time

@@ -87,7 +87,7 @@ def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str,
         try:
             node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
         except ParameterException as error:
-            point = "; write 5.0 for 5" if isinstance(parameter.default, float) else ""
+            point = "; write 5.0 for 5" if "INTEGER" in str(error) else ""
             raise SetupError(
                 f"parameter {parameter.name} ({parameter.description}): {error}{point}"
             ) from error
@@ -99,8 +99,9 @@ def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str,
 
 def _warn_of_strange(node: Node, known: Mapping[str, Any]) -> None:
     """Name what was set but is no parameter of the node, which ROS ignores without a word."""
-    # rclpy has no public name for what was set; a file for all nodes may rightly set more.
-    strange = [name for name in node._parameter_overrides if not node.has_parameter(name)]
+    # rclpy has no public name for what was set.
+    overrides: Mapping[str, Any] = getattr(node, "_parameter_overrides", {})
+    strange = [name for name in overrides if not node.has_parameter(name)]
     if strange:
         node.get_logger().warning(
             f"ignored: parameters {', '.join(sorted(strange))}: expected some of {', '.join(known)}"

@@ -154,7 +154,7 @@ def _experience(
                 f"{table.metadata['robot_digest']}: give its description with --robot, or collect anew"
             )
         if left_out := table.metadata.get("records_left_out"):
-            print(f"train: {path}: left out {left_out} records with numbers that are none", file=sys.stderr)
+            print(f"train: {path}: left out {left_out} records with numbers that cannot be", file=sys.stderr)
         shift = max((int(frame["episode"].max()) + 1 for frame in frames if len(frame)), default=0)
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
         sources.append(table.metadata)

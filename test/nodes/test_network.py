@@ -19,23 +19,26 @@ NODES = {"simulation": "simulating", "executor": "ready for chains", "refinement
 
 
 @pytest.mark.parametrize("node", NODES)
-def test_a_node_listens_to_this_machine_only(start: Start, client: Client, node: str) -> None:
+def test_a_node_listens_to_this_machine_only(start: Start, client: Client, domain: int, node: str) -> None:
     process = start(node)
     client.eventually(lambda: NODES[node] in process.output, "the node is ready")
-    assert listens_at(process) == {LOOPBACK}
+    assert listens_at(process, domain) == {LOOPBACK}
 
 
 @pytest.mark.parametrize("setting", [None, "", "LOCALHOST", "OFF", "localhost"])
-def test_only_who_asks_for_a_network_gets_one(start: Start, client: Client, setting: str | None) -> None:
+def test_only_who_asks_for_a_network_gets_one(
+    start: Start, client: Client, domain: int, setting: str | None
+) -> None:
     process = start("refinement", environment={RANGE: setting})
     client.eventually(lambda: NODES["refinement"] in process.output, "the node is ready")
-    assert listens_at(process) <= {LOOPBACK}
+    assert listens_at(process, domain) <= {LOOPBACK}
 
 
-def listens_at(process: Process) -> set[str]:
+def listens_at(process: Process, domain: int) -> set[str]:
     """Give the addresses of its sockets but those that only send: their ports were chosen by the kernel."""
     low, high = map(int, Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split())
-    return {address for address, port in udp_sockets(process) if not low <= port <= high}
+    of_domain = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
+    return {address for address, port in udp_sockets(process) if port in of_domain or not low <= port <= high}
 
 
 def udp_sockets(process: Process) -> list[tuple[str, int]]:

@@ -48,7 +48,7 @@ class PlannedAction(Action):
             )
         self.goal = goal
         self._replans = 0
-        self._commit(world)
+        self._commit(world, waits=True)
 
     @abstractmethod
     def plan(self, world: World) -> Manoeuvre:
@@ -108,7 +108,7 @@ class PlannedAction(Action):
         """Give the pose of the axle at the goal."""
         return self.goal.robot_pose(self.robot)
 
-    def _commit(self, world: World) -> None:
+    def _commit(self, world: World, *, waits: bool = False) -> None:
         opening = opening_of(world.robot, self.plan_limits.aw)
         manoeuvre = self.plan(dataclasses.replace(world, robot=opening.end))
-        self._tracker = Tracker(self.robot, Trajectory(manoeuvre, opening), world.time)
+        self._tracker = Tracker(self.robot, Trajectory(manoeuvre, opening), world.time, waits=waits)

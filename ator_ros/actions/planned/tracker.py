@@ -14,7 +14,8 @@ DISTURBED_DISTANCE = 0.12  # m from the plan
 DISTURBED_HEADING = 0.35  # rad
 _ROUNDING = 1e-6  # s by which sums of ticks may be off
 _STANDS = (0.003, 0.006)  # m/s and rad/s up to which a robot has not yet started
-_LONGEST_WAIT = 0.5  # s for it, on a computer that plans slowly
+_LONGEST_WAIT = 1.0  # s for it, on a computer that plans slowly
+_SHORT = 0.5  # s; a robot may hardly move in a plan that takes less
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,8 @@ class Tracker:
         When the trajectory starts, in s of the world's time.
     period : float
         Control period in s.
+    waits : bool
+        Whether the trajectory starts later where the robot does.
     """
 
     GAIN_ALONG = 2.0
@@ -54,12 +57,20 @@ class Tracker:
     ACROSS_BANDWIDTH = 6.0
     SLOW = 0.1
 
-    def __init__(self, robot: Robot, trajectory: Trajectory, start_time: float, period: float = 0.05) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        trajectory: Trajectory,
+        start_time: float,
+        period: float = 0.05,
+        *,
+        waits: bool = False,
+    ) -> None:
         self._limits = robot.limits
         self.trajectory = trajectory
         self._start = self._made = start_time
         first = trajectory.at(0.0)
-        self._waits = _stands(first.v, first.w) and trajectory.duration > _LONGEST_WAIT
+        self._waits = waits and _stands(first.v, first.w) and trajectory.duration > _SHORT
         # A command is reached after a period's ramp, on average half of it late, and the motors lag behind.
         self._preview = 0.8 * period + robot.motor_time_constant
 
