@@ -64,6 +64,12 @@ class Experience:
     frame: pd.DataFrame
     metadata: dict[str, Any]
 
+    @property
+    def seed(self) -> int:
+        """The seed that it was collected with; 0 for a recording, which has none."""
+        seed = self.metadata.get("seed")
+        return seed if isinstance(seed, int) else 0
+
     def of(self, action: str) -> pd.DataFrame:
         """Give the rows of one action.
 

@@ -12,9 +12,8 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.recordings import read_recording
-from ator_ros.experience.table import Experience, join, library_versions, read_experience
+from ator_ros.experience.sources import read_sources
+from ator_ros.experience.table import Experience, library_versions
 from ator_ros.experiments.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
@@ -86,17 +85,18 @@ def _run(options: argparse.Namespace, command: str) -> int:
 
 
 def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
-    rows, source = _experience(options.experience, robot, options.action_set)
-    fresh, fresh_source = rows[:0], dict[str, Any]()
+    experience = _read(options.experience, robot, options.action_set)
+    rows, source = experience.frame, experience.metadata
+    fresh = Experience(rows[:0], {})
     if options.fresh:
-        fresh, fresh_source = _experience(options.fresh, robot, source["action_set"])
+        fresh = _read(options.fresh, robot, source["action_set"])
     by_action = dict(iter(rows.groupby("action", sort=False)))
     for action, model in _learn(by_action, robot).items():
         examples = by_action[action]
         measured: dict[str, Any] = {}
-        tests = fresh[fresh["action"] == action]
+        tests = fresh.frame[fresh.frame["action"] == action]
         if len(tests):
-            measured = _measure(model, tests, _seed(fresh_source))
+            measured = _measure(model, tests, fresh.seed)
         training = {
             "seed": source.get("seed"),
             "command": source.get("command"),
@@ -114,10 +114,8 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
         file = folder / model_path(action, source["action_set"])
         save_model(file, dataclasses.replace(model, metadata=metadata))
         print(f"{file}: {_summary(model, measured)}")
-    if options.ablation and len(fresh):
-        lines = ablation_table(
-            by_action, dict(iter(fresh.groupby("action"))), robot, seed=_seed(fresh_source)
-        )
+    if options.ablation and len(fresh.frame):
+        lines = ablation_table(by_action, dict(iter(fresh.frame.groupby("action"))), robot, seed=fresh.seed)
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
 
 
@@ -137,59 +135,22 @@ def _learn(by_action: Mapping[str, pd.DataFrame], robot: Robot) -> dict[str, Per
     return models
 
 
-def _experience(
-    paths: Sequence[Path], robot: Robot, action_set: str | None
-) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Read and join all sources; episodes keep apart, and the first table's metadata count.
-
-    `action_set` is taken where a source does not tell its own.
-    """
-    frames: list[pd.DataFrame] = []
-    sources: list[dict[str, Any]] = []
-    for path in paths:
-        table = _read(path, robot)
-        if table.metadata.get("robot_digest", robot.digest()) != robot.digest():
-            raise ExperienceError(
-                f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got "
-                f"{table.metadata['robot_digest']}: give its description with --robot, or collect anew"
-            )
-        if left_out := table.metadata.get("records_left_out"):
-            print(f"train: {path}: left out {left_out} records with numbers that cannot be", file=sys.stderr)
-        shift = max((int(frame["episode"].max()) + 1 for frame in frames if len(frame)), default=0)
-        frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
-        sources.append(table.metadata)
-    sets = {source.get("action_set") or action_set or "default" for source in sources}
-    sets |= {action_set} if action_set else set()
-    if len(sets) > 1:
-        raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
-    return join(frames), {**sources[0], "action_set": sets.pop()}
-
-
-def _read(path: Path, robot: Robot) -> Experience:
-    if path.suffix == ".parquet":
-        return read_experience(path)
-    if path.suffix == ".mcap" or path.is_dir():
-        return read_recording(path, robot)
-    raise ExperienceError(
-        f"{path}: expected a table of collect (.parquet) or a recording (.mcap, or the folder it is in)"
-    )
+def _read(paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
+    experience = read_sources(paths, robot, action_set)
+    if left_out := experience.metadata["records_left_out"]:
+        print(f"train: left out {left_out} records with numbers that cannot be", file=sys.stderr)
+    return experience
 
 
 def _measure_again(options: argparse.Namespace, robot: Robot, folder: Path) -> None:
     """Measure the models there are on fresh episodes; their trees stay as they are."""
-    fresh, source = _experience(options.fresh, robot, options.action_set)
-    for action, tests in fresh.groupby("action", sort=False):
-        file = folder / model_path(action, source["action_set"])
+    fresh = _read(options.fresh, robot, options.action_set)
+    for action, tests in fresh.frame.groupby("action", sort=False):
+        file = folder / model_path(action, fresh.metadata["action_set"])
         model = load_model(file, robot)
-        measured = _measure(model, tests, _seed(source))
+        measured = _measure(model, tests, fresh.seed)
         save_model(file, dataclasses.replace(model, metadata={**model.metadata, "accuracy": measured}))
         print(f"{file}: {_summary(model, measured)}")
-
-
-def _seed(source: Mapping[str, Any]) -> int:
-    """Give the seed that a table was collected with, for resampling; recordings have none."""
-    seed = source.get("seed")
-    return seed if isinstance(seed, int) else 0
 
 
 def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:

@@ -1,0 +1,62 @@
+"""Tables and recordings, read and joined to one experience."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.recordings import read_recording
+from ator_ros.experience.table import Experience, join, read_experience
+from ator_ros.robot import Robot
+
+
+def read_sources(paths: Sequence[Path], robot: Robot, action_set: str | None = None) -> Experience:
+    """Read and join all sources; episodes keep apart, and the first source's metadata count.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Tables (.parquet) and recordings (.mcap, or the folder they are in).
+    robot : Robot
+        Whose experience it must be.
+    action_set : str, optional
+        Of sources that do not tell their own; where they do, they must tell this one.
+
+    Raises
+    ------
+    ExperienceError
+        A source cannot be used, or they are of different robots or action sets.
+    """
+    tables = [_read(path, robot) for path in paths]
+    frames, shift = [], 0
+    for table in tables:
+        frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
+        shift = int(frames[-1]["episode"].max()) + 1
+    sets = {table.metadata.get("action_set") or action_set or "default" for table in tables}
+    sets |= {action_set} if action_set else set()
+    if len(sets) > 1:
+        raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
+    joined = {
+        "action_set": sets.pop(),
+        "records_left_out": sum(table.metadata.get("records_left_out", 0) for table in tables),
+    }
+    return Experience(join(frames), {**tables[0].metadata, **joined})
+
+
+def _read(path: Path, robot: Robot) -> Experience:
+    if path.suffix == ".parquet":
+        table = read_experience(path)
+    elif path.suffix == ".mcap" or path.is_dir():
+        table = read_recording(path, robot)
+    else:
+        raise ExperienceError(
+            f"{path}: expected a table of collect (.parquet) or a recording (.mcap, or the folder it is in)"
+        )
+    digest = table.metadata.get("robot_digest", robot.digest())
+    if digest != robot.digest():
+        raise ExperienceError(
+            f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got {digest}: "
+            "give its description with --robot, or collect anew"
+        )
+    return table
