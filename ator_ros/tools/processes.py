@@ -14,7 +14,6 @@ from types import TracebackType
 
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, stay_on_this_machine
 
-_DOMAINS = 100
 # The executor waits so long, in s, for odometry and refinement: more than on a robot, for machines that are
 # busy.
 _EXECUTOR_PATIENCE = 2.0
@@ -117,19 +116,28 @@ class NodeProcesses:
                 signal.signal(number, handler)
 
 
-def own_nodes() -> NodeProcesses:
-    """Give the installed nodes a domain of their own, which is heard on this machine only, as we are.
+@contextmanager
+def own_nodes() -> Iterator[NodeProcesses]:
+    """Give the installed nodes a domain that nobody else asks for, heard on this machine only, as we are.
 
     Raises
     ------
     ImportError
         ROS is not there, or has not been sourced.
     """
+    import domain_coordinator
     from ament_index_python.packages import get_package_prefix
 
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
-    return NodeProcesses(Path(get_package_prefix("ator_ros"), "lib", "ator_ros"), 1 + os.getpid() % _DOMAINS)
+    folder = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
+    reserved = domain_coordinator.domain_id()
+    domain = reserved.__enter__()
+    try:
+        with NodeProcesses(folder, domain) as nodes:
+            yield nodes
+    finally:
+        reserved.__exit__(None, None, None)  # it would take an OSError of ours for one of its own
 
 
 @contextmanager
