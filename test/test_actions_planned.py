@@ -193,3 +193,11 @@ def test_no_way_is_searched_from_a_start_that_touches_something() -> None:
     for world in (beside, in_post):
         with pytest.raises(ActionError, match="too near"):
             GoToPose(ROBOT).start(world, Goal(Pose(-2.0, 0.0, 0.0), 0.0, Point.AXLE))
+
+
+def test_the_one_way_between_a_ball_and_a_post_is_found() -> None:
+    # Episode 950 of seed 101: two thousand faster manoeuvres touch the goal behind the ball.
+    ball = BallState(-3.083061780344872, 0.9067296040989139)
+    start = RobotState(Pose(-0.6482129645433838, 0.7611405535092324, 1.371227109379472))
+    goal = Goal(Pose(ball.x, ball.y, -0.33530771881104204), 0.0, Point.HOLD)
+    GoToPose(ROBOT).start(World(0.0, start, ball), goal)

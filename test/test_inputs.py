@@ -26,6 +26,28 @@ def test_the_ball_is_that_of_the_odometrys_time_whatever_comes_first() -> None:
     assert (joined.ball.x, joined.ball.y) == pytest.approx((0.05, -0.1))
 
 
+def test_of_two_balls_of_the_same_time_the_later_message_counts() -> None:
+    both = inputs()
+    both.ball(1.0, BallState(0.0, 0.0))
+    both.ball(1.0, BallState(2.0, 0.0))  # placed elsewhere meanwhile
+    joined = both.robot(1.0, RobotState(Pose(0.0, 0.0, 0.0)))
+    assert joined is not None
+    assert joined.ball is not None
+    assert joined.ball.x == 2.0
+
+
+def test_a_ball_that_is_newer_is_carried_back_where_there_is_no_older_one() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    both.ball(1.0, BallState(0.0, 0.0))
+    both.robot(1.0, robot)
+    # After 0.4 s of something else the newest of both topics are there: a ball, and odometry of before.
+    both.ball(1.45, BallState(5.0, 5.0, 1.0, -2.0))
+    joined = both.robot(1.4, robot)
+    assert joined is not None
+    assert joined.ball is not None
+    assert (joined.ball.x, joined.ball.y) == pytest.approx((4.95, 5.1))
+
+
 def test_an_old_ball_is_unknown() -> None:
     both = inputs()
     both.ball(1.0, BallState(0.0, 0.0))

@@ -97,10 +97,12 @@ class Inputs:
     def _ball_at(self, time: float) -> BallState | None:
         """Give the newest ball that is not newer than `time`, carried on to it by its velocity.
 
-        Two topics have no common order: the ball of the same tick may come after the odometry.
+        Two topics have no common order, and only the newest message of each is kept for a node that was
+        busy: where the only recent ball is a little newer than odometry, it is carried back.
         """
-        for stamp, ball in reversed(self._balls):
-            age = time - stamp
-            if 0.0 <= age <= self._ball_timeout:
-                return dataclasses.replace(ball, x=ball.x + age * ball.vx, y=ball.y + age * ball.vy)
-        return None
+        sights = ((time - stamp, ball) for stamp, ball in reversed(self._balls))
+        recent = [(age, ball) for age, ball in sights if abs(age) <= self._ball_timeout]
+        if not recent:
+            return None
+        age, ball = min(recent, key=lambda sight: (sight[0] < 0.0, abs(sight[0])))
+        return dataclasses.replace(ball, x=ball.x + age * ball.vx, y=ball.y + age * ball.vy)
