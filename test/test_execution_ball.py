@@ -51,9 +51,20 @@ def test_a_ball_that_is_silent_while_it_is_needed_ends_the_goal() -> None:
     run = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0))))
     run.tick(world(ball=BallState(1.0, 0.0)), 100.0)
     assert run.tick(world(1.05, ball=BallState(1.0, 0.0)), 100.05) != STOP
-    assert run.tick(world(1.1), 100.1) == STOP
+    for time in (1.1, 1.15):
+        assert run.ending is None
+        assert run.tick(world(time), 99.0 + time) == STOP
     assert run.ending is Ending.INPUT_LOST
     assert "ball is missing: goToBall needs it, and no recent one is known" in run.reason
+
+
+def test_one_state_without_the_ball_is_a_pause() -> None:
+    run, ball = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0)))), BallState(1.0, 0.0)
+    run.tick(world(ball=ball), 100.0)
+    for tick in range(1, 9, 2):
+        assert run.tick(world(1.0 + 0.05 * tick), 100.0) == STOP
+        assert run.tick(world(1.05 + 0.05 * tick, ball=ball), 100.0) != STOP
+    assert run.ending is None
 
 
 def test_a_ball_that_is_silent_when_its_step_comes_ends_the_goal() -> None:
@@ -92,6 +103,7 @@ def test_a_ball_that_is_lost_is_fetched_where_it_is() -> None:
     run.tick(dataclasses.replace(state, ball=BallState(1.0, 0.9)), 100.0)
     assert (run.ending, run.fetched, run.top.name) == (None, 1, "goToBall")
     assert run.chain.calls[0].goal.pose == Pose(1.0, 0.9, 0.0)
-    assert run.tick(world(state.time + 0.1), 100.1) == STOP
+    for wait in (0.1, 0.15):
+        assert run.tick(world(state.time + wait), 100.1) == STOP
     assert run.ending is Ending.INPUT_LOST
     assert "ball is missing: goToBall needs it" in run.reason

@@ -39,8 +39,8 @@ class Episode:
     reason : str
         A sentence on how it ended.
     position_error, heading_error : float
-        At the end, between the goal and the point that shall come there, in m and rad; for a shot the
-        ball's greatest depth short of the goal line, and NaN.
+        At the end, between the goal and the point that shall come there, in m and rad; for a shot how
+        far the ball ends before the goal's line or beside its mouth, and NaN.
     """
 
     situation: Situation

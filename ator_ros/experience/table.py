@@ -56,7 +56,7 @@ class Experience:
     Attributes
     ----------
     frame : pandas.DataFrame
-        The columns of COLUMNS, ordered by action, episode and time.
+        The columns of COLUMNS; the rows of an episode of an action together, in the order of time.
     metadata : dict
         How it was made: seed, robot digest, action set, command, versions.
     """
@@ -88,7 +88,7 @@ class Experience:
 
 
 def episode_frame(number: int, episode: Episode) -> pd.DataFrame:
-    """Give the rows of one episode; a failure to start leaves one row without a state."""
+    """Give the rows of one episode; one without samples (not started, or a record) gives a row of its start."""
     goal = episode.situation.goal
     samples = episode.samples
     if len(samples) == 0:

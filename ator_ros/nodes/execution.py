@@ -66,6 +66,7 @@ class Execution:
         self._fetches = fetches
         self._accepted, self._heard = now, math.inf
         self._stopped_at = math.inf
+        self._blind = False
         self._executor: ChainExecutor | None = None
         self._answer: tuple[TopChain, str] | None = None
         self._prediction: Callable[[], ChainPrediction | None] | None = None
@@ -112,7 +113,8 @@ class Execution:
     def tick(self, world: World, now: float, *, ball_overdue: bool = False) -> Command:
         """Take a newer state of the world and give the command for it.
 
-        Where the ball is overdue, a step that needs it pauses; it ends when no recent ball is known.
+        Where the ball is overdue, a step that needs it pauses; it ends when twice in a row no recent ball is
+        known, or when it is to begin without one.
         """
         self._heard = now
         # Planning takes time, for which a simulation waits that has heard from us.
@@ -244,9 +246,12 @@ class Execution:
                 predict=lambda begin, call: functools.partial(self._predictor.action, begin, call),
                 fetches=self._fetches,
             )
-        if self._ball_missing(world):
+        blind, self._blind = self._blind, world.ball is None and needs_ball(self.top)
+        # Once it may happen: after a long tick, odometry may be read before a ball that has long been there.
+        if self._blind and blind:
+            self._end_without_ball()
             return STOP
-        if ball_overdue and needs_ball(self.top):
+        if self._blind or (ball_overdue and needs_ball(self.top)):
             self.reason = f"{self.top.name} pauses: no word of the ball"
             return STOP
         self._take_answer(world, self._executor)
@@ -259,9 +264,9 @@ class Execution:
         if step.status is Status.RUNNING:
             self.refining.ask_again(world, self.chain, now, step=self.step)
             return step.command
-        if self._ball_missing(world):  # which the step needed that was just handed over to
-            return STOP
-        if step.status is Status.SUCCEEDED:
+        if world.ball is None and needs_ball(self.top):  # by the step that was just handed over to
+            self._end_without_ball()
+        elif step.status is Status.SUCCEEDED:
             self.end(Ending.SUCCEEDED, step.message)
         elif self.records[-1][0].lost_ball:
             self.end(Ending.BALL_LOST, f"ball lost in {self.top.name}: {step.message}")
@@ -274,11 +279,5 @@ class Execution:
         if is_standing(world.robot) or world.time - self._stopped_at > _LONGEST_STOP:
             self.phase = Phase.ENDED
 
-    def _ball_missing(self, world: World) -> bool:
-        """End when the present step needs the ball and none is known."""
-        missing = world.ball is None and needs_ball(self.top)
-        if missing:
-            self.end(
-                Ending.INPUT_LOST, f"ball is missing: {self.top.name} needs it, and no recent one is known"
-            )
-        return missing
+    def _end_without_ball(self) -> None:
+        self.end(Ending.INPUT_LOST, f"ball is missing: {self.top.name} needs it, and no recent one is known")

@@ -26,7 +26,7 @@ class Parameter:
     ----------
     name : str
         Its name; a unit that is not SI is part of it.
-    default : bool, int, float or str
+    default : bool, int, float, str or list of float
         Default value, which also gives the type.
     description : str
         A sentence with the unit.

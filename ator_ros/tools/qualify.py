@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experiments.action_quality import KINDS, Outcome, Task, execute, regularity, summary, tasks
 from ator_ros.experiments.action_slices import draw_slices
+from ator_ros.experiments.ruler import over_time_optimal
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
 from ator_ros.tools.command_line import destination, guarded, whole
@@ -41,8 +41,8 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=destination, default=Path("docs/actions.json"))
     parser.add_argument(
         "--optimal", type=Path, metavar="DIR",
-        help="folder for the ruler: pairs_KIND.json is written there, and optimal_KIND.json (the times in s "
-        "that benchmarks/time_optimal.py prints for it) is read where it exists",
+        help="folder of the ruler: optimal_KIND.json (the times in s that benchmarks/time_optimal.py prints "
+        "for pairs_KIND.json) is read there; without it pairs_KIND.json is written",
     )  # fmt: skip
     parser.add_argument(
         "--slices", type=destination, metavar="PNG", help="also draw duration against start heading"
@@ -86,28 +86,12 @@ def _measure(kind: str, options: argparse.Namespace) -> dict[str, Any]:
     if few:
         row["turned_by_1_degree"] = regularity([*few, *few], [*turned[0], *turned[1]])
     if options.optimal is not None and kind in RULED:
-        row |= _rule(kind, base[: options.pairs], options.optimal)
+        row |= over_time_optimal(kind, base[: options.pairs], options.optimal)
     return row
 
 
 def _run(label: str, work: list[Task], jobs: int) -> list[Outcome]:
     return list(tqdm(run_tasks(execute, work, jobs=jobs), total=len(work), desc=label, disable=None))
-
-
-def _rule(kind: str, outcomes: list[Outcome], folder: Path) -> dict[str, Any]:
-    """Write the pairs for the ruler, and compare with its times where they are there."""
-    write_text(folder / f"pairs_{kind}.json", json.dumps([[list(p) for p in o.poses] for o in outcomes]))
-    times = folder / f"optimal_{kind}.json"
-    if not times.is_file():
-        return {}
-    optimal = json.loads(times.read_text(encoding="utf-8"))
-    both = [(o.duration, t) for o, t in zip(outcomes, optimal, strict=True) if o.success and t is not None]
-    own, best = np.mean(both, axis=0)
-    return {
-        "pairs": len(both),
-        "time_optimal_mean_s": round(best, 3),
-        "over_time_optimal": round(own / best, 3),
-    }
 
 
 def _document(result: dict[str, Any]) -> str:

@@ -71,7 +71,7 @@ class Tracker:
         self._start = self._made = start_time
         first = trajectory.at(0.0)
         self._waits = waits and _stands(first.v, first.w) and trajectory.duration > _SHORT
-        # A command is reached after a period's ramp, on average half of it late, and the motors lag behind.
+        # A command is reached after a period's ramp, most of which it is late, and the motors lag behind.
         self._preview = 0.8 * period + robot.motor_time_constant
 
     def wait_for_start(self, world: World) -> None:
