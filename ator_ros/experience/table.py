@@ -88,7 +88,7 @@ class Experience:
 
 
 def episode_frame(number: int, episode: Episode) -> pd.DataFrame:
-    """Give the rows of one episode; one without samples (not started, or a record) gives a row of its start."""
+    """Give the rows of one episode; one without samples (not started, or a record), its start."""
     goal = episode.situation.goal
     samples = episode.samples
     if len(samples) == 0:

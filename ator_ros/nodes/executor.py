@@ -41,7 +41,7 @@ PARAMETERS = (
     Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
     Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),
     Parameter("odom_timeout", 0.3, "real s without newer odometry; the robot pauses after half", 0.05, 60.0),
-    Parameter("ball_timeout", 0.3, "s that a ball may be older than odometry; in silence likewise", 0.05, 60.0),
+    Parameter("ball_timeout", 0.3, "s that a ball may be older than odometry; pauses likewise", 0.05, 60.0),
     Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
     Parameter("ball_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
     Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
