@@ -119,10 +119,11 @@ def test_robot_and_ball_are_placed_and_the_world_is_reset(world: Client) -> None
     client.eventually(lambda: len(client.robots) > heard + 5, "a paused world is still published")
     assert client.time() == paused
     client.call(SetBool, "pause", SetBool.Request(data=False))
-    client.eventually(lambda: client.time() > paused, "time goes on")
-    heard = len(client.robots)
+    # Long enough to see the time after the reset before it is as late again.
+    client.eventually(lambda: client.time() > paused + 3.0, "time goes on")
+    later, heard = client.time(), len(client.robots)
     assert client.call(Trigger, "reset").success
-    client.eventually(lambda: any(time < paused for time, _ in client.robots[heard:]), "time starts again")
+    client.eventually(lambda: any(time < later for time, _ in client.robots[heard:]), "time starts again")
     client.eventually(lambda: client.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 1e-3, "the start pose")
 
 
