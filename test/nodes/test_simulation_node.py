@@ -30,6 +30,8 @@ from ator_ros.robot import load_robot
 
 pytestmark = pytest.mark.node
 
+START = Pose(-2.0, 0.0, 0.0)
+
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Client]]:
@@ -46,6 +48,9 @@ def world(shared: tuple[Process, Client]) -> Client:
     """Give a client of a simulation that was reset."""
     client = shared[1]
     assert client.call(Trigger, "reset").success
+    # What was published before may still be on its way.
+    client.eventually(lambda: client.robot().pose.distance(START) < 1e-3, "the start pose")
+    client.eventually(lambda: math.hypot(client.ball().x, client.ball().y) < 1e-3, "the ball's place")
     client.robots.clear()
     client.balls.clear()
     return client
@@ -124,7 +129,7 @@ def test_robot_and_ball_are_placed_and_the_world_is_reset(world: Client) -> None
     later, heard = client.time(), len(client.robots)
     assert client.call(Trigger, "reset").success
     client.eventually(lambda: any(time < later for time, _ in client.robots[heard:]), "time starts again")
-    client.eventually(lambda: client.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 1e-3, "the start pose")
+    client.eventually(lambda: client.robot().pose.distance(START) < 1e-3, "the start pose")
 
 
 def test_a_ball_rolls_and_is_removed(world: Client) -> None:
@@ -167,7 +172,7 @@ def test_nonsense_is_answered_and_moves_nothing(
     response = world.call(KINDS[service], service, request)
     assert not response.success
     assert expected in response.message
-    assert world.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
+    assert world.robot().pose.distance(START) < 0.02
     assert math.hypot(world.ball().x, world.ball().y) < 0.02
 
 
@@ -190,7 +195,7 @@ def test_nonsense_on_cmd_vel_is_named_and_moves_nothing(
         stranger.close()
     assert "Traceback" not in node.output
     assert node.running
-    assert world.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
+    assert world.robot().pose.distance(START) < 0.02
 
 
 def test_who_sends_commands_of_the_other_type_is_named(start, client: Client) -> None:
@@ -209,7 +214,7 @@ def test_stamped_commands_must_be_in_the_robots_frame(start, domain: int, client
     expected = "cmd_vel.header.frame_id: expected the frame 'base_link', got 'moon'"
     try:
         client.eventually(lambda: commands.publish(message) or expected in node.output, "a warning")
-        assert client.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
+        assert client.robot().pose.distance(START) < 0.02
         message.header.frame_id = "base_link"
         client.eventually(lambda: commands.publish(message) or client.robot().v > 0.1, "the robot drives")
     finally:
@@ -246,7 +251,7 @@ def test_two_robots_do_not_hear_each_other(start, domain: int, client: Client) -
     try:
         b.robot()
         client.eventually(lambda: a.command(v=0.5) or a.robot().pose.x > -1.5, "robot a drives")
-        assert b.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.02
+        assert b.robot().pose.distance(START) < 0.02
         assert not client.robots
     finally:
         a.close()
