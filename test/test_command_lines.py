@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from ator_ros.tools import collect
 from ator_ros.tools.command_line import whole
 
 NUMBERS = {
@@ -63,6 +64,14 @@ def test_a_result_that_cannot_be_written_is_refused_before_the_work(
         assert ended.value.code == 2
         told = capsys.readouterr().err.splitlines()[-1]
         assert f"argument {option}: expected a file that can be written, got {str(place)!r}" in told
+
+
+def test_a_table_that_train_would_not_know_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        collect.main([f"--out={tmp_path / 'table.txt'}"])
+    assert "argument --out: expected a file named .parquet" in capsys.readouterr().err
 
 
 def test_whole_numbers_within_bounds_are_read() -> None:

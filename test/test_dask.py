@@ -107,6 +107,12 @@ def test_a_cluster_that_cannot_work_is_refused(missing: str, message: str) -> No
         check_cluster(Elsewhere(missing))
 
 
+def test_an_address_that_is_none_is_refused() -> None:
+    expected = "cluster: expected a dask scheduler as in tcp://host:8786, got 'nowhere'"
+    with pytest.raises(BackendError, match=expected), cluster("nowhere"):
+        pass
+
+
 def test_dask_without_a_cluster_is_refused() -> None:
     with pytest.raises(BackendError, match="'dask' cannot be used"):
         list(run_tasks(abs, [1], jobs=2, backend="dask"))

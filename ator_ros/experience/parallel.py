@@ -88,7 +88,8 @@ def cluster(address: str | None) -> Iterator[None]:
     Raises
     ------
     BackendError
-        `distributed` is not installed, the cluster has no workers, or they cannot import this package.
+        `distributed` is not installed, no scheduler answers at `address`, the cluster has no workers, or they
+        cannot import this package.
     """
     if address is None:
         yield
@@ -97,7 +98,13 @@ def cluster(address: str | None) -> Iterator[None]:
         from distributed import Client
     except ImportError as error:
         raise BackendError("a dask cluster needs the package distributed: pip install distributed") from error
-    with Client(address) as client:
+    try:
+        client = Client(address)
+    except (OSError, ValueError) as error:
+        raise BackendError(
+            f"cluster: expected a dask scheduler as in tcp://host:8786, got {address!r}: {error}"
+        ) from error
+    with client:
         check_cluster(client)
         yield
 

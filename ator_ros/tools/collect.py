@@ -35,8 +35,15 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
     add_parallel_options(parser)
     parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
-    parser.add_argument("--out", type=destination, default=Path("experience.parquet"))
+    parser.add_argument("--out", type=_table, default=Path("experience.parquet"), metavar="FILE.parquet")
     return parser
+
+
+def _table(text: str) -> Path:
+    path = destination(text)
+    if path.suffix != ".parquet":  # by which train and evaluate know a table
+        raise argparse.ArgumentTypeError(f"expected a file named .parquet, got {text!r}")
+    return path
 
 
 def main(argv: Sequence[str] | None = None) -> int:
