@@ -246,7 +246,7 @@ class Execution:
                 predict=lambda begin, call: functools.partial(self._predictor.action, begin, call),
                 fetches=self._fetches,
             )
-        blind, self._blind = self._blind, world.ball is None and needs_ball(self.top)
+        blind, self._blind = self._blind, self._lacks_ball(world)
         # Once it may happen: after a long tick, odometry may be read before a ball that has long been there.
         if self._blind and blind:
             self._end_without_ball()
@@ -264,7 +264,7 @@ class Execution:
         if step.status is Status.RUNNING:
             self.refining.ask_again(world, self.chain, now, step=self.step)
             return step.command
-        if world.ball is None and needs_ball(self.top):  # by the step that was just handed over to
+        if self._lacks_ball(world):  # for the step that was just handed over to
             self._end_without_ball()
         elif step.status is Status.SUCCEEDED:
             self.end(Ending.SUCCEEDED, step.message)
@@ -278,6 +278,9 @@ class Execution:
         self._stopped_at = min(self._stopped_at, world.time)
         if is_standing(world.robot) or world.time - self._stopped_at > _LONGEST_STOP:
             self.phase = Phase.ENDED
+
+    def _lacks_ball(self, world: World) -> bool:
+        return world.ball is None and needs_ball(self.top)
 
     def _end_without_ball(self) -> None:
         self.end(Ending.INPUT_LOST, f"ball is missing: {self.top.name} needs it, and no recent one is known")
