@@ -16,8 +16,11 @@ BALL = (0.0, 0.0)
 ALLOWANCE = 2 * TICK
 
 
-def approach(late: int) -> tuple[float, float]:
-    """Drive to a ball, with the first `late` commands lost; give the duration and how far the ball moved."""
+def approach(late: int, unseen: int = 0) -> tuple[float, float]:
+    """Drive to a ball; give the duration and how far the ball moved.
+
+    The first `late` commands are lost, and then the action does not see the next `unseen` states.
+    """
     with PioneerSimulation(ROBOT) as simulation:
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
         simulation.place_ball(*BALL)
@@ -25,7 +28,8 @@ def approach(late: int) -> tuple[float, float]:
         action.start(simulation.world(), Goal(Pose(*BALL, 0.0), 0.0, Point.HOLD))
         for tick in range(400):
             world = simulation.world()
-            step = action.step(world)
+            if not 0 < tick - late + 1 <= unseen:
+                step = action.step(world)
             if step.status is not Status.RUNNING:
                 break
             simulation.command(STOP if tick < late else step.command)
@@ -40,6 +44,14 @@ def test_a_late_start_costs_its_delay_and_the_ball_stays(late: int) -> None:
     punctual, _ = approach(0)
     duration, moved = approach(late)
     assert duration <= punctual + late * TICK + ALLOWANCE
+    assert moved < 0.02
+
+
+@pytest.mark.parametrize("late", [1, 2, 5])
+def test_a_state_that_is_missed_at_the_start_costs_its_time_and_the_ball_stays(late: int) -> None:
+    punctual, _ = approach(0)
+    duration, moved = approach(late, unseen=1)
+    assert duration <= punctual + (late + 1) * TICK + ALLOWANCE
     assert moved < 0.02
 
 

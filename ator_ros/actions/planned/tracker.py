@@ -16,6 +16,7 @@ _ROUNDING = 1e-6  # s by which sums of ticks may be off
 _STANDS = (0.003, 0.006)  # m/s and rad/s up to which a robot has not yet started
 _LONGEST_WAIT = 1.0  # s for it, on a computer that plans slowly
 _SHORT = 0.5  # s; a robot may hardly move in a plan that takes less
+_SEEN_LATE = 0.02  # s after which the speeds of a plan are those of a robot that follows it
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +67,7 @@ class Tracker:
         *,
         waits: bool = False,
     ) -> None:
-        self._limits = robot.limits
+        self._limits, self._period, self._lever = robot.limits, period, robot.track / 2.0
         self.trajectory = trajectory
         self._start = self._made = start_time
         first = trajectory.at(0.0)
@@ -76,10 +77,27 @@ class Tracker:
 
     def wait_for_start(self, world: World) -> None:
         """Let time begin when a robot at rest does: where planning takes long, its first command is late."""
+        if not self._waits:
+            return
         patient = world.time - self._made < _LONGEST_WAIT
-        self._waits = self._waits and patient and _stands(world.robot.v, world.robot.w)
+        stands = _stands(world.robot.v, world.robot.w)
+        self._waits = patient and stands
         if self._waits:
             self._start = world.time
+        elif patient:
+            self._start = self._begun(world)
+
+    def _begun(self, world: World) -> float:
+        """Give when (s) a robot began that is seen to move: states before may have been missed."""
+        most = max(1, round(self.elapsed(world) / self._period))
+        if most == 1:
+            return self._start
+
+        def error(ticks: int) -> float:
+            planned = self.trajectory.at(ticks * self._period - _SEEN_LATE)
+            return abs(planned.v - world.robot.v) + self._lever * abs(planned.w - world.robot.w)
+
+        return world.time - min(range(1, most + 1), key=error) * self._period
 
     def left(self, world: World) -> float:
         """Give the time in s to the end of the trajectory; not positive afterwards."""
