@@ -142,7 +142,8 @@ def refinement_of(
     world = conversions.world_from(request.situation, frame=frame)
     chain = conversions.chain_from(request.chain, library, frame=frame)
     objective = conversions.objective_from(request.objective)
-    chain = conversions.opened(chain, request.chain, refiner.analyse(world, chain).free)
+    if any(call.open for call in request.chain.calls):
+        chain = conversions.opened(chain, request.chain, refiner.analyse(world, chain).free)
     return refiner.refine(world, chain, objective)
 
 

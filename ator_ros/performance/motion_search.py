@@ -34,6 +34,7 @@ _MOST_TURNED = math.radians(450.0)
 _BRACKETS = 2 * HALF + 1
 _COS, _SIN = np.cos(TURNS.astype(np.float32)), np.sin(TURNS.astype(np.float32))
 _STEP = np.float32(STEP)
+_INNER = (1 << (_BRACKETS - 1)) - 1  # the bits of all of TURNS that another one follows
 
 
 KIND = np.dtype(
@@ -154,6 +155,10 @@ def _fastest(
     """Give time (s), turned angle (rad) and kind of the fastest motion to one destination."""
     cos, sin = math.cos(turn), math.sin(turn)
     ball_x, ball_y = x + rules.hold * cos, y + rules.hold * sin
+    # The whole change of heading may go either way round, or a circle more.
+    circle = math.copysign(_FULL_TURN, turn)
+    totals = (turn, turn - circle, turn + circle)
+    windows = (window_of(-totals[0]), window_of(-totals[1]), window_of(-totals[2]))
     best, turned, fastest = np.inf, 0.0, likely
     for number in range(len(kinds)):
         index = (likely + number) % len(kinds)
@@ -161,17 +166,17 @@ def _fastest(
         lead, run = lane["lead"], lane["run"]
         way = _Way(x - lead - run * cos, y - run * sin, ball_x - lead, ball_y)
         rate = max(kind["first_rate"], kind["last_rate"])
-        # The whole change of heading may go either way round, or a circle more.
-        for circle in range(3 if rules.forward else 2):
-            total = turn
-            if circle > 0:
-                total += math.copysign(_FULL_TURN, turn if circle == 2 else -turn)
+        for around in range(3 if rules.forward else 2):
+            total = totals[around]
             if lane["time"] + turn_time(abs(total), rate, rules.rates.aw) > best:
                 continue
-            _fill_gaps(gaps, way, total, kind["direction"], lane, tables.brackets, tables.fractions)
-            for step in range(_BRACKETS - 1):
-                # Through zero from above the drive then goes the way of this kind, else the other way.
-                if gaps[step] > 0.0 and not gaps[step + 1] > 0.0:
+            above = _fill_gaps(
+                gaps, way, windows[around], kind["direction"], lane, tables.brackets, tables.fractions
+            )
+            # Through zero from above the drive then goes the way of this kind, else the other way.
+            roots, step = above & ~(above >> 1) & _INNER, 0
+            while roots:
+                if roots & 1:
                     first = TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
                     last = total - first
                     angles = abs(first) + abs(last)
@@ -179,6 +184,7 @@ def _fastest(
                         time = _time(first, last, best, way, kind, lane, tables.along, tables.across, rules)
                         if time < best:
                             best, turned, fastest = time, angles, index
+                roots, step = roots >> 1, step + 1
     return best, turned, fastest
 
 
@@ -186,18 +192,25 @@ def _fastest(
 def _fill_gaps(
     gaps: RealArray,
     way: _Way,
-    total: float,
+    window: tuple[int, int],
     direction: float,
     lane: Any,
     brackets: RealArray,
     fractions: RealArray,
-) -> None:
-    """Compute by how much a drive after each of TURNS misses the last turn, in the kind's direction."""
+) -> int:
+    """Compute by how much a drive after each of TURNS misses the last turn, in the kind's direction.
+
+    Gives a number whose bits say which of them are above 0: a look at all of them in turn would take longer.
+    """
     x, y, first, last = np.float32(way.x), np.float32(way.y), lane["first"], lane["last"]
-    fraction, column = window_of(-total)
+    fraction, column = window
     near, far = brackets[first], fractions[last, fraction, column : column + _BRACKETS]
+    above = 0
     for step in range(_BRACKETS):
         gaps[step] = direction * (y * _COS[step] - x * _SIN[step] - near[step] - far[step])
+        if gaps[step] > 0.0:
+            above |= 1 << step
+    return above
 
 
 @compiled

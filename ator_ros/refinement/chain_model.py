@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,6 +51,15 @@ class ChainPrediction:
         return math.hypot(*(action.get("spread", 0.0) for action in self.actions))
 
 
+class _Searched(NamedTuple):
+    """The candidates (n or 1, k) on both sides of a step, what was predicted for them, and its cost (n,)."""
+
+    before: FloatArray
+    after: FloatArray
+    prediction: Any
+    cost: FloatArray
+
+
 class ChainModel:
     """The cost of the steps of one chain, from one state of the world, for candidates of its free variables.
 
@@ -89,36 +98,37 @@ class ChainModel:
         self._models = [models[call.top.action] for call in chain.calls]
         self._robot = robot
         self._objective = objective
-        self._fields = tuple(dict.fromkeys(REPORTED + objective.needs()))
-        self._searched: list[list[tuple[FloatArray, FloatArray, Any]]] = [[] for _ in chain.calls]
+        self._fields = tuple(dict.fromkeys(REPORTED + objective.needs))
+        self._searched: list[list[_Searched]] = [[] for _ in chain.calls]
         self._memory: Memory = {} if memory is None else memory
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         """Give the cost of one action, shape (n,), as `ator_ros.refinement.search.StepCost` says."""
         prediction = self._predict(index, before, after)
-        self._searched[index].append((before, after, prediction))
         cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
+        self._searched[index].append(_Searched(before, after, prediction, cost))
         return cost
 
     def predict(self, chain: Sequence[FloatArray]) -> ChainPrediction:
         """Give the prediction for a chain whose subgoals have these free values, each of shape (k,)."""
         previous, actions, cost = np.zeros(0), [], 0.0
         for index, values in enumerate(chain):
-            prediction, row = self._known(index, previous, values)
-            named = {name: getattr(prediction, name, None) for name in self._fields}
+            searched, row = self._known(index, previous, values)
+            named = {name: getattr(searched.prediction, name, None) for name in self._fields}
             actions.append({name: _row(column, row) for name, column in named.items() if column is not None})
-            cost += _row(self._objective.cost(prediction), row)
+            cost += _row(searched.cost, row)
             previous = values
         return ChainPrediction(tuple(actions), cost)
 
-    def _known(self, index: int, before: FloatArray, after: FloatArray) -> tuple[Any, int]:
-        """Give a prediction and its row for one candidate: what was searched is not predicted again."""
-        for searched_before, searched_after, prediction in reversed(self._searched[index]):
-            same = _equal_rows(searched_before, before) & _equal_rows(searched_after, after)
+    def _known(self, index: int, before: FloatArray, after: FloatArray) -> tuple[_Searched, int]:
+        """Give what holds one candidate, and its row there: what was searched is not predicted again."""
+        for searched in reversed(self._searched[index]):
+            same = _equal_rows(searched.before, before) & _equal_rows(searched.after, after)
             row = int(same.argmax())
             if same[row]:
-                return prediction, row
-        return self._predict(index, before[None, :], after[None, :]), 0
+                return searched, row
+        self.step_cost(index, before[None, :], after[None, :])
+        return self._searched[index][-1], 0
 
     def _predict(self, index: int, before: FloatArray, after: FloatArray) -> Any:
         start = self._start

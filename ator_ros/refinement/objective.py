@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -80,8 +81,9 @@ class Objective:
         if not any(self.weights.values()):
             raise RefinementError("objective: expected at least one weight above 0, got none")
 
+    @cached_property
     def needs(self) -> tuple[str, ...]:
-        """Give the names of the prediction's fields that the cost needs."""
+        """The names of the prediction's fields that the cost needs."""
         fields = [
             need for name, weight in self.weights.items() if weight for need in self.measures[name].needs
         ]
@@ -95,7 +97,7 @@ class Objective:
         RefinementError
             The performance model does not predict a measure that has a weight.
         """
-        missing = [need for need in self.needs() if getattr(prediction, need, None) is None]
+        missing = [need for need in self.needs if getattr(prediction, need, None) is None]
         if missing:
             raise RefinementError(f"objective: expected models that predict {', '.join(missing)}, got none")
         terms = [w * self.measures[name].cost(prediction) for name, w in self.weights.items() if w]
