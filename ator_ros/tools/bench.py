@@ -27,7 +27,7 @@ def _service(_: argparse.Namespace) -> dict[str, Any]:
         from ator_ros.tools import bench_service
     except ImportError as error:
         raise RuntimeError(f"{error}: source your ROS 2 workspace, or use make bench") from error
-    return {"round trip": bench_service.measure()}
+    return bench_service.measure()
 
 
 def _learners(options: argparse.Namespace) -> dict[str, Any]:

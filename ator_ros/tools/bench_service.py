@@ -1,17 +1,21 @@
-"""The round trip of refine_subgoal, next to an empty service of the same types.
+"""The round trip of refine_subgoal, next to that of services of the same types that do less.
 
-As a program, ``python -m ator_ros.tools.bench_service``, this is the empty service.
+As a program, ``python -m ator_ros.tools.bench_service NAME``, this is one of them.
 """
 
 from __future__ import annotations
 
+import functools
 import os
 import statistics
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import rclpy
@@ -20,47 +24,114 @@ from rclpy.node import Node
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.experiments.trials import random_trial
-from ator_ros.nodes.conversions import chain_of, situation_of
+from ator_ros.nodes import conversions
+from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.nodes.running import run_node
+from ator_ros.performance.model_file import load_models
+from ator_ros.refinement.answer import Refinement
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import load_robot
 from ator_ros.tools.processes import own_nodes
 from ator_ros.tops.library import TopLibrary
 
-EMPTY = "empty_refine_subgoal"
 SEED = 802
 LIMIT_RATIO, LIMIT_P99_MS = 1.5, 5.0
+_FRAME = "odom"
 _WARM_UP = 20
 _PATIENCE = 40.0
 
+Answer = Callable[[RefineSubgoal.Request, RefineSubgoal.Response], RefineSubgoal.Response]
 
-def empty_service() -> Node:
-    """Make a node that answers every request at once, with nothing."""
-    node = Node("empty_service")
-    node.create_service(RefineSubgoal, EMPTY, lambda _, response: response)
+
+def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> RefineSubgoal.Response:
+    return response
+
+
+def _messages_alone() -> Answer:
+    """Give what reads each request and writes a full answer as `refinement` does, but refines only once."""
+    robot = load_robot()
+    library, refiner = TopLibrary(robot), Refiner(robot, load_models(robot))
+    known: list[Refinement] = []
+
+    def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
+        world = conversions.world_from(request.situation, frame=_FRAME)
+        chain = conversions.chain_from(request.chain, library, frame=_FRAME)
+        objective = conversions.objective_from(request.objective)
+        if not known:
+            known.append(refiner.refine(world, chain, objective))
+        return answer_of(known[0], action_set=library.action_set, frame=_FRAME, want_curve=False)
+
+    return answer
+
+
+RULERS: Mapping[str, Callable[[], Answer]] = MappingProxyType(
+    {"empty": lambda: _nothing, "messages_alone": _messages_alone}
+)
+"""Services to compare with: one that answers at once with nothing, one that does all but refine."""
+
+
+def ruler(name: str) -> Node:
+    """Make the node of one of the RULERS; its service has the same name."""
+    node = Node(f"{name}_service")
+    node.create_service(RefineSubgoal, name, RULERS[name]())
     return node
 
 
-def measure(requests: int = 1000) -> dict[str, float]:
-    """Give medians, 99th percentiles and the node's growth of memory over `requests` requests.
+def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
+    """Give medians and 99th percentiles, and the refinement node's growth of memory over `requests` requests.
 
-    Both services are asked in turn, by a thread beside the one that spins.
+    All services are asked in turn, by a thread beside the one that spins.
     """
     with own_nodes() as nodes:
         nodes.start("refinement", {})
         environment = {**os.environ, "ROS_DOMAIN_ID": str(nodes.domain)}
-        empty = subprocess.Popen([sys.executable, "-m", "ator_ros.tools.bench_service"], env=environment)
+        program = [sys.executable, "-m", "ator_ros.tools.bench_service"]
+        others = [subprocess.Popen([*program, name], env=environment) for name in RULERS]
         try:
             return _measured(nodes.domain, nodes.pid("refinement"), requests)
         finally:
-            empty.terminate()
-            empty.wait()
+            for other in others:
+                other.terminate()
+            for other in others:
+                other.wait()
 
 
-def _measured(domain: int, pid: int, requests: int) -> dict[str, float]:
+def _measured(domain: int, pid: int, requests: int) -> dict[str, dict[str, float]]:
+    with _clients(domain, [*RULERS, "refine_subgoal"]) as clients:
+        _times(clients, _WARM_UP, 0)
+        before = resident_mib(pid)
+        empty, messages, ours = _times(clients, requests, _WARM_UP)
+        growth = resident_mib(pid) - before
+    trip = _row(ours, empty)
+    return {
+        "empty": _row(empty, empty),
+        "messages alone": _row(messages, empty),
+        "round trip": {
+            "requests": requests,
+            **trip,
+            "limit_ratio": LIMIT_RATIO,
+            "limit_p99_ms": LIMIT_P99_MS,
+            "memory_growth_mib": round(growth, 2),
+        },
+    }
+
+
+def _row(times: Sequence[float], empty: Sequence[float]) -> dict[str, float]:
+    median = statistics.median(times)
+    return {
+        "median_ms": round(median, 3),
+        "p99_ms": round(statistics.quantiles(times, n=100)[-1], 3),
+        "ratio": round(median / statistics.median(empty), 2),
+    }
+
+
+@contextmanager
+def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
+    """Give clients of the services `names`, once these are there; a thread spins their node."""
     context = rclpy.Context()
     context.init(domain_id=domain)
     node = Node("bench", context=context)
-    clients = [node.create_client(RefineSubgoal, name) for name in (EMPTY, "refine_subgoal")]
+    clients = [node.create_client(RefineSubgoal, name) for name in names]
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     spinning = threading.Thread(target=_spin, args=(executor,), daemon=True)
@@ -69,27 +140,12 @@ def _measured(domain: int, pid: int, requests: int) -> dict[str, float]:
         for client in clients:
             if not client.wait_for_service(timeout_sec=_PATIENCE):
                 raise RuntimeError(f"expected the service {client.srv_name} within {_PATIENCE:g} s")
-        _times(clients, _WARM_UP, 0)
-        before = resident_mib(pid)
-        empty, ours = _times(clients, requests, _WARM_UP)
-        growth = resident_mib(pid) - before
+        yield clients
     finally:
         executor.shutdown()
         spinning.join()
         node.destroy_node()
         context.try_shutdown()
-    medians = statistics.median(empty), statistics.median(ours)
-    return {
-        "requests": requests,
-        "empty_median_ms": round(medians[0], 3),
-        "median_ms": round(medians[1], 3),
-        "ratio": round(medians[1] / medians[0], 2),
-        "limit_ratio": LIMIT_RATIO,
-        "empty_p99_ms": round(statistics.quantiles(empty, n=100)[-1], 3),
-        "p99_ms": round(statistics.quantiles(ours, n=100)[-1], 3),
-        "limit_p99_ms": LIMIT_P99_MS,
-        "memory_growth_mib": round(growth, 2),
-    }
 
 
 def _times(clients: list[Any], count: int, first: int) -> list[list[float]]:
@@ -100,8 +156,8 @@ def _times(clients: list[Any], count: int, first: int) -> list[list[float]]:
     for index in range(first, first + count):
         trial = random_trial(SEED, index, "dribble", robot, library)
         request = RefineSubgoal.Request(
-            situation=situation_of(trial.world, frame="odom"),
-            chain=chain_of(trial.chain, action_set="", frame="odom"),
+            situation=conversions.situation_of(trial.world, frame=_FRAME),
+            chain=conversions.chain_of(trial.chain, action_set="", frame=_FRAME),
         )
         for client, taken in zip(clients, times, strict=True):
             began = time.perf_counter()
@@ -124,4 +180,4 @@ def resident_mib(pid: int) -> float:
 
 
 if __name__ == "__main__":
-    run_node(empty_service)
+    run_node(functools.partial(ruler, sys.argv.pop(1)))
