@@ -38,9 +38,25 @@ _EXPECTED = (
 
 def add_parallel_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say where the work is done: jobs, backend, cluster."""
-    parser.add_argument("--jobs", type=int, default=-1, help="worker processes (default: one per core)")
-    parser.add_argument("--backend", choices=BACKENDS, default="loky")
+    add_jobs(parser)
+    parser.add_argument("--backend", choices=BACKENDS, default="loky", help="default: %(default)s")
     parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
+
+
+def add_jobs(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says how many processes work."""
+    parser.add_argument(
+        "--jobs", type=_jobs, default=-1, metavar="N", help="worker processes (default: one per core)"
+    )
+
+
+def _jobs(text: str) -> int:
+    number = int(text) if text.removeprefix("-").isdecimal() else 0
+    if number == 0:
+        raise argparse.ArgumentTypeError(
+            f"expected a whole number from 1, or -1 for one per core, got {text!r}"
+        )
+    return number
 
 
 def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothing was written") -> int:

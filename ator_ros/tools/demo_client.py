@@ -98,9 +98,18 @@ class DemoClient:
         self._until(lambda: self._pose.distance(start.robot.pose) < _NEAR, "the robot at its start")
 
     def refine(self, start: World, chain: TopChainMessage) -> Any:
-        """Ask for refinement and give the answer."""
+        """Ask for refinement and give the answer.
+
+        Raises
+        ------
+        DemoError
+            The chain cannot be refined, as where there are no models.
+        """
         request = RefineSubgoal.Request(situation=situation_of(start, frame=_FRAME), chain=chain)
-        return self._call(self._refine, request)
+        answer = self._call(self._refine, request)
+        if not answer.accepted:
+            raise DemoError(f"{self._refine.srv_name}: {answer.reason}")
+        return answer
 
     def execute(self, chain: TopChainMessage, *, refine: bool) -> DemoRun:
         """Execute a chain, log the path, and tell how it went."""

@@ -24,7 +24,7 @@ POLICIES = ("naive", "refined", "refined_speed")
 def arguments() -> argparse.ArgumentParser:
     """Give the command line of `gate`."""
     parser = argparse.ArgumentParser(prog="gate", description=__doc__)
-    parser.add_argument("--situations", type=whole(10), default=400, metavar="N")
+    parser.add_argument("--situations", type=whole(10), default=400, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=301, help="of the situations (default: %(default)s)")
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
     parser.add_argument(
@@ -36,7 +36,13 @@ def arguments() -> argparse.ArgumentParser:
         metavar="FILE",
         help="tables: refit the rulers' models to them",
     )
-    parser.add_argument("--work", type=Path, default=Path("gate"), metavar="DIR", help="for partial results")
+    parser.add_argument(
+        "--work",
+        type=Path,
+        default=Path("gate"),
+        metavar="DIR",
+        help="for partial results (default: %(default)s)",
+    )
     add_parallel_options(parser)
     return parser
 

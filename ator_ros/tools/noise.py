@@ -22,7 +22,7 @@ from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
 from ator_ros.simulation.sensors import REALISTIC
-from ator_ros.tools.command_line import destination, guarded, whole
+from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -40,7 +40,7 @@ def arguments() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
     parser.add_argument("--models", default="", help="folder of the models (default: the shipped ones)")
-    parser.add_argument("--jobs", type=int, default=-1)
+    add_jobs(parser)
     parser.add_argument("--out", type=destination, default=Path("docs/robustness_noise.json"))
     return parser
 
@@ -84,13 +84,13 @@ def _measure(chain: str, options: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def _table(chains: dict[str, list[dict[str, Any]]]) -> str:
-    lines = [f"{'chain':10}{'condition':26}{'success %':>10}{'below truth':>13}{'95 %':>18}{'mean s':>9}"]
+    lines = [f"{'chain':10}{'condition':36}{'success %':>10}{'below truth':>13}{'95 %':>18}{'mean s':>9}"]
     for chain, rows in chains.items():
         for row in rows:
             low, high = row["points_below_truth_ci95"]
             duration = row["mean_duration_s"]
             lines.append(
-                f"{chain:10}{row['condition']:26}{row['success_percent']:10.1f}"
+                f"{chain:10}{row['condition']:36}{row['success_percent']:10.1f}"
                 f"{row['points_below_truth']:13.1f}{f'{low:.1f} to {high:.1f}':>18}"
                 f"{'-' if duration is None else f'{duration:.2f}':>9}"
             )

@@ -18,7 +18,7 @@ from ator_ros.experiments.action_slices import draw_slices
 from ator_ros.experiments.ruler import over_time_optimal
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import destination, guarded, whole
+from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
 
 RULED = ("pose", "approach", "dribble")
 
@@ -37,7 +37,7 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=whole(), default=901)
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
-    parser.add_argument("--jobs", type=int, default=-1)
+    add_jobs(parser)
     parser.add_argument("--out", type=destination, default=Path("docs/actions.json"))
     parser.add_argument(
         "--optimal", type=Path, metavar="DIR",
