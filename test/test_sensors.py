@@ -86,6 +86,18 @@ def test_the_ball_comes_late() -> None:
         assert seen.x == pytest.approx(0.1 * max(0, tick - 2))
 
 
+def test_with_a_latency_odometry_and_ball_come_late_and_say_so() -> None:
+    sensors = Sensors(SensorConfig(latency=0.1))
+    worlds = drive(10, ball=BallState(1.0, 2.0, 0.5, -0.5))
+    seen = [sensors.observe(world) for world in worlds]
+    assert [world.time for world in seen] == [max(0, tick - 2) * TICK for tick in range(10)]
+    assert [world.robot.pose.x for world in seen[3:]] == pytest.approx(
+        [world.robot.pose.x for world in worlds[1:-2]]
+    )
+    sensors.reset()
+    assert sensors.observe(worlds[5]).time == worlds[5].time
+
+
 def test_a_late_ball_is_carried_on_by_its_velocity() -> None:
     sensors = Sensors(SensorConfig(ball_delay=0.1, ball_dropouts=0.3), seed=2)
     for tick in range(40):

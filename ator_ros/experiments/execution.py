@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Point, Status
 from ator_ros.experience.episode import HELD, coast
+from ator_ros.foresight import Foresight
 from ator_ros.robot import Robot
 from ator_ros.simulation.pioneer import CONTROL_RATE, PioneerSimulation
 from ator_ros.tops.chain import TopChain
@@ -56,6 +57,7 @@ def run_chain(
     keep_path: bool = False,
     observe: Callable[[World], World] | None = None,
     fetches: int = 0,
+    latency: float = 0.0,
 ) -> Run:
     """Execute `chain` from `start` in a world of its own.
 
@@ -75,7 +77,10 @@ def run_chain(
         What the executor is told of the state, once a tick; by default the truth.
     fetches : int
         How many times a lost ball may be fetched again.
+    latency : float
+        By how much in s the executor looks ahead of what it is told.
     """
+    foresight = Foresight(robot, latency)
     path: list[tuple[float, float, float, float]] = []
     executor = ChainExecutor(library, chain, time_limit=TIME_LIMIT, fetches=fetches)
     with PioneerSimulation(robot) as simulation:
@@ -86,9 +91,11 @@ def run_chain(
             world = simulation.world()
             if keep_path and tick % 2 == 0 and world.ball is not None:
                 path.append((world.robot.pose.x, world.robot.pose.y, world.ball.x, world.ball.y))
-            step = executor.step(world if observe is None else observe(world))
+            seen = world if observe is None else observe(world)
+            step = executor.step(foresight.ahead(seen))
             if step.status is not Status.RUNNING:
                 return _judge(simulation, executor, chain, step.status, step.message, tuple(path))
+            foresight.told(seen.time, step.command)
             simulation.command(step.command)
             simulation.tick()
         return _judge(

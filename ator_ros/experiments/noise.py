@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -21,6 +22,7 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tracking import BallTracker
 
 TRUTH = "truth"
+LATE = SensorConfig(latency=0.1)
 POINTS = 3.0
 """By how many points the success rate may be below that with the truth."""
 _RESAMPLES = 5000
@@ -39,11 +41,14 @@ class Condition:
         Whether a filter makes the most of the ball's sights, as in the node.
     fetches : int
         How many times a lost ball may be fetched again.
+    foreseen : float
+        By how much in s the executor looks ahead of what it is told.
     """
 
     sensors: SensorConfig = field(default_factory=SensorConfig)
     tracked: bool = True
     fetches: int = 0
+    foreseen: float = 0.0
 
 
 #: Each error alone, then all of them; a new condition is a new row.
@@ -56,7 +61,12 @@ CONDITIONS: Mapping[str, Condition] = MappingProxyType(
         ),
         "ball delay": Condition(SensorConfig(ball_delay=REALISTIC.ball_delay)),
         "ball dropouts": Condition(SensorConfig(ball_dropouts=REALISTIC.ball_dropouts)),
+        "latency": Condition(LATE, foreseen=0.1),
+        "latency, 50 ms too much foreseen": Condition(LATE, foreseen=0.15),
+        "latency, 50 ms too little foreseen": Condition(LATE, foreseen=0.05),
+        "latency, not foreseen": Condition(LATE),
         "all": Condition(REALISTIC),
+        "all and latency": Condition(dataclasses.replace(REALISTIC, latency=0.1), foreseen=0.1),
         "all, lost balls fetched": Condition(REALISTIC, fetches=2),
         "all, untracked": Condition(REALISTIC, tracked=False),
     }
@@ -100,6 +110,7 @@ def execute(task: NoiseTask) -> dict[str, Run]:
             chain,
             observe=lambda world, s=sensors, t=tracker: t.observe(s.observe(world)),  # type: ignore[misc]
             fetches=condition.fetches,
+            latency=condition.foreseen,
         )
     return runs
 

@@ -16,6 +16,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.foresight import Foresight
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.deferred_action import DeferredActionServer
@@ -42,6 +43,7 @@ PARAMETERS = (
     Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),
     Parameter("odom_timeout", 0.3, "real s without newer odometry; the robot pauses after half", 0.05, 60.0),
     Parameter("ball_timeout", 0.3, "s that a ball may be older than odometry; pauses likewise", 0.05, 60.0),
+    Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 1.0),
     Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
     Parameter("ball_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
     Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
@@ -89,6 +91,7 @@ class ExecutorNode(Node):
         for name, library in self._libraries.items():
             rehearse(robot, library, self._predictors[name])
         self._inputs = Inputs(self._settings["ball_timeout"], self._tracker())
+        self._foresight = Foresight(robot, self._settings["latency"])
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard = self._longest_tick = 0.0
@@ -139,12 +142,14 @@ class ExecutorNode(Node):
             return
         except TimeWentBackError as error:
             self._note(str(error))
+            self._foresight.reset()
             # A goal that waits for its first state has nothing to lose, as after a restart of the simulation.
             if self._run is not None and self._run.execution.phase is not Phase.WAITING:
                 self._end(Ending.INPUT_LOST, f"time went back: {error}")
             return
         if world is None:
             return
+        world = self._foresight.ahead(world)
         self._world, self._heard = world, now
         self._ticks.came(now)
         if self._run is not None:
@@ -232,6 +237,8 @@ class ExecutorNode(Node):
     # Outputs
 
     def _send(self, command: Command) -> None:
+        if self._inputs.time is not None:
+            self._foresight.told(self._inputs.time, command)
         twist = conversions.twist_of(command)
         if not self._settings["stamped_commands"]:
             self._commands.publish(twist)

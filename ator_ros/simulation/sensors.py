@@ -33,6 +33,9 @@ class SensorConfig:
         Time in s from seeing the ball to knowing it, rounded up to a tick.
     ball_dropouts : float
         Probability in [0, 1) that the ball is not seen in a tick.
+    latency : float
+        Time in s from a state to word of it, rounded up to a tick: odometry and ball come that late, with the
+        time of the state; what `ball_delay` delays is late by both.
     """
 
     drift: float = 0.0
@@ -41,6 +44,7 @@ class SensorConfig:
     ball_velocity_noise: float = 0.0
     ball_delay: float = 0.0
     ball_dropouts: float = 0.0
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -89,14 +93,21 @@ class Sensors:
         self._believed = Pose(0.0, 0.0, 0.0)
         self._seen: deque[tuple[float, BallState]] = deque()
         self._known: tuple[float, BallState] | None = None
+        self._coming: deque[World] = deque()
 
     def observe(self, world: World) -> World:
-        """Give what is believed of `world`, with the same time.
+        """Give what is believed of `world`, with the same time; with a latency, of the last there is word of.
 
         A robot that has jumped, as when it was placed, is believed to be where it is.
         """
         if self.config == SensorConfig():
             return world
+        self._coming.append(self._believe(world))
+        while len(self._coming) > 1 and world.time - self._coming[1].time >= self.config.latency - 1e-9:
+            self._coming.popleft()
+        return self._coming[0]
+
+    def _believe(self, world: World) -> World:
         pose = world.robot.pose
         self._believed = self._dead_reckoning(pose)
         self._true = pose

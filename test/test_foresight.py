@@ -1,0 +1,120 @@
+"""States that come late, carried on to the moment at which their answer moves the base."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+import pytest
+
+from ator_ros.experiments.execution import run_chain
+from ator_ros.experiments.trials import random_trial, with_headings
+from ator_ros.foresight import Foresight
+from ator_ros.geometry import Pose
+from ator_ros.robot import load_robot
+from ator_ros.simulation.pioneer import TICK, PioneerSimulation
+from ator_ros.simulation.sensors import SensorConfig, Sensors
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world import STOP, BallState, Command, RobotState, World
+
+ROBOT = load_robot()
+STANDING = RobotState(Pose(0.0, 0.0, 0.0))
+
+
+def test_a_state_that_is_not_late_is_taken_as_it_is() -> None:
+    foresight = Foresight(ROBOT, 0.0)
+    foresight.told(0.9, Command(1.0, 0.0))
+    world = World(1.0, RobotState(Pose(1.0, 2.0, 3.0), 0.5, 0.1), BallState(1.0, 1.0, 1.0))
+    assert foresight.ahead(world) is world
+
+
+def test_who_was_told_nothing_goes_on_as_he_does_and_the_ball_rolls_on() -> None:
+    world = World(1.0, RobotState(Pose(1.0, 2.0, np.pi / 2), 0.5, 0.0), BallState(1.0, 1.0, 0.2, -0.1))
+    ahead = Foresight(ROBOT, 0.2).ahead(world)
+    assert ahead.time == pytest.approx(1.2)
+    assert ahead.robot.pose == pytest.approx((1.0, 2.1, np.pi / 2))
+    assert (ahead.robot.v, ahead.robot.w) == (0.5, 0.0)
+    assert ahead.ball == BallState(pytest.approx(1.04), pytest.approx(0.98), 0.2, -0.1)
+
+
+def test_a_base_keeps_to_its_limits() -> None:
+    foresight = Foresight(ROBOT, 0.2)
+    foresight.told(0.8, Command(1.2, -2.4))
+    ahead = foresight.ahead(World(1.0, STANDING)).robot
+    assert (ahead.v, ahead.w) == pytest.approx((0.2 * ROBOT.limits.a, -0.2 * ROBOT.limits.aw))
+
+
+def test_a_command_acts_only_after_the_latency() -> None:
+    foresight = Foresight(ROBOT, 0.2)
+    foresight.told(0.8, STOP)
+    foresight.told(0.9, Command(1.0, 0.0))
+    ahead = foresight.ahead(World(1.0, STANDING)).robot
+    assert ahead.v == pytest.approx(0.1 * ROBOT.limits.a)
+
+
+def test_of_several_answers_to_one_state_the_last_counts() -> None:
+    foresight = Foresight(ROBOT, 0.2)
+    foresight.told(0.9, Command(1.0, 0.0))
+    foresight.told(0.9, STOP)
+    assert foresight.ahead(World(1.0, STANDING)).robot == STANDING
+
+
+def test_what_was_told_long_ago_or_before_a_reset_counts_no_more() -> None:
+    moving = World(3.0, RobotState(Pose(0.0, 0.0, 0.0), 0.5))
+    foresight = Foresight(ROBOT, 0.1)
+    foresight.told(2.0, STOP)
+    assert foresight.ahead(moving).robot.v == 0.5
+    foresight.told(2.9, STOP)
+    assert foresight.ahead(moving).robot.v < 0.5
+    foresight.reset()
+    assert foresight.ahead(moving).robot.v == 0.5
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 4])
+def test_it_foresees_what_the_simulated_base_does(ticks: int) -> None:
+    rng, limits = np.random.default_rng(5), ROBOT.limits
+    foresight, seen, worst = Foresight(ROBOT, ticks * TICK), deque[World](maxlen=ticks + 1), np.zeros(2)
+    v, w = 0.0, 0.0
+    with PioneerSimulation(ROBOT) as simulation:
+        for tick in range(200):
+            if tick % 20 == 0:
+                goal_v, goal_w = rng.uniform(-0.8, 0.8), rng.uniform(-1.5, 1.5)
+            seen.append(simulation.world())
+            if len(seen) > ticks:
+                now, foreseen = seen[-1].robot, foresight.ahead(seen[0])
+                assert foreseen.time == pytest.approx(seen[-1].time)
+                off = now.pose.relative(foreseen.robot.pose)
+                worst = np.maximum(worst, np.abs((np.hypot(off.x, off.y), off.yaw)))
+            v += np.clip(goal_v - v, -limits.a * TICK, limits.a * TICK)
+            w += np.clip(goal_w - w, -limits.aw * TICK, limits.aw * TICK)
+            foresight.told(seen[0].time, Command(float(v), float(w)))
+            simulation.command(Command(float(v), float(w)))
+            simulation.tick()
+    assert worst[0] < 0.006 * ticks
+    assert worst[1] < 0.02 * ticks
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_a_chain_takes_the_same_time_though_its_states_come_late(index: int) -> None:
+    latency, library = 0.15, TopLibrary(ROBOT)
+    trial = random_trial(614, index, "dribble", ROBOT, library)
+    chain = with_headings(trial.chain, {0: trial.chain.calls[1].goal.pose.yaw})
+
+    def run(*, late: float, foreseen: float) -> float:
+        sensors = Sensors(SensorConfig(latency=late))
+        return run_chain(
+            ROBOT, library, trial.world, chain, observe=sensors.observe, latency=foreseen
+        ).duration
+
+    punctual = run(late=0.0, foreseen=0.0)
+    # The first command comes late, and the end is foreseen, but what was driven is the same.
+    assert run(late=latency, foreseen=latency) <= punctual + latency + 2.5 * TICK
+    assert run(late=latency, foreseen=0.0) > punctual + 1.0
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.1])
+def test_it_remembers_no_more_than_it_needs(latency: float) -> None:
+    foresight = Foresight(ROBOT, latency)
+    for tick in range(1000):
+        foresight.told(tick * TICK, STOP)
+    assert len(foresight._told) < 20
