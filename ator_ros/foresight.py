@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
 
 from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.ramp import ramped
 from ator_ros.robot import Limits, Robot
-from ator_ros.world import BallState, Command, RobotState, World
+from ator_ros.world import STOP, Command, RobotState, World
 
-_STEP = 0.01
-_HOLDS = 0.5
-"""Time in s after which a command counts no more: somebody else may steer."""
-_ROUNDING = 1e-6
+_STEP = 0.01  # s of a step of what is foreseen
+_HOLDS = 0.5  # s after which a command counts no more: somebody else may steer
+_ROUNDING = 1e-6  # s
+_PROMPT = 0.02  # s that an answer may take and still count as given at once
 
 
 class Foresight:
@@ -41,11 +41,19 @@ class Foresight:
         self._told.clear()
 
     def told(self, time: float, command: Command) -> None:
-        """Note the command that answers the state of `time` (s); of several the last one counts."""
+        """Note a command that leaves as the answer to a state of `time` (s); of several the last counts."""
         self._forget(time)
-        if self._told and self._told[-1][0] >= time:
+        while self._told and self._told[-1][0] >= time:
             self._told.pop()
         self._told.append((time, command))
+
+    def punctual(self, robot: RobotState, command: Command, took: float) -> Command:
+        """Give the answer to send to a robot in this foreseen state, where `command` took so long (s).
+
+        A robot that stands is not told to start by an answer that leaves late, as where planning has taken
+        its time: it would be foreseen to drive before it does. Its plan starts with the next state instead.
+        """
+        return STOP if self._latency and robot.is_still and took > _PROMPT else command
 
     def ahead(self, world: World) -> World:
         """Give the world as it will be when the answer to `world` moves the base, with the time then."""
@@ -54,12 +62,12 @@ class Foresight:
         self._forget(world.time)
         robot, now, end = world.robot, world.time, world.time + self._latency
         command: Command | None = None
-        for answered, following in (*self._told, (world.time, None)):
-            acts = min(answered + self._latency, end)
+        for left, following in (*self._told, (world.time, None)):
+            acts = min(left + self._latency, end)
             if acts > now + _ROUNDING:
                 robot, now = _driven(robot, command, acts - now, self._limits), acts
             command = following
-        return World(end, robot, _rolled(world.ball, self._latency))
+        return World(end, robot, world.ball and world.ball.after(self._latency))
 
     def _forget(self, time: float) -> None:
         while self._told and self._told[0][0] < time - self._latency - _HOLDS:
@@ -68,23 +76,12 @@ class Foresight:
 
 def _driven(robot: RobotState, command: Command | None, duration: float, limits: Limits) -> RobotState:
     """Give the robot after `duration` s in which it follows `command`; without one it goes on as it does."""
-    (x, y, yaw), v, w = robot.pose, robot.v, robot.w
+    (x, y, yaw), speeds = robot.pose, Command(robot.v, robot.w)
     steps = math.ceil(duration / _STEP - _ROUNDING)
     dt = duration / steps
     for _ in range(steps):
         if command is not None:
-            losing = abs(command.v) < abs(v) or command.v * v < 0.0
-            v = _toward(command.v, v, (limits.brake if losing else limits.a) * dt)
-            w = _toward(command.w, w, limits.aw * dt)
-        x, y, yaw = x + v * dt * math.cos(yaw), y + v * dt * math.sin(yaw), yaw + w * dt
-    return RobotState(Pose(x, y, wrap_angle(yaw)), v, w)
-
-
-def _toward(target: float, value: float, most: float) -> float:
-    return value + max(-most, min(most, target - value))
-
-
-def _rolled(ball: BallState | None, duration: float) -> BallState | None:
-    if ball is None:
-        return None
-    return dataclasses.replace(ball, x=ball.x + ball.vx * duration, y=ball.y + ball.vy * duration)
+            speeds = ramped(speeds, command, dt, limits)
+        way = speeds.v * dt
+        x, y, yaw = x + way * math.cos(yaw), y + way * math.sin(yaw), yaw + speeds.w * dt
+    return RobotState(Pose(x, y, wrap_angle(yaw)), speeds.v, speeds.w)

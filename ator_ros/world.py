@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -35,6 +36,11 @@ class RobotState:
     v: float = 0.0
     w: float = 0.0
 
+    @property
+    def is_still(self) -> bool:
+        """Whether it does not move at all: a robot that was told to start, and has, moves faster."""
+        return abs(self.v) <= 0.003 and abs(self.w) <= 0.006
+
 
 @dataclass(frozen=True, slots=True)
 class BallState:
@@ -49,6 +55,10 @@ class BallState:
     def speed(self) -> float:
         """Speed in m/s."""
         return math.hypot(self.vx, self.vy)
+
+    def after(self, seconds: float) -> BallState:
+        """Give the ball carried on by its velocity (back, where `seconds` is negative)."""
+        return dataclasses.replace(self, x=self.x + seconds * self.vx, y=self.y + seconds * self.vy)
 
 
 @dataclass(frozen=True, slots=True)

@@ -163,6 +163,20 @@ def test_unknown_actions_and_absurd_lengths_are_refused() -> None:
         Refiner(ROBOT, models()).refine(world(), TopChain(two_steps().calls * (LONGEST_CHAIN // 2 + 1)))
 
 
+def test_a_heading_for_which_no_number_is_predicted_is_left_for_another() -> None:
+    partly = {
+        "goToPose": FakeModel(
+            lambda d: np.where(np.asarray(d["yawg"]) == 0.5, math.nan, turning_time(d)), USED
+        )
+    }
+    result = Refiner(ROBOT, models() | partly).refine(world(), two_steps(yaw=0.5))
+    assert result.refined
+    assert result.before is not None
+    assert result.after is not None
+    assert math.isinf(result.before.cost)
+    assert math.isfinite(result.after.cost)
+
+
 def test_predictions_that_are_not_numbers_are_refused() -> None:
     broken = {"goToPose": FakeModel(lambda direct: math.nan * direct["yawg"], USED)}
     with pytest.raises(RefinementError, match="finite prediction"):

@@ -78,10 +78,11 @@ def run_chain(
     fetches : int
         How many times a lost ball may be fetched again.
     latency : float
-        By how much in s the executor looks ahead of what it is told.
+        By how much in s the executor looks ahead of what it observes, see `Foresight`.
     """
     foresight = Foresight(robot, latency)
     path: list[tuple[float, float, float, float]] = []
+    last = math.nan
     executor = ChainExecutor(library, chain, time_limit=TIME_LIMIT, fetches=fetches)
     with PioneerSimulation(robot) as simulation:
         simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
@@ -92,6 +93,10 @@ def run_chain(
             if keep_path and tick % 2 == 0 and world.ball is not None:
                 path.append((world.robot.pose.x, world.robot.pose.y, world.ball.x, world.ball.y))
             seen = world if observe is None else observe(world)
+            if seen.time == last:  # no word of anything newer yet
+                simulation.tick()
+                continue
+            last = seen.time
             step = executor.step(foresight.ahead(seen))
             if step.status is not Status.RUNNING:
                 return _judge(simulation, executor, chain, step.status, step.message, tuple(path))

@@ -22,9 +22,9 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tracking import BallTracker
 
 TRUTH = "truth"
-LATE = SensorConfig(latency=0.1)
 POINTS = 3.0
 """By how many points the success rate may be below that with the truth."""
+_LATE = SensorConfig(latency=0.1)
 _RESAMPLES = 5000
 _MOST_REASONS = 8
 
@@ -51,7 +51,7 @@ class Condition:
     foreseen: float = 0.0
 
 
-#: Each error alone, then all of them; a new condition is a new row.
+#: Each error alone, states that come late, then all errors; a new condition is a new row.
 CONDITIONS: Mapping[str, Condition] = MappingProxyType(
     {
         TRUTH: Condition(),
@@ -61,12 +61,12 @@ CONDITIONS: Mapping[str, Condition] = MappingProxyType(
         ),
         "ball delay": Condition(SensorConfig(ball_delay=REALISTIC.ball_delay)),
         "ball dropouts": Condition(SensorConfig(ball_dropouts=REALISTIC.ball_dropouts)),
-        "latency": Condition(LATE, foreseen=0.1),
-        "latency, 50 ms too much foreseen": Condition(LATE, foreseen=0.15),
-        "latency, 50 ms too little foreseen": Condition(LATE, foreseen=0.05),
-        "latency, not foreseen": Condition(LATE),
+        "latency": Condition(_LATE, foreseen=0.1),
+        "latency, 50 ms too much foreseen": Condition(_LATE, foreseen=0.15),
+        "latency, 50 ms too little foreseen": Condition(_LATE, foreseen=0.05),
+        "latency, not foreseen": Condition(_LATE),
         "all": Condition(REALISTIC),
-        "all and latency": Condition(dataclasses.replace(REALISTIC, latency=0.1), foreseen=0.1),
+        "all and latency": Condition(dataclasses.replace(REALISTIC, latency=_LATE.latency), foreseen=0.1),
         "all, lost balls fetched": Condition(REALISTIC, fetches=2),
         "all, untracked": Condition(REALISTIC, tracked=False),
     }
@@ -121,9 +121,9 @@ def summarise(results: Sequence[Mapping[str, Run]]) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        condition; success_percent; points_below_truth with its 95 % bootstrap interval over situations;
-        within_limit; mean_duration_s of the successes; error_median_m and error_p95_m, by the truth, of the
-        last goal; failures: what failed and how often.
+        condition; latency_s of the states and foreseen_s by the executor; success_percent; points_below_truth
+        with its 95 % bootstrap interval over situations; within_limit; mean_duration_s of the successes;
+        error_median_m and error_p95_m, by the truth, of the last goal; failures: what failed and how often.
     """
     truth = np.array([runs[TRUTH].success for runs in results])
     return [_row(name, [runs[name] for runs in results], truth) for name in results[0]]
@@ -138,6 +138,8 @@ def _row(name: str, runs: Sequence[Run], truth: Any) -> dict[str, Any]:
     durations = [run.duration for run in runs if run.success]
     return {
         "condition": name,
+        "latency_s": CONDITIONS[name].sensors.latency,
+        "foreseen_s": CONDITIONS[name].foreseen,
         "success_percent": round(100.0 * float(success.mean()), 2),
         "points_below_truth": round(float(below.mean()), 2),
         "points_below_truth_ci95": np.percentile(below[draws].mean(axis=1), (2.5, 97.5)).round(2).tolist(),

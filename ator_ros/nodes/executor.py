@@ -43,7 +43,7 @@ PARAMETERS = (
     Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),
     Parameter("odom_timeout", 0.3, "real s without newer odometry; the robot pauses after half", 0.05, 60.0),
     Parameter("ball_timeout", 0.3, "s that a ball may be older than odometry; pauses likewise", 0.05, 60.0),
-    Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 1.0),
+    Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3),
     Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
     Parameter("ball_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
     Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
@@ -64,10 +64,11 @@ class ExecutorNode(Node):
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
         A result can be asked for in the minute after the goal.
-        The robot stands before a goal ends, or is told to for 2 s; where a newer goal takes over, odometry is
-        lost or the node ends, the goal ends once the robot is told. The result says in words why it ended.
+        The robot stands before a goal ends (with `latency`, as foreseen), or is told to for 2 s; where a
+        newer goal takes over, odometry is lost or the node ends, the goal ends once the robot is told. The
+        result says in words why it ended.
     Subscribes to
-        odom, ball (nav_msgs/Odometry): their stamps are the time of the control programs.
+        odom, ball (nav_msgs/Odometry): their stamps, `latency` later, are the time of the control programs.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active.
         performance/action (ator_interfaces/ActionPerformance): after each action.
@@ -153,8 +154,9 @@ class ExecutorNode(Node):
         self._world, self._heard = world, now
         self._ticks.came(now)
         if self._run is not None:
-            self._send(self._run.execution.tick(world, now, ball_overdue=self._inputs.ball_overdue))
+            command = self._run.execution.tick(world, now, ball_overdue=self._inputs.ball_overdue)
             done = time.monotonic()
+            self._send(self._foresight.punctual(world.robot, command, done - now))
             self._longest_tick = max(self._longest_tick, done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
@@ -164,7 +166,7 @@ class ExecutorNode(Node):
             return
         now = time.monotonic()
         if self._run.execution.silent(now):
-            self._send(STOP)
+            self._send(STOP, after=now - self._heard)
         self._run.execution.watch(now)
         self._follow(self._run)
 
@@ -236,9 +238,10 @@ class ExecutorNode(Node):
 
     # Outputs
 
-    def _send(self, command: Command) -> None:
+    def _send(self, command: Command, *, after: float = 0.0) -> None:
+        """Send a command, `after` s later than an answer to the newest state would have been."""
         if self._inputs.time is not None:
-            self._foresight.told(self._inputs.time, command)
+            self._foresight.told(self._inputs.time + after, command)
         twist = conversions.twist_of(command)
         if not self._settings["stamped_commands"]:
             self._commands.publish(twist)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
 
@@ -105,4 +104,4 @@ class Inputs:
         if not recent:
             return None
         age, ball = min(recent, key=lambda sight: (sight[0] < 0.0, abs(sight[0])))
-        return dataclasses.replace(ball, x=ball.x + age * ball.vx, y=ball.y + age * ball.vy)
+        return ball.after(age)

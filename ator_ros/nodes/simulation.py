@@ -61,7 +61,7 @@ class SimulationNode(Node):
     Subscribes to
         cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
         after the last command the robot stands, as far as BaseController says.
-    Publishes, every tick, as the sensors see it, stamped with simulated time
+    Publishes, every tick, as the sensors see it, stamped with the simulated time of what they see
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         ball (nav_msgs/Odometry): position and velocity, both in the header's frame; nothing without a ball.
         /clock (rosgraph_msgs/Clock), when `publish_clock`.

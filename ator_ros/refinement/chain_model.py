@@ -110,7 +110,10 @@ class ChainModel:
         return cost
 
     def predict(self, chain: Sequence[FloatArray]) -> ChainPrediction:
-        """Give the prediction for a chain whose subgoals have these free values, each of shape (k,)."""
+        """Give the prediction for a chain whose subgoals have these free values, each of shape (k,).
+
+        Its cost is infinite where that of a step is no number.
+        """
         previous, actions, cost = np.zeros(0), [], 0.0
         for index, values in enumerate(chain):
             searched, row = self._known(index, previous, values)

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import math
 
+from ator_ros.ramp import clip, ramped
 from ator_ros.robot import Robot
 from ator_ros.world import STOP, Command
 
 COMMAND_TIMEOUT = 0.15
 """Time in s that a command holds: three ticks."""
-STOP_DECELERATIONS = Command(v=4.0, w=12.0)
-"""Of a stop, in m/s² and rad/s²; from 4.5 m/s² on the robot's rear lifts."""
-STOP_BACKWARD = 5.0
-"""Of a stop while driving backward, in m/s²: nothing lifts, but turning wheels slip and need the time."""
 _ROUNDING = 1e-6
-
-
-def clip(value: float, bound: float) -> float:
-    """Give `value`, brought into [-bound, bound]."""
-    return max(-bound, min(bound, value))
 
 
 class BaseController:
@@ -63,16 +55,7 @@ class BaseController:
     def ramp(self, time: float, dt: float) -> tuple[float, float]:
         """Move the setpoint toward the command for `dt` s; give the left and right wheel speed in rad/s."""
         target = self._command if time < self._expires else STOP
-        limits = self._robot.limits
-        losing = abs(target.v) < abs(self.setpoint.v) or target.v * self.setpoint.v < 0.0
-        driving = Command(limits.brake if losing else limits.a, limits.aw)
-        most = self._hardest() if target == STOP else driving
-        v = self.setpoint.v + clip(target.v - self.setpoint.v, most.v * dt)
-        w = self.setpoint.w + clip(target.w - self.setpoint.w, most.w * dt)
-        self.setpoint = Command(v, w)
-        turn = w * self._robot.track / 2.0
-        return (v - turn) / self._robot.wheel_radius, (v + turn) / self._robot.wheel_radius
-
-    def _hardest(self) -> Command:
-        """Give the decelerations of a stop."""
-        return Command(STOP_BACKWARD, STOP_DECELERATIONS.w) if self.setpoint.v < 0.0 else STOP_DECELERATIONS
+        self.setpoint = ramped(self.setpoint, target, dt, self._robot.limits)
+        turn = self.setpoint.w * self._robot.track / 2.0
+        radius = self._robot.wheel_radius
+        return (self.setpoint.v - turn) / radius, (self.setpoint.v + turn) / radius

@@ -35,7 +35,8 @@ class SensorConfig:
         Probability in [0, 1) that the ball is not seen in a tick.
     latency : float
         Time in s from a state to word of it, rounded up to a tick: odometry and ball come that late, with the
-        time of the state; what `ball_delay` delays is late by both.
+        time of the state; what `ball_delay` delays is late by both. The first state, and the first after a
+        reset, is told at once, and then for that time nothing newer.
     """
 
     drift: float = 0.0
@@ -141,8 +142,7 @@ class Sensors:
         if self._known is None:
             return None
         time, ball = self._known
-        age = world.time - time
-        return dataclasses.replace(ball, x=ball.x + age * ball.vx, y=ball.y + age * ball.vy)
+        return ball.after(world.time - time)
 
     def _measured(self, world: World, ball: BallState, numbers: list[float]) -> BallState:
         """Give the ball in the frame of the believed pose, with noise."""

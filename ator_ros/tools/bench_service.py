@@ -64,16 +64,16 @@ def _messages_alone() -> Answer:
     return answer
 
 
-RULERS: Mapping[str, Callable[[], Answer]] = MappingProxyType(
+YARDSTICKS: Mapping[str, Callable[[], Answer]] = MappingProxyType(
     {"empty": lambda: _nothing, "messages_alone": _messages_alone}
 )
 """Services to compare with: one that answers at once with nothing, one that does all but refine."""
 
 
-def ruler(name: str) -> Node:
-    """Make the node of one of the RULERS; its service has the same name."""
+def yardstick(name: str) -> Node:
+    """Make the node of one of the YARDSTICKS; its service has the same name."""
     node = Node(f"{name}_service")
-    node.create_service(RefineSubgoal, name, RULERS[name]())
+    node.create_service(RefineSubgoal, name, YARDSTICKS[name]())
     return node
 
 
@@ -86,7 +86,7 @@ def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
         nodes.start("refinement", {})
         environment = {**os.environ, "ROS_DOMAIN_ID": str(nodes.domain)}
         program = [sys.executable, "-m", "ator_ros.tools.bench_service"]
-        others = [subprocess.Popen([*program, name], env=environment) for name in RULERS]
+        others = [subprocess.Popen([*program, name], env=environment) for name in YARDSTICKS]
         try:
             return _measured(nodes.domain, nodes.pid("refinement"), requests)
         finally:
@@ -97,7 +97,7 @@ def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
 
 
 def _measured(domain: int, pid: int, requests: int) -> dict[str, dict[str, float]]:
-    with _clients(domain, [*RULERS, "refine_subgoal"]) as clients:
+    with _clients(domain, [*YARDSTICKS, "refine_subgoal"]) as clients:
         _times(clients, _WARM_UP, 0)
         before = resident_mib(pid)
         empty, messages, ours = _times(clients, requests, _WARM_UP)
@@ -180,4 +180,6 @@ def resident_mib(pid: int) -> float:
 
 
 if __name__ == "__main__":
-    run_node(functools.partial(ruler, sys.argv.pop(1)))
+    if len(sys.argv) < 2 or sys.argv[1] not in YARDSTICKS:
+        sys.exit(f"bench_service: expected one of {', '.join(YARDSTICKS)}")
+    run_node(functools.partial(yardstick, sys.argv.pop(1)))

@@ -46,17 +46,12 @@ def add_parallel_options(parser: argparse.ArgumentParser) -> None:
 def add_jobs(parser: argparse.ArgumentParser) -> None:
     """Add the option that says how many processes work."""
     parser.add_argument(
-        "--jobs", type=_jobs, default=-1, metavar="N", help="worker processes (default: one per core)"
+        "--jobs", type=_jobs, default=-1, metavar="N", help="worker processes (default: -1, one per core)"
     )
 
 
 def _jobs(text: str) -> int:
-    number = int(text) if text.removeprefix("-").isdecimal() else 0
-    if number == 0:
-        raise argparse.ArgumentTypeError(
-            f"expected a whole number from 1, or -1 for one per core, got {text!r}"
-        )
-    return number
+    return -1 if text == "-1" else whole(1)(text)
 
 
 def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothing was written") -> int:

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from ator_ros.actions.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
 from ator_ros.robot import Robot
-from ator_ros.world import Command, World
+from ator_ros.world import Command, RobotState, World
 
 DISTURBED_DISTANCE = 0.12  # m from the plan
 DISTURBED_HEADING = 0.35  # rad
 _ROUNDING = 1e-6  # s by which sums of ticks may be off
-_STANDS = (0.003, 0.006)  # m/s and rad/s up to which a robot has not yet started
 _LONGEST_WAIT = 1.0  # s for it, on a computer that plans slowly
 _SHORT = 0.5  # s; a robot may hardly move in a plan that takes less
 _SEEN_LATE = 0.02  # s after which the speeds of a plan are those of a robot that follows it
@@ -71,7 +70,8 @@ class Tracker:
         self.trajectory = trajectory
         self._start = self._made = start_time
         first = trajectory.at(0.0)
-        self._waits = waits and _stands(first.v, first.w) and trajectory.duration > _SHORT
+        still = RobotState(first.pose, first.v, first.w).is_still
+        self._waits = waits and still and trajectory.duration > _SHORT
         # A command is reached after a period's ramp, most of which it is late, and the motors lag behind.
         self._preview = 0.8 * period + robot.motor_time_constant
 
@@ -80,22 +80,22 @@ class Tracker:
         if not self._waits:
             return
         patient = world.time - self._made < _LONGEST_WAIT
-        stands = _stands(world.robot.v, world.robot.w)
-        self._waits = patient and stands
+        self._waits = patient and world.robot.is_still
         if self._waits:
             self._start = world.time
         elif patient:
             self._start = self._begun(world)
 
     def _begun(self, world: World) -> float:
-        """Give when (s) a robot began that is seen to move: states before may have been missed."""
+        """Give when (s) a robot that moves began, whole periods ago: states may have been missed."""
         most = max(1, round(self.elapsed(world) / self._period))
         if most == 1:
             return self._start
 
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * self._period - _SEEN_LATE)
-            return abs(planned.v - world.robot.v) + self._lever * abs(planned.w - world.robot.w)
+            change = abs(planned.v - world.robot.v) + self._lever * abs(planned.w - world.robot.w)
+            return change + planned.pose.distance(world.robot.pose)
 
         return world.time - min(range(1, most + 1), key=error) * self._period
 
@@ -131,7 +131,3 @@ class Tracker:
         speed = max(abs(v), self.SLOW)
         gain = min(self.GAIN_ACROSS, self.ACROSS_BANDWIDTH / speed)
         return math.copysign(gain, v) * min(1.0, abs(v) / self.SLOW)
-
-
-def _stands(v: float, w: float) -> bool:
-    return abs(v) <= _STANDS[0] and abs(w) <= _STANDS[1]
