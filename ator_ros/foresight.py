@@ -35,10 +35,12 @@ class Foresight:
         self._limits = robot.limits
         self._latency = latency
         self._told: deque[tuple[float, Command]] = deque()
+        self._held_back = False
 
     def reset(self) -> None:
         """Forget all commands, as time begins anew."""
         self._told.clear()
+        self._held_back = False
 
     def told(self, time: float, command: Command) -> None:
         """Note a command that leaves as the answer to a state of `time` (s); of several the last counts."""
@@ -51,9 +53,12 @@ class Foresight:
         """Give the answer to send to a robot in this foreseen state, where `command` took so long (s).
 
         A robot that stands is not told to start by an answer that leaves late, as where planning has taken
-        its time: it would be foreseen to drive before it does. Its plan starts with the next state instead.
+        its time: it would be foreseen to drive before it does. Its plan starts with the next state instead,
+        whatever that one's answer takes: on a computer that is always late it starts all the same.
         """
-        return STOP if self._latency and robot.is_still and took > _PROMPT else command
+        late = self._latency > 0.0 and robot.is_still and took > _PROMPT
+        self._held_back = late and not self._held_back
+        return STOP if self._held_back else command
 
     def ahead(self, world: World) -> World:
         """Give the world as it will be when the answer to `world` moves the base, with the time then."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 from ator_ros.robot import Limits
 from ator_ros.world import STOP, Command
 
-STOP_DECELERATIONS = Command(v=4.0, w=12.0)
+_STOP_FORWARD = Command(v=4.0, w=12.0)
 """Of a stop, in m/s² and rad/s²; from 4.5 m/s² on the robot's rear lifts."""
-STOP_BACKWARD = Command(v=5.0, w=12.0)
+_STOP_BACKWARD = Command(v=5.0, w=12.0)
 """Of a stop while driving backward: nothing lifts, but turning wheels slip and need the time."""
 
 
 def ramped(speeds: Command, target: Command, dt: float, limits: Limits) -> Command:
     """Give the speeds after `dt` s in which the base goes from `speeds` toward those of a command."""
     if target == STOP:
-        most = STOP_BACKWARD if speeds.v < 0.0 else STOP_DECELERATIONS
+        most = _STOP_BACKWARD if speeds.v < 0.0 else _STOP_FORWARD
     else:
         losing = abs(target.v) < abs(speeds.v) or target.v * speeds.v < 0.0
         most = Command(limits.brake if losing else limits.a, limits.aw)

@@ -38,7 +38,7 @@ class RobotState:
 
     @property
     def is_still(self) -> bool:
-        """Whether it does not move at all: a robot that was told to start, and has, moves faster."""
+        """Whether it has not begun to move; who brakes counts as standing earlier, see `is_standing`."""
         return abs(self.v) <= 0.003 and abs(self.w) <= 0.006
 
 

@@ -45,7 +45,8 @@ def test_no_jobs_are_refused(command: str, text: str, capsys: pytest.CaptureFixt
     with pytest.raises(SystemExit):
         tool.main([f"--jobs={text}"])
     told = capsys.readouterr().err.splitlines()[-1]
-    assert told == (f"{command}: error: argument --jobs: expected a whole number from 1, got {text!r}")
+    expected = f"expected a whole number from 1, got {text!r}; or -1, one per core"
+    assert told == f"{command}: error: argument --jobs: {expected}"
 
 
 DESTINATIONS = {

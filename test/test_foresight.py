@@ -157,6 +157,12 @@ def test_only_a_robot_that_stands_is_held_back() -> None:
     assert Foresight(ROBOT, 0.0).punctual(STANDING, go, 0.1) == go
 
 
+def test_who_is_always_late_is_held_back_every_other_time_only() -> None:
+    foresight, go = Foresight(ROBOT, 0.1), Command(0.1, 0.0)
+    answers = [foresight.punctual(STANDING, go, 0.1) for _ in range(4)]
+    assert answers == [STOP, go, STOP, go]
+
+
 @pytest.mark.parametrize("index", range(2))
 def test_a_chain_takes_the_same_time_though_its_states_come_late(index: int) -> None:
     latency, library = 0.15, TopLibrary(ROBOT)

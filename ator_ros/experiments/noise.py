@@ -61,12 +61,14 @@ CONDITIONS: Mapping[str, Condition] = MappingProxyType(
         ),
         "ball delay": Condition(SensorConfig(ball_delay=REALISTIC.ball_delay)),
         "ball dropouts": Condition(SensorConfig(ball_dropouts=REALISTIC.ball_dropouts)),
-        "latency": Condition(_LATE, foreseen=0.1),
+        "latency": Condition(_LATE, foreseen=_LATE.latency),
         "latency, 50 ms too much foreseen": Condition(_LATE, foreseen=0.15),
         "latency, 50 ms too little foreseen": Condition(_LATE, foreseen=0.05),
         "latency, not foreseen": Condition(_LATE),
         "all": Condition(REALISTIC),
-        "all and latency": Condition(dataclasses.replace(REALISTIC, latency=_LATE.latency), foreseen=0.1),
+        "all and latency": Condition(
+            dataclasses.replace(REALISTIC, latency=_LATE.latency), foreseen=_LATE.latency
+        ),
         "all, lost balls fetched": Condition(REALISTIC, fetches=2),
         "all, untracked": Condition(REALISTIC, tracked=False),
     }

@@ -156,7 +156,7 @@ class ExecutorNode(Node):
         if self._run is not None:
             command = self._run.execution.tick(world, now, ball_overdue=self._inputs.ball_overdue)
             done = time.monotonic()
-            self._send(self._foresight.punctual(world.robot, command, done - now))
+            self._send(self._foresight.punctual(world.robot, command, done - now), answers=True)
             self._longest_tick = max(self._longest_tick, done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
@@ -166,7 +166,7 @@ class ExecutorNode(Node):
             return
         now = time.monotonic()
         if self._run.execution.silent(now):
-            self._send(STOP, after=now - self._heard)
+            self._send(STOP)
         self._run.execution.watch(now)
         self._follow(self._run)
 
@@ -238,9 +238,10 @@ class ExecutorNode(Node):
 
     # Outputs
 
-    def _send(self, command: Command, *, after: float = 0.0) -> None:
-        """Send a command, `after` s later than an answer to the newest state would have been."""
+    def _send(self, command: Command, *, answers: bool = False) -> None:
+        """Send a command: one that answers the newest state, or one that has its own time."""
         if self._inputs.time is not None:
+            after = 0.0 if answers else time.monotonic() - self._heard
             self._foresight.told(self._inputs.time + after, command)
         twist = conversions.twist_of(command)
         if not self._settings["stamped_commands"]:

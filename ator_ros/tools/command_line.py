@@ -51,7 +51,12 @@ def add_jobs(parser: argparse.ArgumentParser) -> None:
 
 
 def _jobs(text: str) -> int:
-    return -1 if text == "-1" else whole(1)(text)
+    if text == "-1":
+        return -1
+    try:
+        return whole(1)(text)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{error}; or -1, one per core") from error
 
 
 def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothing was written") -> int:

@@ -1,4 +1,4 @@
-"""Measure how often chains succeed with the sensors of a real robot, against the truth."""
+"""Measure how often chains succeed with the sensors of a real robot, or late states, against the truth."""
 
 from __future__ import annotations
 

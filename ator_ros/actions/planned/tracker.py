@@ -13,7 +13,7 @@ from ator_ros.world import Command, RobotState, World
 DISTURBED_DISTANCE = 0.12  # m from the plan
 DISTURBED_HEADING = 0.35  # rad
 _ROUNDING = 1e-6  # s by which sums of ticks may be off
-_LONGEST_WAIT = 1.0  # s for it, on a computer that plans slowly
+_LONGEST_WAIT = 1.0  # s for the robot's start, on a computer that plans slowly
 _SHORT = 0.5  # s; a robot may hardly move in a plan that takes less
 _SEEN_LATE = 0.02  # s after which the speeds of a plan are those of a robot that follows it
 
@@ -95,6 +95,7 @@ class Tracker:
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * self._period - _SEEN_LATE)
             change = abs(planned.v - world.robot.v) + self._lever * abs(planned.w - world.robot.w)
+            # Speeds tell most, just after a start; a metre counts as a metre per second.
             return change + planned.pose.distance(world.robot.pose)
 
         return world.time - min(range(1, most + 1), key=error) * self._period
