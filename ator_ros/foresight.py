@@ -72,7 +72,8 @@ class Foresight:
             if acts > now + _ROUNDING:
                 robot, now = _driven(robot, command, acts - now, self._limits), acts
             command = following
-        return World(end, robot, world.ball and world.ball.after(self._latency))
+        ball = None if world.ball is None else world.ball.after(self._latency)
+        return World(end, robot, ball)
 
     def _forget(self, time: float) -> None:
         while self._told and self._told[0][0] < time - self._latency - _HOLDS:

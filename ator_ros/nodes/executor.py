@@ -239,7 +239,7 @@ class ExecutorNode(Node):
     # Outputs
 
     def _send(self, command: Command, *, answers: bool = False) -> None:
-        """Send a command: one that answers the newest state, or one that has its own time."""
+        """Send a command, which counts as sent now, or with the newest state where it answers that."""
         if self._inputs.time is not None:
             after = 0.0 if answers else time.monotonic() - self._heard
             self._foresight.told(self._inputs.time + after, command)

@@ -142,7 +142,7 @@ def refinement_of(
     world = conversions.world_from(request.situation, frame=frame)
     chain = conversions.chain_from(request.chain, library, frame=frame)
     objective = conversions.objective_from(request.objective)
-    if any(call.open for call in request.chain.calls):
+    if any(call.open for call in request.chain.calls):  # else one analysis, that of `refine`, will do
         chain = conversions.opened(chain, request.chain, refiner.analyse(world, chain).free)
     return refiner.refine(world, chain, objective)
 

@@ -14,7 +14,6 @@ from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experience.parallel import run_tasks
-from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.noise import CONDITIONS, POINTS, TRUTH, NoiseTask, execute, summarise
 from ator_ros.experiments.policies import POLICIES
 from ator_ros.experiments.toolset import ToolsetSource
@@ -53,8 +52,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _noise(options: argparse.Namespace, command: str) -> int:
-    if options.situations < 1:
-        raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
     result = {
         "command": command,
         "seed": options.seed,
