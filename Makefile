@@ -7,7 +7,7 @@ RUN := scripts/run
 BIN := install/lib/ator_ros
 ARGS ?=
 
-.PHONY: setup demo run test test-apt-versions lint format bench reproduce clean
+.PHONY: setup demo run test test-long test-apt-versions lint format bench reproduce clean
 
 setup:
 	@scripts/setup
@@ -23,7 +23,11 @@ run: setup
 
 # In the order of the files: those that start nodes come first, as the longest of them lasts two minutes.
 test: setup
-	@$(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+	@$(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not long' $(ARGS)
+
+# What takes minutes: long soaks, permutations of faults, every documented command.
+test-long: setup
+	@$(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m long $(ARGS)
 
 # The core's tests with the versions that Ubuntu 24.04 installs with apt, in an environment of their own.
 test-apt-versions:
