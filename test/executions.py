@@ -15,12 +15,11 @@ from ator_ros.world import BallState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = TopLibrary(ROBOT)
-BOUND = frozenset({"x", "y", "yaw", "speed"})
 
 
-def chain(*steps: tuple[str, Pose]) -> TopChain:
+def chain(*steps: tuple[str, Pose], opened: frozenset[str] = frozenset()) -> TopChain:
     return TopChain(
-        tuple(TopCall(LIBRARY[top], Goal(pose, 0.0, LIBRARY[top].point), BOUND) for top, pose in steps)
+        tuple(TopCall(LIBRARY[top], Goal(pose, 0.0, LIBRARY[top].point), opened) for top, pose in steps)
     )
 
 

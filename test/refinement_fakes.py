@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose, wrap_angles
 from ator_ros.robot import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
@@ -18,9 +18,10 @@ from ator_ros.world import BallState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = TopLibrary(ROBOT)
+NOTHING: frozenset[str] = frozenset()
+ANGLE = frozenset({"yaw"})
+BOTH = frozenset({"yaw", "speed"})
 ALL = frozenset({"x", "y", "yaw", "speed"})
-ANGLE_OPEN = ALL - {"yaw"}
-BOTH_OPEN = ALL - {"yaw", "speed"}
 
 
 class FakeModel:
@@ -67,22 +68,22 @@ def world(x: float = -1.0, y: float = 0.0, yaw: float = 0.0, ball: tuple[float, 
 
 
 def call(
-    top: str, x: float, y: float, yaw: float, bound: frozenset[str] = ALL, speed: float = 0.0
+    top: str, x: float, y: float, yaw: float, opened: frozenset[str] = NOTHING, speed: float = 0.0
 ) -> TopCall:
-    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), speed, Point.HOLD), bound)
+    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), speed, LIBRARY[top].point), opened)
 
 
-def two_steps(bound: frozenset[str] = ANGLE_OPEN, yaw: float = 0.0) -> TopChain:
+def two_steps(opened: frozenset[str] = ANGLE, yaw: float = 0.0) -> TopChain:
     """Go to the ball at the origin, dribble it to (-2, 1)."""
-    return TopChain((call("goToBall", 0.0, 0.0, yaw, bound), call("dribbleBall", -2.0, 1.0, math.pi)))
+    return TopChain((call("goToBall", 0.0, 0.0, yaw, opened), call("dribbleBall", -2.0, 1.0, math.pi)))
 
 
-def three_steps(bound: frozenset[str] = ANGLE_OPEN) -> TopChain:
+def three_steps(opened: frozenset[str] = ANGLE) -> TopChain:
     """Go to the ball, dribble it to a shooting position with an open heading, shoot."""
     return TopChain(
         (
-            call("goToBall", 0.0, 0.0, 0.0, bound),
-            call("dribbleBall", 1.0, 1.5, 0.0, bound),
+            call("goToBall", 0.0, 0.0, 0.0, opened),
+            call("dribbleBall", 1.0, 1.5, 0.0, opened),
             call("shoot", 4.0, 0.0, 0.0),
         )
     )

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.experiments.trials import open_speeds, random_trial
+from ator_ros.experiments.trials import random_trial
 from ator_ros.robot import load_robot
-from ator_ros.tools.demo import opened
 from ator_ros.tools.demo_report import DemoRun, DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
 from ator_ros.tops.library import TopLibrary
@@ -55,13 +54,6 @@ def test_the_picture_is_a_png_file(tmp_path: Path) -> None:
     save_picture(file, ROBOT, [DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=8.0))])
     assert file.read_bytes().startswith(b"\x89PNG")
     assert [path.name for path in file.parent.iterdir()] == ["paths.png"]
-
-
-def test_what_the_plan_leaves_is_open() -> None:
-    calls = opened(open_speeds(TRIAL.chain)).calls
-    assert [math.isnan(call.goal.pose.yaw) for call in calls] == [True, True, False]
-    assert [math.isnan(call.goal.speed) for call in calls] == [True, True, False]
-    assert not any(math.isnan(call.goal.pose.x) for call in calls)
 
 
 def script(folder: Path, name: str, text: str) -> None:

@@ -8,15 +8,15 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from refinement_fakes import ALL, LIBRARY, ROBOT, models
+from refinement_fakes import LIBRARY, ROBOT, models
 
 from ator_ros.experience.situations import CLEARANCE, SHORTEST
 from ator_ros.experiments.execution import TIME_LIMIT, run_chain
 from ator_ros.experiments.heuristics import LinearTime, bitbots, booster, linear_terms, refit
 from ator_ros.experiments.policies import MODEL_SETS, POLICIES, Toolset
 from ator_ros.experiments.trials import (
-    ANGLE_OPEN,
     CHAINS,
+    OPEN_HEADING,
     SHOOTING_DISTANCE,
     Trial,
     open_speeds,
@@ -48,8 +48,8 @@ class TestTrials:
             drawn = trial(index, chain)
             ready = with_headings(drawn.chain, dict.fromkeys(range(len(drawn.chain.calls) - 1), 0.3))
             assert ready.violations(drawn.world, ROBOT) == []
-            assert [call.bound for call in drawn.chain.calls[:-1]] == [ANGLE_OPEN] * (len(ready.calls) - 1)
-            assert drawn.chain.calls[-1].bound == ALL
+            assert [call.open for call in drawn.chain.calls[:-1]] == [OPEN_HEADING] * (len(ready.calls) - 1)
+            assert not drawn.chain.calls[-1].open
 
     def test_keep_robot_ball_and_goal_apart(self) -> None:
         for index in range(200):
@@ -67,7 +67,7 @@ class TestTrials:
 
     def test_opened_speeds_are_those_of_intermediate_subgoals(self) -> None:
         chain = open_speeds(trial(0, "shoot").chain)
-        assert ["speed" in call.bound for call in chain.calls] == [False, False, True]
+        assert ["speed" in call.open for call in chain.calls] == [True, True, False]
 
 
 class TestPolicies:

@@ -25,7 +25,7 @@ Disturb = Callable[[PioneerSimulation, ChainExecutor, ChainStep], bool]
 
 
 def call(top: str, x: float, y: float, yaw: float = 0.0) -> TopCall:
-    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), 0.0, LIBRARY[top].point), frozenset({"x", "y"}))
+    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), 0.0, LIBRARY[top].point))
 
 
 APPROACH = TopChain((call("goToBall", 0.0, 0.0, HEADING),))

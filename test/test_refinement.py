@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from refinement_fakes import (
-    ALL,
-    ANGLE_OPEN,
-    BOTH_OPEN,
+    ANGLE,
+    BOTH,
+    NOTHING,
     ROBOT,
     SHOOT_USED,
     USED,
@@ -31,7 +31,7 @@ from ator_ros.refinement.free_variables import DOMAINS, Domain, analyse
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.objective import MEASURES, Measure, Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.chain import EVERYTHING, TopChain
 from ator_ros.world import RobotState, World
 
 
@@ -44,11 +44,11 @@ def test_only_the_angle_is_free_in_the_papers_chain() -> None:
 
 
 def test_arrival_speed_is_free_where_the_plan_leaves_it_open() -> None:
-    assert free_names(two_steps(BOTH_OPEN)) == [(0, "yaw"), (0, "speed")]
+    assert free_names(two_steps(BOTH)) == [(0, "yaw"), (0, "speed")]
 
 
 def test_variables_that_no_model_uses_are_not_free() -> None:
-    assert free_names(two_steps(BOTH_OPEN), USED - {"v", "speedg"}) == [(0, "yaw")]
+    assert free_names(two_steps(BOTH), USED - {"v", "speedg"}) == [(0, "yaw")]
 
 
 def test_a_heading_that_only_moves_the_held_ball_counts() -> None:
@@ -61,22 +61,98 @@ def test_free_variables_of_every_subgoal_of_a_longer_chain() -> None:
 
 
 def test_last_subgoal_is_refined_where_the_plan_leaves_it_open() -> None:
-    chain = TopChain((call("goToBall", 0.0, 0.0, 0.5, ANGLE_OPEN),))
+    chain = TopChain((call("goToBall", 0.0, 0.0, 0.5, ANGLE),))
     result = Refiner(ROBOT, models()).refine(world(), chain)
     assert result.refined
     assert result.chain.calls[0].goal.pose.yaw == pytest.approx(0.0, abs=math.radians(5))
 
 
-def test_nothing_free_leaves_the_chain_and_says_why() -> None:
-    chain = two_steps(ALL)
-    result = Refiner(ROBOT, models()).refine(world(), chain)
-    assert result.chain is chain
+@pytest.mark.parametrize("placeholders", [False, True])
+def test_nothing_open_leaves_the_chain_and_predicts_it(placeholders: bool) -> None:
+    chain = two_steps(NOTHING)
+    result = Refiner(ROBOT, models()).refine(world(), chain, placeholders=placeholders)
+    assert result.chain is result.original is result.best is chain
     assert not result.refined
-    assert "nothing is free" in result.reason
-    assert "yaw of subgoal 1 (goToBall) is bound by the plan" in result.reason
+    assert result.reason == "nothing is open: the plan commits to every goal variable"
+    compared = Refiner(ROBOT, models()).refine(world(), two_steps())
+    assert result.before == result.after == compared.before
+    assert [action["duration"] > 0.0 for action in result.before.actions] == [True, True]
 
 
-@pytest.mark.parametrize("chain", [two_steps(), two_steps(BOTH_OPEN), three_steps(), three_steps(BOTH_OPEN)])
+def test_nothing_free_names_what_binds_it() -> None:
+    result = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({"x"})))
+    assert not result.refined
+    assert result.reason == (
+        "nothing is free: x of subgoal 1 (goToBall) is bound by the pre-condition of step 1 (goToBall): "
+        "ball.x near goal.x"
+    )
+    assert math.isfinite(result.before.duration)
+
+
+def test_an_opening_that_a_condition_overrides_is_told_beside_the_gain() -> None:
+    named = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({"x", "yaw"}), yaw=2.0))
+    assert named.refined
+    assert "; not free: x of subgoal 1 (goToBall) is bound by the pre-condition" in named.reason
+    assert [(each.subgoal, each.name) for each in named.not_free] == [(0, "x")]
+    everything = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({EVERYTHING}), yaw=2.0))
+    assert [(each.subgoal, each.name) for each in everything.not_free] == [(0, "x"), (0, "y")]
+    assert [(each.subgoal, each.name) for each in everything.free] == [(0, "yaw"), (0, "speed")]
+    assert "not free" not in everything.reason
+
+
+@pytest.mark.parametrize("top", ["goToBall", "dribbleBall", "goToPose"])
+def test_a_last_goal_is_changed_where_it_is_open_and_nowhere_else(top: str) -> None:
+    before = (call("goToBall", 0.0, 0.0, 0.0),) if top == "dribbleBall" else ()
+    place = (0.0, 0.0) if top == "goToBall" else (1.0, 1.0)
+    for opened in (NOTHING, ANGLE, frozenset({"speed"}), BOTH):
+        chain = TopChain((*before, call(top, *place, 2.5, opened)))
+        last = Refiner(ROBOT, models()).refine(world(), chain, placeholders=True).chain.calls[-1].goal
+        assert last.pose[:2] == place
+        assert (last.pose.yaw == 2.5) == ("yaw" not in opened)
+        assert (last.speed == 0.0) == ("speed" not in opened)
+
+
+class TestWithoutAModel:
+    """A step without a model does not keep the others from being refined."""
+
+    def chain(self) -> TopChain:
+        """Return four steps, of which the third has no model; all intermediate headings are open."""
+        top = dataclasses.replace(call("dribbleBall", 0.0, 0.0, 0.0).top, name="pushBall", action="push")
+        first, last = two_steps(yaw=2.0).calls
+        between = dataclasses.replace(last, open=ANGLE)
+        pushed = dataclasses.replace(call("dribbleBall", 1.0, 1.0, 0.3, ANGLE), top=top)
+        return TopChain((first, between, pushed, call("dribbleBall", 2.0, 0.0, 0.0, ANGLE)))
+
+    def test_the_others_are_refined(self) -> None:
+        chain = self.chain()
+        result = Refiner(ROBOT, models()).refine(world(), chain)
+        assert result.refined
+        assert [(each.subgoal, each.name) for each in result.free] == [(0, "yaw"), (3, "yaw")]
+        assert result.chain.calls[1:3] == chain.calls[1:3]
+        assert result.without_model == (2,)
+        assert "no performance model for step 3 (push): neither predicted nor counted" in result.reason
+
+    def test_what_may_change_its_time_is_not_free(self) -> None:
+        reasons = {each.subgoal: each.reason for each in analyse(self.chain(), models(), ROBOT).not_free}
+        told = "of unknown effect: step 3 (push), which it may change, has no model"
+        assert reasons == {1: told, 2: told}
+
+    def test_its_prediction_is_missing_and_costs_nothing(self) -> None:
+        result = Refiner(ROBOT, models()).refine(world(), self.chain())
+        assert [bool(action) for action in result.before.actions] == [True, True, False, True]
+        counted = [action["duration"] for action in result.before.actions if action]
+        assert result.before.cost == pytest.approx(sum(counted))
+        assert math.isnan(result.before.duration)
+
+    def test_no_model_at_all_changes_nothing(self) -> None:
+        result = Refiner(ROBOT, {}).refine(world(), two_steps())
+        assert not result.refined
+        assert result.without_model == (0, 1)
+        assert result.reason.startswith("nothing is free: yaw of subgoal 1 (goToBall) is of unknown effect: ")
+        assert result.before.cost == 0.0
+
+
+@pytest.mark.parametrize("chain", [two_steps(), two_steps(BOTH), three_steps(), three_steps(BOTH)])
 def test_refined_chain_costs_what_was_predicted_and_less(chain: TopChain) -> None:
     refiner = Refiner(ROBOT, models())
     result = refiner.refine(world(), chain)
@@ -100,18 +176,26 @@ def test_committed_variables_stay_as_they_are() -> None:
 
 
 def test_naive_is_fastest_for_the_first_action_alone() -> None:
-    chain = Refiner(ROBOT, models()).naive(world(), two_steps(BOTH_OPEN))
+    chain = Refiner(ROBOT, models()).naive(world(), two_steps(BOTH))
     assert wrap_angle(chain.calls[0].goal.pose.yaw) == pytest.approx(0.0, abs=math.radians(5))
     assert chain.calls[0].goal.speed == 0.0
 
 
 def test_open_variables_are_compared_with_the_naive_chain() -> None:
     refiner = Refiner(ROBOT, models())
-    chain = two_steps()
-    opened = chain.with_goal(0, Goal(Pose(0.0, 0.0, math.nan), 0.0, Point.HOLD))
-    result = refiner.refine(world(), opened)
-    expected = refiner.refine(world(), refiner.naive(world(), chain))
-    assert (result.chain, result.before, result.reason) == (expected.chain, expected.before, expected.reason)
+    results = [refiner.refine(world(), two_steps(yaw=yaw), placeholders=True) for yaw in (0.0, 2.0)]
+    expected = refiner.refine(world(), refiner.naive(world(), two_steps()))
+    for result in results:
+        assert result.original == expected.original
+        assert (result.chain, result.before) == (expected.chain, expected.before)
+        assert result.reason == expected.reason
+
+
+def test_a_heading_that_its_own_action_does_not_feel_has_no_naive_value() -> None:
+    blind = models() | {"goToPose": FakeModel(lambda d: np.hypot(d["xg"] - d["x"], d["yg"]), USED - {"yawg"})}
+    refiner = Refiner(ROBOT, blind)
+    assert refiner.naive(world(), two_steps(yaw=1.2)) == two_steps(yaw=1.2)
+    assert refiner.refine(world(), two_steps(yaw=1.2), placeholders=True).refined
 
 
 def test_same_request_gives_the_same_bits() -> None:
@@ -130,8 +214,8 @@ def test_gate_leaves_the_chain_alone_and_says_why() -> None:
 
 def test_weight_on_success_lowers_the_arrival_speed() -> None:
     refiner = Refiner(ROBOT, models())
-    fast = refiner.refine(world(), two_steps(BOTH_OPEN), Objective({"duration": 1.0}))
-    safe = refiner.refine(world(), two_steps(BOTH_OPEN), Objective({"duration": 1.0, "success": 20.0}))
+    fast = refiner.refine(world(), two_steps(BOTH), Objective({"duration": 1.0}))
+    safe = refiner.refine(world(), two_steps(BOTH), Objective({"duration": 1.0, "success": 20.0}))
     assert fast.chain.calls[0].goal.speed > 0.3
     assert safe.chain.calls[0].goal.speed == 0.0
 
@@ -154,9 +238,7 @@ def test_numbers_that_are_not_finite_are_refused(value: float) -> None:
         refiner.refine(World(0.0, RobotState(Pose(0.0, value, 0.0))), two_steps())
 
 
-def test_unknown_actions_and_absurd_lengths_are_refused() -> None:
-    with pytest.raises(RefinementError, match="performance model"):
-        Refiner(ROBOT, {}).refine(world(), two_steps())
+def test_absurd_lengths_are_refused() -> None:
     with pytest.raises(
         RefinementError, match=f"expected 1 to {LONGEST_CHAIN} actions, got {LONGEST_CHAIN + 2}"
     ):
@@ -214,7 +296,7 @@ class TestFromOutside:
 
         domains = {**DOMAINS, "spin": lambda *_: Domain(-1.0, 1.0, 9)}
         learned = models() | {"goToPose": FakeModel(spinning, USED | {"sping"})}  # type: ignore[arg-type]
-        chain = two_steps(ANGLE_OPEN).with_goal(0, SpinGoal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD))
+        chain = two_steps(ANGLE | {"spin"}).with_goal(0, SpinGoal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD))
         result = Refiner(ROBOT, learned, domains=domains).refine(world(), chain)
         assert [variable.name for variable in result.free] == ["yaw", "spin"]
         goal = result.chain.calls[0].goal

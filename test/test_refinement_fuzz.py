@@ -6,7 +6,7 @@ import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from refinement_fakes import ALL, LIBRARY, ROBOT, models
+from refinement_fakes import ALL, ANGLE, LIBRARY, NOTHING, ROBOT, models
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
@@ -50,7 +50,7 @@ def test_requests_end_in_an_answer_or_an_error_of_ours(
         return
     assert refinement.reason
     for old, new in zip(chain.calls, refinement.chain.calls, strict=True):
-        kept = {"x", "y", "yaw", "speed"} & old.bound
+        kept = ALL - old.open
         before = {**old.goal.pose._asdict(), "speed": old.goal.speed}
         after = {**new.goal.pose._asdict(), "speed": new.goal.speed}
         assert {name: before[name] for name in kept} == {name: after[name] for name in kept}
@@ -64,11 +64,11 @@ def test_answers_do_not_depend_on_where_the_origin_is(x: float, y: float, yaw: f
 
     def refined(origin: Pose) -> float:
         here = [origin.compose(pose) for pose in (start, ball, goal)]
-        bound = [ALL - {"yaw"}, ALL]
+        opened = [ANGLE, NOTHING]
         tops = (LIBRARY["goToBall"], LIBRARY["dribbleBall"])
         calls = [
             TopCall(top, Goal(pose, 0.0, Point.HOLD), names)
-            for top, pose, names in zip(tops, here[1:], bound, strict=True)
+            for top, pose, names in zip(tops, here[1:], opened, strict=True)
         ]
         result = REFINER.refine(World(0.0, RobotState(here[0])), TopChain(tuple(calls)))
         assert result.after is not None

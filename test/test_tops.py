@@ -23,7 +23,7 @@ START = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
 
 
 def call(top: str, x: float, y: float, yaw: float = 0.0, speed: float = 0.0) -> TopCall:
-    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), speed, LIBRARY[top].point), frozenset({"x", "y"}))
+    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), speed, LIBRARY[top].point))
 
 
 PLAN = TopChain((call("goToBall", 0.0, 0.0), call("dribbleBall", 2.0, 0.5, 0.3), call("shoot", 4.0, 0.0)))
@@ -62,9 +62,9 @@ def test_an_invalid_chain_is_refused_in_words(chain: TopChain, told: str) -> Non
         chain.check(START, ROBOT)
 
 
-def test_conditions_know_what_they_bind_and_wrap_angles() -> None:
+def test_conditions_know_what_they_name_and_wrap_angles() -> None:
     condition = Condition((Term("robot.yaw", "goal.yaw", 0.1), Term("ball.vx", 0.0, 0.2)))
-    assert condition.bound() == {"yaw"}
+    assert condition.goal_names() == {"yaw"}
     state = {"robot.yaw": math.pi - 0.01, "ball.vx": 0.1}
     assert condition.violations(state, {"yaw": -math.pi + 0.01}) == []
     assert len(condition.violations(state, {"yaw": 0.0})) == 1
@@ -75,7 +75,7 @@ def test_a_condition_takes_whole_numbers() -> None:
     condition = Condition((Term("ball.x", 1, 0.2),))
     assert condition.violations({"ball.x": 1.1}, {}) == []
     assert condition.apply({"ball.x": 3.0}, {}) == {"ball.x": 1}
-    assert not condition.bound()
+    assert not condition.goal_names()
 
 
 def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
@@ -122,7 +122,7 @@ class Wait(Action):
 def test_a_new_action_joins_from_outside() -> None:
     top = Top("wait", "wait", Condition(), Condition(), Point.AXLE)
     library = TopLibrary(ROBOT, tops=(*TOPS, top), actions={"wait": Wait})
-    executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0, 0, 0)), frozenset()),)))
+    executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0, 0, 0))),)))
     assert executor.step(START).status is Status.RUNNING
     later = World(0.05, START.robot, START.ball)
     assert executor.step(later).status is Status.SUCCEEDED

@@ -15,7 +15,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.experiments.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure, save_svg
 from ator_ros.experiments.policies import Models
 from ator_ros.experiments.toolset import ToolsetSource, make_library, make_toolset
-from ator_ros.experiments.trials import ANGLE_OPEN, COMMITTED
+from ator_ros.experiments.trials import OPEN_HEADING
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.refinement.chain_model import ChainModel
 from ator_ros.refinement.free_variables import analyse
@@ -38,8 +38,8 @@ def example(library: TopLibrary) -> tuple[World, TopChain]:
     first, second = library["goToBall"], library["dribbleBall"]
     return world, TopChain(
         (
-            TopCall(first, Goal(BALL, 0.0, first.point), ANGLE_OPEN),
-            TopCall(second, Goal(GOAL, 0.0, second.point), COMMITTED),
+            TopCall(first, Goal(BALL, 0.0, first.point), OPEN_HEADING),
+            TopCall(second, Goal(GOAL, 0.0, second.point)),
         )
     )
 

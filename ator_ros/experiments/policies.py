@@ -102,9 +102,9 @@ def refining(models: str = "learned", *, gated: bool = False, speed: bool = Fals
 
 
 def _reopened(chain: TopChain, plan: TopChain) -> TopChain:
-    """Give the goals of `chain` with the commitments of `plan`."""
+    """Return the goals of `chain` with what `plan` leaves open."""
     pairs = zip(chain.calls, plan.calls, strict=True)
-    return TopChain(tuple(dataclasses.replace(call, bound=planned.bound) for call, planned in pairs))
+    return TopChain(tuple(dataclasses.replace(call, open=planned.open) for call, planned in pairs))
 
 
 MODEL_SETS = (

@@ -18,8 +18,7 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import BallState, RobotState, World
 
-COMMITTED = frozenset({"x", "y", "yaw", "speed"})
-ANGLE_OPEN = COMMITTED - {"yaw"}
+OPEN_HEADING = frozenset({"yaw"})
 SHOOTING_DISTANCE = (1.2, 2.0)
 """Range in m of a shooting position's distance from the middle of the goal line."""
 SHOOTING_BEARING = math.radians(50.0)
@@ -75,9 +74,7 @@ def _dribble(ball: Pose, robot: Robot, library: TopLibrary, rng: np.random.Gener
     goal = random_pose(robot, rng)
     while goal.distance(ball) < SHORTEST:
         goal = random_pose(robot, rng)
-    return TopChain(
-        (_call(library, "goToBall", ball, ANGLE_OPEN), _call(library, "dribbleBall", goal, COMMITTED))
-    )
+    return TopChain((_call(library, "goToBall", ball, OPEN_HEADING), _call(library, "dribbleBall", goal)))
 
 
 def _shoot(ball: Pose, robot: Robot, library: TopLibrary, rng: np.random.Generator) -> TopChain:
@@ -88,15 +85,15 @@ def _shoot(ball: Pose, robot: Robot, library: TopLibrary, rng: np.random.Generat
         position = Pose(x - distance * math.cos(bearing), y + distance * math.sin(bearing), -bearing)
     return TopChain(
         (
-            _call(library, "goToBall", ball, ANGLE_OPEN),
-            _call(library, "dribbleBall", position, ANGLE_OPEN),
-            _call(library, "shoot", Pose(x, y, 0.0), COMMITTED),
+            _call(library, "goToBall", ball, OPEN_HEADING),
+            _call(library, "dribbleBall", position, OPEN_HEADING),
+            _call(library, "shoot", Pose(x, y, 0.0)),
         )
     )
 
 
-def _call(library: TopLibrary, top: str, pose: Pose, bound: frozenset[str]) -> TopCall:
-    return TopCall(library[top], Goal(pose, 0.0, library[top].point), bound)
+def _call(library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = frozenset()) -> TopCall:
+    return TopCall(library[top], Goal(pose, 0.0, library[top].point), opened)
 
 
 #: "dribble" is the chain of the paper's Table 1, "shoot" that of its Figure 1.
@@ -106,17 +103,17 @@ CHAINS: Mapping[str, Callable[[Pose, Robot, TopLibrary, np.random.Generator], To
 
 
 def open_speeds(chain: TopChain) -> TopChain:
-    """Give the chain with the arrival speeds at its intermediate subgoals left open too."""
+    """Return the chain with the arrival speeds at its intermediate subgoals left open too."""
     *intermediate, last = chain.calls
-    opened = (dataclasses.replace(call, bound=call.bound - {"speed"}) for call in intermediate)
+    opened = (dataclasses.replace(call, open=call.open | {"speed"}) for call in intermediate)
     return TopChain((*opened, last))
 
 
 def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:
-    """Give the chain with headings (rad) at some subgoals replaced and committed to."""
+    """Return the chain with headings (rad) at some subgoals replaced and committed to."""
     calls = list(chain.calls)
     for index, yaw in headings.items():
         call = calls[index]
         goal = dataclasses.replace(call.goal, pose=call.goal.pose._replace(yaw=float(yaw)))
-        calls[index] = dataclasses.replace(call, goal=goal, bound=call.bound | {"yaw"})
+        calls[index] = dataclasses.replace(call, goal=goal, open=call.open - {"yaw"})
     return TopChain(tuple(calls))

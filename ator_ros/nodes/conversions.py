@@ -6,7 +6,7 @@ Every function that reads a message raises MessageError, with `where` naming the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -20,10 +20,9 @@ from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes import checks
 from ator_ros.nodes.checks import MessageError
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import FreeVariable, goal_values, with_values
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
 from ator_ros.world import BallState, Command, RobotState, World
@@ -170,7 +169,7 @@ def action_set_from(chain: msg.TopChain, *, allowed: Mapping[str, Any], where: s
 
 
 def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: str = "chain") -> TopChain:
-    """Read a chain, with the values that the message has for open variables.
+    """Read a chain.
 
     Parameters
     ----------
@@ -184,18 +183,6 @@ def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: s
     return TopChain(tuple(calls))
 
 
-def opened(chain: TopChain, message: msg.TopChain, free: Iterable[FreeVariable]) -> TopChain:
-    """Give `chain`, read from `message`, with its open variables NaN, as refinement wants them.
-
-    Those that are not among `free` keep their values: nothing could choose a better one.
-    """
-    for variable in free:
-        if variable.name in message.calls[variable.subgoal].open:
-            goal = with_values(chain.calls[variable.subgoal].goal, {variable.name: math.nan})
-            chain = chain.with_goal(variable.subgoal, goal)
-    return chain
-
-
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:
     if call.top not in library:
         raise MessageError(f"{where}.top: expected one of {sorted(library)}, got {call.top!r}")
@@ -203,25 +190,20 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     top = library[call.top]
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=checks.FASTEST, unit="m/s")
     goal = Goal(pose_from(call.goal.pose, f"{where}.goal.pose"), speed, top.point)
-    bound = checks.names(call.bound, f"{where}.bound", allowed=GOAL_VARIABLES)
-    unbound = sorted(set(GOAL_VARIABLES) - bound)
-    checks.names(call.open, f"{where}.open, of what is not in bound", allowed=unbound)
-    return TopCall(top, goal, bound)
+    opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, EVERYTHING))
+    return TopCall(top, goal, opened)
 
 
 def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
-    """Write a chain; goal variables that are NaN are listed as open."""
+    """Write a chain."""
     return msg.TopChain(calls=[call_of(call, frame=frame) for call in chain.calls], action_set=action_set)
 
 
 def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
     """Write one step of a chain."""
-    values = goal_values(call.goal)
-    unknown = [name for name, value in values.items() if math.isnan(value)]
-    goal = with_values(call.goal, dict.fromkeys(unknown, 0.0))
-    message = msg.TopCall(top=call.top.name, speed=float(goal.speed), bound=sorted(call.bound), open=unknown)
+    message = msg.TopCall(top=call.top.name, speed=float(call.goal.speed), open=sorted(call.open))
     message.goal.header.frame_id = frame
-    message.goal.pose = pose_of(goal.pose)
+    message.goal.pose = pose_of(call.goal.pose)
     return message
 
 

@@ -149,6 +149,7 @@ class GoalRun:
         if self.execution.phase is not Phase.REFINING:  # the chain has changed since it came
             action_set = self._library.action_set
             request.chain = conversions.chain_of(question.chain, action_set=action_set, frame=self._frame)
+            request.as_given = True  # to be better than what is driven
         request.situation = conversions.situation_of(question.world, frame=self._frame)
         self._asked, self._request = question, self._refinement.call_async(request)
         self._request.add_done_callback(functools.partial(self._take_answer, question))

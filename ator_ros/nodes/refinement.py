@@ -137,14 +137,15 @@ def refinement_of(
     Raises
     ------
     MessageError, RefinementError
-        It cannot be read, or not be evaluated.
+        It cannot be read, or not be evaluated: the chain is no valid plan from its situation.
     """
     world = conversions.world_from(request.situation, frame=frame)
     chain = conversions.chain_from(request.chain, library, frame=frame)
     objective = conversions.objective_from(request.objective)
-    if any(call.open for call in request.chain.calls):  # else one analysis, that of `refine`, will do
-        chain = conversions.opened(chain, request.chain, refiner.analyse(world, chain).free)
-    return refiner.refine(world, chain, objective)
+    violations = chain.violations(world, library.robot)
+    if violations:
+        raise RefinementError(f"no valid plan: expected none of these: {'; '.join(violations)}")
+    return refiner.refine(world, chain, objective, placeholders=not request.as_given)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -10,7 +10,7 @@ from geometry_msgs.msg import Point as PointMessage
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ator_interfaces.msg import FreeVariable, Performance, SearchCurve
+from ator_interfaces.msg import FreeVariable, NotFree, Performance, SearchCurve
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
@@ -38,12 +38,14 @@ def answer_of(
         chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
         original=chain_of(refinement.original, action_set=action_set, frame=frame),
         free=_free_variables(refinement),
+        not_free=[NotFree(subgoal=n.subgoal, name=n.name, reason=n.reason) for n in refinement.not_free],
+        without_model=list(refinement.without_model),
         before=chain_performance_of(before),
         after=chain_performance_of(after),
         before_actions=_actions(before),
         after_actions=_actions(after),
-        cost_before=math.nan if before is None else before.cost,
-        cost_after=math.nan if after is None else after.cost,
+        cost_before=before.cost,
+        cost_after=after.cost,
         curves=[_curve(curve) for curve in refinement.curves] if want_curve else [],
     )
 
@@ -67,12 +69,12 @@ def chain_performance_of(prediction: ChainPrediction | None) -> Performance:
     if prediction is None:
         return performance_of()
     success = math.prod(action.get("success", math.nan) for action in prediction.actions)
-    values = {"duration": prediction.duration, "spread": prediction.spread, "success": success}
-    return performance_of(values)
+    spread = prediction.spread if math.isfinite(prediction.duration) else math.nan
+    return performance_of({"duration": prediction.duration, "spread": spread, "success": success})
 
 
-def _actions(prediction: ChainPrediction | None) -> list[Performance]:
-    return [] if prediction is None else [performance_of(action) for action in prediction.actions]
+def _actions(prediction: ChainPrediction) -> list[Performance]:
+    return [performance_of(action) for action in prediction.actions]
 
 
 def _free_variables(refinement: Refinement) -> list[FreeVariable]:

@@ -14,7 +14,7 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import BallState, RobotState, World
 
-COMMITTED = frozenset({"x", "y", "yaw", "speed"})
+OPEN = frozenset({"yaw", "speed"})
 AWAY = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0)), BallState(0.0, 0.0))
 
 
@@ -23,8 +23,8 @@ def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
     if not {"goToBall", "dribbleBall"} <= set(library):
         return
     calls = (
-        TopCall(library["goToBall"], Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD), frozenset({"x", "y"})),
-        TopCall(library["dribbleBall"], Goal(Pose(2.0, 1.0, 0.0), 0.0, Point.HOLD), COMMITTED),
+        TopCall(library["goToBall"], Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD), OPEN),
+        TopCall(library["dribbleBall"], Goal(Pose(2.0, 1.0, 0.0), 0.0, Point.HOLD)),
     )
     with contextlib.suppress(RefinementError):  # then the first request says why
         refiner.refine(AWAY, TopChain(calls))
@@ -39,7 +39,7 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     for top in library.values():
         held = any(term.variable == "hold.x" for term in top.pre.terms)
         world, goal = (holding, Pose(x, y, 0.0)) if held else (AWAY, Pose(0.0, 0.0, 0.0))
-        call = TopCall(top, Goal(goal, 0.0, top.point), frozenset())
+        call = TopCall(top, Goal(goal, 0.0, top.point))
         try:
             library.action(top).start(world, call.goal)
         except ActionError:

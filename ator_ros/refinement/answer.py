@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_model import ChainPrediction
-from ator_ros.refinement.free_variables import FreeVariable
+from ator_ros.refinement.free_variables import FreeVariable, NotFree
 from ator_ros.tops.chain import TopChain
+
+_MOST_TOLD = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +48,16 @@ class Refinement:
     reason : str
         Why the chain was refined or left alone.
     original, best : TopChain
-        The chain compared with, which is the chain of the request with its open variables filled in, and the
-        best chain found.
+        The chain compared with, which is the chain of the request, its placeholders filled in, and the best
+        chain found.
+    before, after : ChainPrediction
+        Predictions for `original` and for `best`.
     free : tuple of FreeVariable
         The variables that were free.
-    before, after : ChainPrediction or None
-        Predictions for the chain of the request and for the best one found; None where nothing was free.
+    not_free : tuple of NotFree
+        The variables that the plan opens and that were not free, with the reasons.
+    without_model : tuple of int
+        The steps (from 0) whose action has no performance model.
     curves : tuple of SubgoalCurve
         What was searched.
     """
@@ -60,7 +67,47 @@ class Refinement:
     reason: str
     original: TopChain
     best: TopChain
+    before: ChainPrediction
+    after: ChainPrediction
     free: tuple[FreeVariable, ...] = ()
-    before: ChainPrediction | None = None
-    after: ChainPrediction | None = None
+    not_free: tuple[NotFree, ...] = ()
+    without_model: tuple[int, ...] = ()
     curves: tuple[SubgoalCurve, ...] = ()
+
+
+def why_nothing_free(chain: TopChain, not_free: Sequence[NotFree]) -> str:
+    """Return why nothing of a chain can be refined, in words."""
+    if not any(call.open for call in chain.calls):
+        return "nothing is open: the plan commits to every goal variable"
+    return f"nothing is free: {_told(chain, not_free)}"
+
+
+def remarks(chain: TopChain, not_free: Sequence[NotFree], without_model: Sequence[int]) -> str:
+    """Return what is to be said beside the gate's reason; empty, or it begins with a semicolon.
+
+    What "*" opened is told in `Refinement.not_free` alone: nobody expects all of it to be free.
+    """
+    said = ""
+    named = [each for each in not_free if each.name in chain.calls[each.subgoal].open]
+    if named:
+        said += f"; not free: {_told(chain, named)}"
+    if without_model:
+        steps = _listed([f"step {step + 1} ({chain.calls[step].top.action})" for step in without_model])
+        said += f"; no performance model for {steps}: neither predicted nor counted"
+    return said
+
+
+def _told(chain: TopChain, not_free: Sequence[NotFree]) -> str:
+    tops = [chain.calls[each.subgoal].top.name for each in not_free]
+    return _listed(
+        [
+            f"{each.name} of subgoal {each.subgoal + 1} ({top}) is {each.reason}"
+            for each, top in zip(not_free, tops, strict=True)
+        ]
+    )
+
+
+def _listed(items: Sequence[str]) -> str:
+    """Join a few items; of many, the first ones and how many more there are."""
+    more = len(items) - _MOST_TOLD
+    return "; ".join(items[:_MOST_TOLD]) + (f"; and {more} more" if more > 0 else "")

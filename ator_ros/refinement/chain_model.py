@@ -32,9 +32,10 @@ class ChainPrediction:
     ----------
     actions : tuple of mapping
         For each action the predicted fields: duration (s), spread (s), success (probability), accuracy (m),
-        and what else the objective needs; a field that the model does not predict is left out.
+        and what else the objective needs; a field that the model does not predict is left out, and all are
+        for an action without a model.
     cost : float
-        The objective summed over the actions.
+        The objective summed over the actions that have a model.
     """
 
     actions: tuple[Mapping[str, float], ...]
@@ -42,7 +43,7 @@ class ChainPrediction:
 
     @property
     def duration(self) -> float:
-        """Sum of the durations in s."""
+        """Sum of the durations in s; NaN where an action has no model."""
         return sum(action.get("duration", math.nan) for action in self.actions)
 
     @property
@@ -68,7 +69,7 @@ class ChainModel:
     world, chain, robot
         The request.
     models : mapping
-        Action name to performance model.
+        Action name to performance model; a step without one costs nothing.
     free : sequence of FreeVariable
         The variables that candidates give, in the order of each subgoal.
     objective : Objective
@@ -95,7 +96,7 @@ class ChainModel:
         ]
         self._start = start_columns(world)
         self._calls = chain.calls
-        self._models = [models[call.top.action] for call in chain.calls]
+        self._models = [models.get(call.top.action) for call in chain.calls]
         self._robot = robot
         self._objective = objective
         self._fields = tuple(dict.fromkeys(REPORTED + objective.needs))
@@ -103,25 +104,38 @@ class ChainModel:
         self._memory: Memory = {} if memory is None else memory
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Give the cost of one action, shape (n,), as `ator_ros.refinement.search.StepCost` says."""
-        prediction = self._predict(index, before, after)
+        """Return the cost of one action, shape (n,), as `ator_ros.refinement.search.StepCost` says."""
+        model = self._models[index]
+        if model is None:
+            return np.zeros(1)
+        prediction = self._predict(index, model, before, after)
         cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
         self._searched[index].append(_Searched(before, after, prediction, cost))
         return cost
 
     def predict(self, chain: Sequence[FloatArray]) -> ChainPrediction:
-        """Give the prediction for a chain whose subgoals have these free values, each of shape (k,).
+        """Return the prediction for a chain whose subgoals have these free values, each of shape (k,).
 
         Its cost is infinite where that of a step is no number.
         """
         previous, actions, cost = np.zeros(0), [], 0.0
         for index, values in enumerate(chain):
-            searched, row = self._known(index, previous, values)
-            named = {name: getattr(searched.prediction, name, None) for name in self._fields}
-            actions.append({name: _row(column, row) for name, column in named.items() if column is not None})
-            cost += _row(searched.cost, row)
+            action, step_cost = self._predict_one(index, previous, values)
+            actions.append(action)
+            cost += step_cost
             previous = values
         return ChainPrediction(tuple(actions), cost)
+
+    def _predict_one(
+        self, index: int, before: FloatArray, after: FloatArray
+    ) -> tuple[Mapping[str, float], float]:
+        """Return the predicted fields of one action and its cost, for one candidate on both sides."""
+        if self._models[index] is None:
+            return {}, 0.0
+        searched, row = self._known(index, before, after)
+        named = {name: getattr(searched.prediction, name, None) for name in self._fields}
+        fields = {name: _row(column, row) for name, column in named.items() if column is not None}
+        return fields, _row(searched.cost, row)
 
     def _known(self, index: int, before: FloatArray, after: FloatArray) -> tuple[_Searched, int]:
         """Give what holds one candidate, and its row there: what was searched is not predicted again."""
@@ -133,7 +147,7 @@ class ChainModel:
         self.step_cost(index, before[None, :], after[None, :])
         return self._searched[index][-1], 0
 
-    def _predict(self, index: int, before: FloatArray, after: FloatArray) -> Any:
+    def _predict(self, index: int, model: PerformanceModel, before: FloatArray, after: FloatArray) -> Any:
         start = self._start
         if index:
             previous = self._calls[index - 1].goal
@@ -143,7 +157,7 @@ class ChainModel:
         direct = direct_columns(start, goal_columns(goal, self.names[index], after), goal.point)
         key = (self._calls[index].top.action, self._fields, *map(_hashable, direct.values()))
         if key not in self._memory:
-            self._memory[key] = self._checked(index, self._models[index].predict(direct, self._fields))
+            self._memory[key] = self._checked(index, model.predict(direct, self._fields))
         return self._memory[key]
 
     def _checked(self, index: int, prediction: Any) -> Any:

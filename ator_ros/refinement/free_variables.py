@@ -1,7 +1,7 @@
 """Which variables of a chain's subgoals are free (paper, section 4.2): computed, not listed.
 
-A goal variable is free when the plan does not commit to it, no condition of its TOP or of the next one binds
-it, and the performance model of a neighbouring action uses a direct variable that it changes.
+A goal variable is free when the plan opens it, no condition binds it, every action whose performance it may
+change has a performance model, and one of these models uses a direct variable that it changes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from typing import Any, Protocol
 from ator_ros.actions.base import Goal, Point
 from ator_ros.experience.situations import ARRIVAL_SPEED
 from ator_ros.robot import Robot
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.bindings import bindings
+from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 
 
 class PerformanceModel(Protocol):
@@ -53,6 +54,11 @@ class Domain:
     periodic: bool = False
     rest: float | None = None
 
+    def contains(self, value: float) -> bool:
+        """Return whether the variable may take `value`, to rounding; an angle may take any finite one."""
+        slack = 1e-9 * (self.high - self.low)
+        return math.isfinite(value) and (self.periodic or self.low - slack <= value <= self.high + slack)
+
 
 def _speed_domain(robot: Robot, goal: Goal) -> Domain:
     limits = robot.dribble_limits if goal.point is Point.HOLD else robot.limits
@@ -81,11 +87,20 @@ class FreeVariable:
 
 
 @dataclass(frozen=True, slots=True)
+class NotFree:
+    """A variable that the plan opens and that is not free: subgoal (from 0), name, and why."""
+
+    subgoal: int
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Analysis:
-    """The free variables of a chain, and why each other one is not free, as sentences."""
+    """The free variables of a chain, and those that the plan opens and that are not free."""
 
     free: tuple[FreeVariable, ...]
-    reasons: tuple[str, ...]
+    not_free: tuple[NotFree, ...]
 
 
 def goal_values(goal: Goal) -> dict[str, float]:
@@ -134,39 +149,57 @@ def analyse(
     chain : TopChain
         The chain, of any length.
     models : mapping
-        Action name to performance model, one for each action of the chain.
+        Action name to performance model; an action may lack one.
     robot : Robot
         Sizes and limits that bound the domains.
     domains : mapping, optional
         Goal variable to its domain; variables without one are never free.
     """
     free: list[FreeVariable] = []
-    reasons: list[str] = []
+    not_free: list[NotFree] = []
+    bound = bindings(tuple(call.top for call in chain.calls))
     for index, call in enumerate(chain.calls):
-        for name in goal_values(call.goal):
-            reason = _why_not_free(chain, index, name, models)
+        for name in _opened(call):
+            reason = _why_closed(call, name) or bound.get((index, name))
             if reason is None and name not in domains:
-                reason = "has no domain"
+                reason = "without a domain"
+            if reason is None:
+                reason = _why_unknown(chain, index, name, models)
             if reason is None:
                 free.append(FreeVariable(index, name, domains[name](robot, call.goal)))
             else:
-                reasons.append(f"{name} of subgoal {index + 1} ({call.top.name}) {reason}")
-    return Analysis(tuple(free), tuple(reasons))
+                not_free.append(NotFree(index, name, reason))
+    return Analysis(tuple(free), tuple(not_free))
 
 
-def _why_not_free(
+def _opened(call: TopCall) -> list[str]:
+    """Return what a call opens or means to open, in the order of its goal's variables."""
+    names = list(goal_values(call.goal))
+    opened = names if EVERYTHING in call.open else [name for name in names if name in call.open]
+    return opened + sorted(call.open - {EVERYTHING, *names})
+
+
+def _why_closed(call: TopCall, name: str) -> str | None:
+    """Return why an opening does not count, whatever the conditions of other steps say."""
+    if name not in goal_values(call.goal):
+        return f"no goal variable, expected one of {', '.join(goal_values(call.goal))}"
+    if call.opens(name):
+        return None
+    return f'named by the post-condition of {call.top.name}: "{EVERYTHING}" leaves it, its own name opens it'
+
+
+def _why_unknown(
     chain: TopChain, index: int, name: str, models: Mapping[str, PerformanceModel]
 ) -> str | None:
-    call = chain.calls[index]
-    following = chain.calls[index + 1] if index + 1 < len(chain.calls) else None
-    if name in call.bound:
-        return "is bound by the plan"
-    if name in call.top.post.bound():
-        return f"is bound by the post-condition of {call.top.name}"
-    if following is not None and name in following.top.pre.bound():
-        return f"is bound by the pre-condition of {following.top.name}"
-    used = goal_variable(name) in models[call.top.action].used_variables
-    if following is not None:
-        changed = start_variables(name, call.goal.point)
-        used = used or bool(changed & models[following.top.action].used_variables)
-    return None if used else "is used by no model of a neighbouring action"
+    """Return why nothing is known of how the variable changes the performance."""
+    changed = {index: frozenset({goal_variable(name)})}
+    if index + 1 < len(chain.calls):
+        changed[index + 1] = start_variables(name, chain.calls[index].goal.point)
+    actions = {step: chain.calls[step].top.action for step in changed}
+    lacking = [step for step, action in actions.items() if action not in models]
+    if lacking:
+        step = lacking[0]
+        return f"of unknown effect: step {step + 1} ({actions[step]}), which it may change, has no model"
+    if any(changed[step] & models[actions[step]].used_variables for step in changed):
+        return None
+    return "used by no performance model of a neighbouring action"

@@ -9,7 +9,7 @@ import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.answer import Refinement, SubgoalCurve
+from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import (
@@ -20,6 +20,7 @@ from ator_ros.refinement.free_variables import (
     PerformanceModel,
     analyse,
     goal_values,
+    goal_variable,
     with_values,
 )
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
@@ -41,7 +42,7 @@ class Refiner:
     robot : Robot
         Sizes and limits.
     models : mapping
-        Action name to performance model.
+        Action name to performance model; an action may lack one.
     gate : Gate, optional
         Decides from the predictions whether refinement pays; by default it always does.
     domains : mapping, optional
@@ -61,41 +62,54 @@ class Refiner:
         self.gate = gate if gate is not None else OpenGate()
         self._domains = domains
 
-    def refine(self, world: World, chain: TopChain, objective: Objective | None = None) -> Refinement:
+    def refine(
+        self,
+        world: World,
+        chain: TopChain,
+        objective: Objective | None = None,
+        *,
+        placeholders: bool = False,
+    ) -> Refinement:
         """Find the best free variables of `chain` from the state `world`, and change it where that pays.
 
-        A free variable that is NaN in the request is open: the chain is then compared with the naive one.
+        Parameters
+        ----------
+        world, chain
+            The request; whether the chain is a valid plan from there is not looked at.
+        objective : Objective, optional
+            What shall be least; by default the duration.
+        placeholders : bool
+            The values of free variables are placeholders: the chain compared with is the naive one.
 
         Raises
         ------
         RefinementError
-            The request cannot be evaluated: a chain that is empty or too long, an action without a model, a
-            number that is not finite where it must be.
+            The request cannot be evaluated: a chain that is empty or too long, a number that is not finite,
+            no finite prediction for any candidate.
         """
         objective = objective if objective is not None else Objective()
         analysis = self.analyse(world, chain)
-        if not analysis.free:
-            reason = "nothing is free: " + "; ".join(analysis.reasons)
-            return Refinement(chain, False, reason, chain, chain)
         memory: Memory = {}
-        if any(math.isnan(_value(chain, variable)) for variable in analysis.free):
+        if placeholders:
             chain = self._fastest_alone(world, chain, analysis.free, memory)
         with np.errstate(all="ignore"):
             model = self._model(world, chain, analysis.free, objective, memory)
             given = [_values(chain, index, names) for index, names in enumerate(model.names)]
+            if not analysis.free:
+                return self._left_alone(chain, analysis, model.predict(given))
             optimum = search(model.step_cost, _axes(chain, analysis.free), given)
             before, after = model.predict(given), model.predict(optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        return self._answer(world, chain, analysis.free, model, optimum, before, after)
+        return self._answer(world, chain, analysis, model, optimum, before, after)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
-        """Give the chain that the paper compares with: each subgoal suits the action that leads to it alone.
+        """Return the chain that the paper compares with: each subgoal suits the action leading to it alone.
 
         Free variables with a rest value (arrival speed: 0) take it; the others those at which the action is
-        predicted to be fastest.
+        predicted to be fastest. What changes only the action after it keeps its value.
 
         Raises
         ------
@@ -110,7 +124,7 @@ class Refiner:
         resting = [variable for variable in free if variable.domain.rest is not None]
         for variable in resting:
             chain = _replaced(chain, variable.subgoal, {variable.name: variable.domain.rest or 0.0})
-        searched = [variable for variable in free if variable.domain.rest is None]
+        searched = [v for v in free if v.domain.rest is None and self._is_used(chain, v)]
         for index in sorted({variable.subgoal for variable in searched}):
             alone = [variable for variable in searched if variable.subgoal == index]
             with np.errstate(all="ignore"):
@@ -123,35 +137,32 @@ class Refiner:
             chain = _replaced(chain, index, dict(zip(model.names[index], optimum.values[index], strict=True)))
         return chain
 
+    def _is_used(self, chain: TopChain, variable: FreeVariable) -> bool:
+        """Return whether the model of the action that leads to a subgoal uses its variable."""
+        model = self.models[chain.calls[variable.subgoal].top.action]
+        return goal_variable(variable.name) in model.used_variables
+
     def analyse(self, world: World, chain: TopChain) -> Analysis:
-        """Give the free variables of `chain`, which need not be open yet.
+        """Return the free variables of `chain`, and those that it opens in vain.
 
         Raises
         ------
         RefinementError
-            As in `refine`.
+            The chain is empty or too long, or a number is not finite.
         """
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
-        for call in chain.calls:
-            if call.top.action not in self.models:
-                raise RefinementError(
-                    f"chain: expected actions with a performance model, {sorted(self.models)}, "
-                    f"got {call.top.action!r}"
-                )
         robot = world.robot
         if not all(map(math.isfinite, (*robot.pose, robot.v, robot.w))):
             raise RefinementError(f"robot: expected a finite state, got {robot}")
-        analysis = analyse(chain, self.models, self.robot, self._domains)
-        free = {(variable.subgoal, variable.name) for variable in analysis.free}
         for index, call in enumerate(chain.calls):
             for name, value in goal_values(call.goal).items():
-                if not math.isfinite(value) and not (math.isnan(value) and (index, name) in free):
+                if not math.isfinite(value):
                     raise RefinementError(
                         f"{name} of subgoal {index + 1} ({call.top.name}): "
                         f"expected a finite number, got {value}"
                     )
-        return analysis
+        return analyse(chain, self.models, self.robot, self._domains)
 
     def _model(
         self,
@@ -169,17 +180,12 @@ class Refiner:
         self,
         world: World,
         chain: TopChain,
-        free: tuple[FreeVariable, ...],
+        analysis: Analysis,
         model: ChainModel,
         optimum: Optimum,
         before: ChainPrediction,
         after: ChainPrediction,
     ) -> Refinement:
-        curves = tuple(
-            SubgoalCurve(index, names, curve.values, curve.totals)
-            for index, (names, curve) in enumerate(zip(model.names, optimum.curves, strict=True))
-            if names
-        )
         best = chain
         for index, names in enumerate(model.names):
             if names:
@@ -188,16 +194,50 @@ class Refiner:
         changed = pays and best != chain
         if pays and not changed:
             reason = "the chain is the best already"
-        answer = best if changed else chain
-        return Refinement(answer, changed, reason, chain, best, free, before, after, curves)
+        lacking = self._without_model(chain)
+        return Refinement(
+            best if changed else chain,
+            changed,
+            reason + remarks(chain, analysis.not_free, lacking),
+            original=chain,
+            best=best,
+            before=before,
+            after=after,
+            free=analysis.free,
+            not_free=analysis.not_free,
+            without_model=lacking,
+            curves=_curves(model, optimum),
+        )
+
+    def _left_alone(self, chain: TopChain, analysis: Analysis, prediction: ChainPrediction) -> Refinement:
+        """Return the answer where nothing is free."""
+        lacking = self._without_model(chain)
+        return Refinement(
+            chain,
+            False,
+            why_nothing_free(chain, analysis.not_free) + remarks(chain, (), lacking),
+            original=chain,
+            best=chain,
+            before=prediction,
+            after=prediction,
+            not_free=analysis.not_free,
+            without_model=lacking,
+        )
+
+    def _without_model(self, chain: TopChain) -> tuple[int, ...]:
+        return tuple(step for step, call in enumerate(chain.calls) if call.top.action not in self.models)
+
+
+def _curves(model: ChainModel, optimum: Optimum) -> tuple[SubgoalCurve, ...]:
+    return tuple(
+        SubgoalCurve(index, names, curve.values, curve.totals)
+        for index, (names, curve) in enumerate(zip(model.names, optimum.curves, strict=True))
+        if names
+    )
 
 
 def _replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:
     return chain.with_goal(index, with_values(chain.calls[index].goal, values))
-
-
-def _value(chain: TopChain, variable: FreeVariable) -> float:
-    return goal_values(chain.calls[variable.subgoal].goal)[variable.name]
 
 
 def _values(chain: TopChain, index: int, names: Sequence[str]) -> FloatArray:

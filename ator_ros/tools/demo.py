@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import math
 import signal
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ator_ros.experiments.trials import Trial, open_speeds, random_trial
-from ator_ros.refinement.free_variables import goal_values, with_values
 from ator_ros.robot import Robot, load_robot
 from ator_ros.tools.command_line import INTERRUPTED, destination, whole
 from ator_ros.tools.demo_report import DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, all_nodes
-from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 
 _FRAME = "odom"
@@ -90,7 +86,7 @@ def _both(client: object, trial: Trial, name: str) -> DemoSituation:
     from ator_ros.tools.demo_client import DemoClient
 
     assert isinstance(client, DemoClient)
-    chain = opened(open_speeds(trial.chain))
+    chain = open_speeds(trial.chain)
     message = chain_of(chain, action_set="", frame=_FRAME)
     answer = client.refine(trial.world, message)
     client.place(trial.world)
@@ -101,21 +97,6 @@ def _both(client: object, trial: Trial, name: str) -> DemoSituation:
     refined = client.execute(message, refine=True)
     print(f"{refined.total[1]:.2f} s", flush=True)
     return DemoSituation(trial.world, chain, naive, refined)
-
-
-def opened(chain: TopChain) -> TopChain:
-    """Give the chain with every goal variable that the plan does not commit to left open (NaN)."""
-    return TopChain(
-        tuple(
-            dataclasses.replace(
-                call,
-                goal=with_values(
-                    call.goal, dict.fromkeys(set(goal_values(call.goal)) - call.bound, math.nan)
-                ),
-            )
-            for call in chain.calls
-        )
-    )
 
 
 if __name__ == "__main__":

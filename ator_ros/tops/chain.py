@@ -11,6 +11,9 @@ from ator_ros.tops.state import arrived, goal_variables, state_of
 from ator_ros.tops.top import Top
 from ator_ros.world import BallState, World
 
+EVERYTHING = "*"
+"""Among the opened goal variables: all but those that say what the step is for."""
+
 
 class InvalidChainError(ValueError):
     """A chain that is no valid plan from the present situation; the message says why."""
@@ -25,14 +28,19 @@ class TopCall:
     top : Top
         The teleo-operator.
     goal : Goal
-        Its goal; values of goal variables that are not bound are preliminary.
-    bound : frozenset of str
-        The goal variables (x, y, yaw, speed) that the plan commits to.
+        Its goal; the values of opened variables are preliminary.
+    open : frozenset of str
+        The goal variables (x, y, yaw, speed) that may be changed; `EVERYTHING` opens all but those that the
+        TOP's post-condition names. The plan commits to the others.
     """
 
     top: Top
     goal: Goal
-    bound: frozenset[str]
+    open: frozenset[str] = frozenset()
+
+    def opens(self, name: str) -> bool:
+        """Return whether the plan opens the goal variable `name`; a condition may bind it all the same."""
+        return name in self.open or (EVERYTHING in self.open and name not in self.top.post.goal_names())
 
 
 @dataclass(frozen=True, slots=True)

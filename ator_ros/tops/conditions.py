@@ -43,8 +43,8 @@ class Condition:
 
     terms: tuple[Term, ...] = ()
 
-    def bound(self) -> frozenset[str]:
-        """Give the goal variables (x, y, yaw, speed) that this condition binds."""
+    def goal_names(self) -> frozenset[str]:
+        """Return the goal variables (x, y, yaw, speed) that this condition names as targets."""
         targets = (term.target for term in self.terms if isinstance(term.target, str))
         return frozenset(target.removeprefix("goal.") for target in targets if target.startswith("goal."))
 

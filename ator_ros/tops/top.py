@@ -21,7 +21,7 @@ class Top:
     pre : Condition
         Region from which executing the action will eventually make `post` hold.
     post : Condition
-        Intended effect; goal variables that it does not bind are open unless the plan commits to them.
+        Intended effect: the goal variables that it names say what the step is for.
     point : Point
         Point of the robot that the goal's position is meant for.
     """

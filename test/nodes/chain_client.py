@@ -16,12 +16,10 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 
-COMMITTED = ("x", "y", "yaw", "speed")
 
-
-def call(top: str, pose: Pose, *, bound: tuple[str, ...] = COMMITTED) -> TopCall:
+def call(top: str, pose: Pose, *, opened: tuple[str, ...] = ()) -> TopCall:
     """Write one step of a chain."""
-    message = TopCall(top=top, bound=list(bound))
+    message = TopCall(top=top, open=list(opened))
     message.goal.pose = pose_of(pose)
     return message
 
@@ -29,7 +27,7 @@ def call(top: str, pose: Pose, *, bound: tuple[str, ...] = COMMITTED) -> TopCall
 def chain_of_the_paper() -> list[TopCall]:
     """Give the chain goToBall, dribbleBall, shoot for a ball at (0, 0); the angle at the ball is free."""
     return [
-        call("goToBall", Pose(0.0, 0.0, 0.5), bound=("x", "y", "speed")),
+        call("goToBall", Pose(0.0, 0.0, 0.5), opened=("yaw",)),
         call("dribbleBall", Pose(2.4, 0.3, -0.1)),
         call("shoot", Pose(4.0, 0.0, 0.0)),
     ]

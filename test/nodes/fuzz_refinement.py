@@ -67,10 +67,9 @@ class Generator:
         call = TopCall(top=draw.choice(self._tops) if draw.random() < 0.98 else "fly")
         self._fill(call.goal.pose)
         call.speed = abs(self._number(FASTEST))
-        call.bound = [name for name in GOAL_VARIABLES if draw.random() < 0.6]
+        call.open = [name for name in (*GOAL_VARIABLES, "*") if draw.random() < 0.4]
         if draw.random() < 0.005:
-            call.bound.append(draw.choice(("x", "beauty")))
-        call.open = [name for name in GOAL_VARIABLES if name not in call.bound and draw.random() < 0.3]
+            call.open.append(draw.choice(("x", "beauty")))
         return call
 
     def _fill(self, pose: conversions.PoseMessage) -> None:

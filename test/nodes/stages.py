@@ -12,11 +12,11 @@ from ator_interfaces.srv import PlaceBall
 from ator_ros.geometry import Pose
 
 CHAIN = [
-    call("goToBall", Pose(0.0, 0.0, 0.0), bound=("x", "y", "speed")),
+    call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
     call("dribbleBall", Pose(1.2, 0.0, 0.0)),
 ]
 SHOT = [
-    call("goToBall", Pose(0.0, 0.0, 0.0), bound=("x", "y", "speed")),
+    call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
     call("dribbleBall", Pose(0.8, 0.0, 0.0)),
     call("shoot", Pose(4.0, 0.0, 0.0)),
 ]

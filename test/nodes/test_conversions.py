@@ -15,7 +15,6 @@ from ator_interfaces.msg import Objective, Situation, TopCall, TopChain
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError
-from ator_ros.refinement.free_variables import Domain, FreeVariable
 from ator_ros.robot import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
@@ -33,7 +32,7 @@ worlds = st.builds(
     World, st.floats(0.0, 1e6), st.builds(RobotState, poses, speeds, speeds), st.none() | balls
 )
 any_number = st.floats(allow_nan=True, allow_infinity=True)
-any_name = st.sampled_from([*GOAL_VARIABLES, *LIBRARY, FRAME, "default", "bezier"]) | st.text(max_size=8)
+any_name = st.sampled_from([*GOAL_VARIABLES, "*", *LIBRARY, FRAME, "default", "bezier"]) | st.text(max_size=8)
 
 
 def near(first: Pose, second: Pose) -> bool:
@@ -63,7 +62,7 @@ def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: Ba
     st.lists(st.tuples(st.sampled_from(list(LIBRARY)), poses, st.floats(0.0, 2.0)), min_size=1, max_size=5)
 )
 def test_a_chain_survives_the_way_through_a_message(steps: list[tuple[str, Pose, float]]) -> None:
-    message = TopChain(calls=[TopCall(top=top, speed=speed, bound=["x", "y"]) for top, _, speed in steps])
+    message = TopChain(calls=[TopCall(top=top, speed=speed, open=["yaw", "*"]) for top, _, speed in steps])
     for call, (_, pose, _) in zip(message.calls, steps, strict=True):
         call.goal.pose = conversions.pose_of(pose)
     chain = conversions.chain_from(message, LIBRARY, frame=FRAME)
@@ -75,21 +74,7 @@ def test_a_chain_survives_the_way_through_a_message(steps: list[tuple[str, Pose,
         assert near(second.goal.pose, pose)
         assert first.goal.speed == second.goal.speed == speed
         assert first.goal.point is LIBRARY[top].point
-        assert first.bound == second.bound == {"x", "y"}
-
-
-def test_open_variables_are_nan_for_refinement_and_as_given_otherwise() -> None:
-    message = TopChain(calls=[TopCall(top="goToBall", bound=["x", "y"], open=["yaw"])])
-    message.calls[0].goal.pose = conversions.pose_of(Pose(1.0, 2.0, 0.5))
-    given_goal = conversions.chain_from(message, LIBRARY, frame=FRAME).calls[0].goal
-    assert given_goal.pose.yaw == pytest.approx(0.5)
-    read = conversions.chain_from(message, LIBRARY, frame=FRAME)
-    free = [FreeVariable(0, name, Domain(0.0, 1.0, 5)) for name in ("yaw", "speed")]
-    assert conversions.opened(read, message, free[1:]) == read  # nobody could choose a better yaw
-    chain = conversions.opened(read, message, free)
-    assert math.isnan(chain.calls[0].goal.pose.yaw)
-    assert chain.calls[0].goal.speed == 0.0
-    assert list(conversions.chain_of(chain, action_set="default", frame=FRAME).calls[0].open) == ["yaw"]
+        assert first.open == second.open == {"yaw", "*"}
 
 
 @given(st.floats(0.0, 2e9))

@@ -50,8 +50,7 @@ def test_what_is_open_is_driven_as_refinement_fills_it_in(
     client.node.create_service(RefineSubgoal, "refine_subgoal", answer)
     start("executor", odom_timeout=5.0, start_timeout=60.0, refinement_timeout=30.0)
     client.place(robot=Pose(-1.2, 0.0, 0.0), ball=(0.0, 0.0))
-    step = call("goToBall", Pose(0.0, 0.0, 0.0), bound=("x", "y", "speed"))
-    step.open = ["yaw"]
+    step = call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",))
     result = ChainClient(client).send([step], refine=True).result()
     record = result.record
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from chain_client import COMMITTED, ChainClient, call, chain_of_the_paper
+from chain_client import ChainClient, call, chain_of_the_paper
 from conftest import Start
 from ros_client import Client
 
@@ -27,7 +27,7 @@ def punctual() -> float:
     robot = load_robot()
     library = TopLibrary(robot)
     goal = Goal(GOAL, 0.0, library["goToBall"].point)
-    chain = TopChain((TopCall(library["goToBall"], goal, frozenset(COMMITTED)),))
+    chain = TopChain((TopCall(library["goToBall"], goal),))
     start = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
     return run_chain(robot, library, start, chain).duration
 

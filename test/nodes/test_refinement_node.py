@@ -59,8 +59,8 @@ def asker(shared: tuple[Process, Client]) -> Client:
     return shared[1]
 
 
-def call(top: str, pose: Pose, *, bound: tuple[str, ...] = ("x", "y", "yaw", "speed")) -> TopCall:
-    message = TopCall(top=top, bound=list(bound))
+def call(top: str, pose: Pose, *, opened: tuple[str, ...] = ()) -> TopCall:
+    message = TopCall(top=top, open=list(opened))
     message.goal.pose = pose_of(pose)
     return message
 
@@ -71,7 +71,7 @@ def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:
     request.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
     request.situation.ball_known = True
     request.chain.calls = [
-        call("goToBall", Pose(0.0, 0.0, yaw), bound=("x", "y", "speed")),
+        call("goToBall", Pose(0.0, 0.0, yaw), opened=("yaw",)),
         call("dribbleBall", Pose(0.5, 2.0, 1.5)),
     ]
     return request
@@ -110,7 +110,7 @@ def test_an_open_angle_is_compared_with_the_fastest_approach(asker: Client) -> N
 def test_an_open_variable_that_no_model_uses_keeps_its_value(asker: Client) -> None:
     request = request_of_the_paper()
     request.chain.calls[0].open = ["yaw"]
-    request.chain.calls.append(call("shoot", Pose(4.0, 0.0, 0.0), bound=("x", "y", "speed")))
+    request.chain.calls.append(call("shoot", Pose(4.0, 0.0, 0.0), opened=("yaw",)))
     request.chain.calls[2].open = ["yaw"]
     response = refine(asker, request)
     assert response.accepted, response.reason

@@ -1,0 +1,93 @@
+"""Which goal variables the conditions of a chain bind (paper, section 4.2), read from the conditions alone.
+
+A condition binds a goal variable where it relates what the variable determines to something else: goToBall
+starts with ball.x near goal.x, so its x is where the ball lies. A condition that holds for every value of the
+variable, as robot.yaw near goal.yaw does after goToPose, states what the step achieves and binds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from types import MappingProxyType
+from typing import NamedTuple
+
+from ator_ros.actions.base import Point
+from ator_ros.tops.conditions import Condition
+from ator_ros.tops.top import Top
+
+Variable = tuple[int, str]
+"""A goal variable of a chain: the step, from 0, and its name."""
+
+
+class _Value(NamedTuple):
+    """What a name stands for: equal texts are equal values, and which goal variables it depends on."""
+
+    text: str
+    depends: frozenset[Variable]
+
+
+_State = dict[str, _Value]
+
+
+@lru_cache(maxsize=128)
+def bindings(tops: tuple[Top, ...]) -> Mapping[Variable, str]:
+    """Return the goal variables that conditions bind in a chain of these TOPs, each with the reason.
+
+    Every condition counts: the step's own, and that of each later step that depends on what it achieves.
+    """
+    found: dict[Variable, str] = {}
+    state: _State = {}
+    for step, top in enumerate(tops):
+        _collect(found, top.pre, state, step, f"the pre-condition of step {step + 1} ({top.name})")
+        state = _after(top, state, step)
+        _collect(found, top.post, state, step, f"the post-condition of step {step + 1} ({top.name})")
+    return MappingProxyType(found)
+
+
+def _collect(found: dict[Variable, str], condition: Condition, state: _State, step: int, whose: str) -> None:
+    """Add what `condition` binds in `state`; the first reason counts."""
+    for term in condition.terms:
+        value, target = _value(term.variable, state, step), _value(term.target, state, step)
+        if value.text != target.text:
+            for variable in value.depends | target.depends:
+                found.setdefault(variable, f"bound by {whose}: {term.variable} near {term.target}")
+
+
+def _after(top: Top, state: _State, step: int) -> _State:
+    """Return the state after a step, as `ator_ros.tops.chain.projected` does, in terms of goal variables."""
+    arrives = any(term.variable in ("robot.x", "hold.x") for term in top.post.terms)
+    arrival = _arrival(top.point, step) if arrives else {}
+    after = {**state, **arrival}
+    others = (term for term in top.post.terms if term.variable not in arrival)
+    return after | {term.variable: _value(term.target, after, step) for term in others}
+
+
+def _arrival(point: Point, step: int) -> _State:
+    """Return what the robot's own variables are when it has reached the goal of a step."""
+    at, other = ("hold", "robot") if point is Point.HOLD else ("robot", "hold")
+    return {
+        f"{at}.x": _of_goal(step, "x"),
+        f"{at}.y": _of_goal(step, "y"),
+        f"{other}.x": _of_goal(step, "x", "yaw"),
+        f"{other}.y": _of_goal(step, "y", "yaw"),
+        "robot.yaw": _of_goal(step, "yaw"),
+        "robot.v": _of_goal(step, "speed"),
+        "robot.w": _number(0.0),
+    }
+
+
+def _of_goal(step: int, *names: str) -> _Value:
+    return _Value(f"{step}: {' '.join(names)}", frozenset((step, name) for name in names))
+
+
+def _number(value: float) -> _Value:
+    return _Value(repr(float(value)), frozenset())
+
+
+def _value(name: str | float, state: _State, step: int) -> _Value:
+    if not isinstance(name, str):
+        return _number(name)
+    if name.startswith("goal."):
+        return _of_goal(step, name.removeprefix("goal."))
+    return state.get(name, _Value(name, frozenset()))
