@@ -25,7 +25,7 @@ NEW_YAW = -0.6
 
 
 def call(top: str, x: float, y: float) -> TopCall:
-    return TopCall(LIBRARY[top], Goal(Pose(x, y, 0.0), 0.0, LIBRARY[top].point), frozenset({"x", "y"}))
+    return TopCall(LIBRARY[top], Goal(Pose(x, y, 0.0), 0.0, LIBRARY[top].point), frozenset({"yaw"}))
 
 
 CHAIN = TopChain((call("goToBall", 0.0, 0.0), call("dribbleBall", 2.0, 0.5)))
@@ -170,7 +170,8 @@ def test_before_an_answer_it_says_whether_one_is_awaited(wanted: bool, told: str
 
 def test_a_refined_chain_must_be_valid() -> None:
     world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
-    assert refined_chain(CHAIN, 0, with_yaw(CHAIN, 1.0), world, ROBOT) == with_yaw(CHAIN, 1.0)
+    question = Question(world, CHAIN, 0, 0.0)
+    assert refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), world, ROBOT) == with_yaw(CHAIN, 1.0)
     elsewhere = World(0.0, world.robot, BallState(1.0, 1.0))
     with pytest.raises(InvalidChainError, match="pre-condition of step 1"):
-        refined_chain(CHAIN, 0, with_yaw(CHAIN, 1.0), elsewhere, ROBOT)
+        refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), elsewhere, ROBOT)

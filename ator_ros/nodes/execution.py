@@ -175,10 +175,11 @@ class Execution:
 
     def _start_with(self, chain: TopChain, refined: bool, reason: str) -> None:
         assert self.start is not None
+        assert self.question is not None
         try:
-            self.chain = refined_chain(self.chain, 0, chain, self.start, self._library.robot)
+            self.chain = refined_chain(self.chain, self.question, chain, self.start, self._library.robot)
         except InvalidChainError as error:
-            self.unrefined(str(error))
+            self.unrefined(f"its answer cannot be used: {error}")
         else:
             self._go_on(reason, changed=refined)
 
@@ -192,9 +193,9 @@ class Execution:
             self.unrefined("its step was over when the answer came")
             return
         try:
-            changed = refined_chain(self.chain, self.step, chain, at_rest(world, robot), robot)
+            changed = refined_chain(self.chain, question, chain, at_rest(world, robot), robot)
         except InvalidChainError as error:
-            self.unrefined(str(error))
+            self.unrefined(f"its answer cannot be used: {error}")
             return
         if executor.head_for(world, changed):
             self._go_on(reason, changed=True)

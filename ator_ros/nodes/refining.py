@@ -6,9 +6,11 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
+from ator_ros.refinement.changes import allowed_changes
+from ator_ros.refinement.free_variables import with_values
 from ator_ros.robot import Robot
 from ator_ros.tops.ball import at_rest, drives_to_ball, is_at_front
-from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
+from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.world import BallState, World
 
 _NOT_ASKED = "refinement was not asked for"
@@ -86,11 +88,12 @@ class Refining:
             return
         if not drives_to_ball(chain.calls[step].top) or is_at_front(world, self._robot):
             return
-        ball, known = at_rest(world, self._robot).ball, self._known
+        resting = at_rest(world, self._robot)  # where the goals of approaches follow the ball
+        ball, known = resting.ball, self._known
         if ball is None:
             return
         if known is None or math.hypot(ball.x - known.x, ball.y - known.y) > self._again_after:
-            self.ask(world, chain, now, step=step)
+            self.ask(resting, chain, now, step=step)
 
     def close(self, why: str, *, changed: bool, elapsed: float) -> None:
         """Note why the chain that was asked about was changed or left alone, `elapsed` s after its start."""
@@ -106,28 +109,24 @@ class Refining:
             self._left = f"; asked again after {elapsed:.2f} s: {why}"
 
 
-def refined_chain(chain: TopChain, step: int, answer: TopChain, world: World, robot: Robot) -> TopChain:
-    """Give `chain` with the goals of `answer` from `step` on.
+def refined_chain(
+    chain: TopChain, question: Question, answer: TopChain, world: World, robot: Robot
+) -> TopChain:
+    """Return `chain` with what `answer` changes of the chain in question.
 
-    Where a step drives to the ball its position stays: the ball may have moved on since the question.
+    The rest stays as it is now: a ball that is driven to may have moved on since the question.
 
     Raises
     ------
     InvalidChainError
-        The answer has other steps, or what results is no valid plan from `world`.
+        The answer changes what it may not, or what results is no valid plan from `world`.
     """
-    rest = chain.calls[step:]
-    if [call.top for call in rest] != [call.top for call in answer.calls]:
-        raise InvalidChainError("the refined chain is no valid plan: expected the steps of the question")
-    changed = tuple(_with_goal(old, new) for old, new in zip(rest, answer.calls, strict=True))
-    violations = TopChain(changed).violations(world, robot)
+    changes = allowed_changes(question.chain, answer, robot)
+    rest = [
+        dataclasses.replace(call, goal=with_values(call.goal, values)) if values else call
+        for call, values in zip(chain.calls[question.step :], changes, strict=True)
+    ]
+    violations = TopChain(tuple(rest)).violations(world, robot)
     if violations:
-        raise InvalidChainError(f"the refined chain is no valid plan: {'; '.join(violations)}")
-    return TopChain((*chain.calls[:step], *changed))
-
-
-def _with_goal(old: TopCall, new: TopCall) -> TopCall:
-    goal = new.goal
-    if drives_to_ball(old.top):
-        goal = dataclasses.replace(goal, pose=goal.pose._replace(x=old.goal.pose.x, y=old.goal.pose.y))
-    return dataclasses.replace(old, goal=goal)
+        raise InvalidChainError(f"no valid plan: {'; '.join(violations)}")
+    return TopChain((*chain.calls[: question.step], *rest))

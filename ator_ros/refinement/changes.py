@@ -1,0 +1,58 @@
+"""What a refined chain changes of the plan, and whether the plan allows it."""
+
+from __future__ import annotations
+
+import math
+
+from ator_ros.refinement.free_variables import DOMAINS, goal_values
+from ator_ros.robot import Robot
+from ator_ros.tops.bindings import bindings
+from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
+
+_SAME = 1e-6
+"""Difference in m, rad or m/s that a way through messages may make."""
+
+
+def allowed_changes(plan: TopChain, refined: TopChain, robot: Robot) -> list[dict[str, float]]:
+    """Return, step by step, the goal variables that `refined` changes, with their new values.
+
+    Raises
+    ------
+    InvalidChainError
+        It has other steps than `plan`, or changes what `plan` does not open or a condition binds, or a value
+        lies outside the variable's domain.
+    """
+    if [call.top for call in plan.calls] != [call.top for call in refined.calls]:
+        raise InvalidChainError("expected the steps of the question")
+    bound = bindings(tuple(call.top for call in plan.calls))
+    changes = []
+    for step, (old, new) in enumerate(zip(plan.calls, refined.calls, strict=True)):
+        values = _changed(old, new)
+        for name, value in values.items():
+            where = f"{name} of step {step + 1} ({old.top.name})"
+            if not old.opens(name):
+                raise InvalidChainError(f"{where}: expected {_value(old, name):g} as planned, got {value:g}")
+            if (step, name) in bound:
+                raise InvalidChainError(f"{where}: expected no change, it is {bound[step, name]}")
+            domain = DOMAINS[name](robot, old.goal)
+            if not domain.contains(value):
+                expected = f"expected a number from {domain.low:g} to {domain.high:g}"
+                raise InvalidChainError(f"{where}: {expected}, got {value:g}")
+        changes.append(values)
+    return changes
+
+
+def _changed(old: TopCall, new: TopCall) -> dict[str, float]:
+    values = goal_values(new.goal)
+    return {name: value for name, value in values.items() if not _same(name, _value(old, name), value)}
+
+
+def _same(name: str, old: float, new: float) -> bool:
+    if not math.isfinite(new):
+        return False
+    difference = new - old
+    return abs(math.remainder(difference, math.tau) if name == "yaw" else difference) <= _SAME
+
+
+def _value(call: TopCall, name: str) -> float:
+    return goal_values(call.goal)[name]
