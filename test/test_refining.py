@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
 
 import pytest
@@ -13,6 +14,7 @@ from ator_ros.nodes.execution import Execution
 from ator_ros.nodes.phases import Deadlines, Ending
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.refining import Question, Refining, refined_chain
+from ator_ros.refinement.free_variables import with_values
 from ator_ros.robot import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
@@ -34,7 +36,9 @@ CHAIN = TopChain((call("goToBall", 0.0, 0.0), call("dribbleBall", 2.0, 0.5)))
 class Drive:
     """An execution of CHAIN in the simulation, for which the test answers in refinement's place."""
 
-    def __init__(self, simulation: PioneerSimulation, *, refine: bool, again_after: float) -> None:
+    def __init__(
+        self, simulation: PioneerSimulation, *, refine: bool, again_after: float, answer: TopChain = CHAIN
+    ) -> None:
         self.simulation = simulation
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
         simulation.place_ball(0.0, 0.0)
@@ -49,7 +53,7 @@ class Drive:
         self.commands: list[Command] = []
         self.tick()
         if refine:
-            self.run.refined_to(CHAIN, False, "the first answer")
+            self.run.refined_to(answer, False, "the first answer")
 
     def tick(self, times: int = 1) -> None:
         for _ in range(times):
@@ -139,6 +143,47 @@ def test_an_answer_with_other_steps_is_left_alone(drive: Drive) -> None:
     drive.tick()
     assert "expected the steps of the question" in drive.run.refining.reason
     assert drive.run.ending is None
+
+
+@pytest.mark.parametrize(
+    ("step", "change", "told"),
+    [
+        (0, {"x": -2.0}, "x of step 1 (goToBall): expected 0.3 as planned, got -2"),
+        (1, {"yaw": math.nan}, "yaw of step 2 (dribbleBall): expected a number from"),
+        (1, {"speed": 0.4}, "speed of step 2 (dribbleBall): expected 0 as planned, got 0.4"),
+    ],
+)
+def test_an_answer_that_changes_what_it_may_not_is_left_alone_on_the_way(
+    drive: Drive, step: int, change: dict[str, float], told: str
+) -> None:
+    question = asked(drive)
+    goal = with_values(question.chain.calls[step].goal, change)
+    drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(step, goal), True, "nonsense")
+    drive.tick()
+    assert drive.run.chain == question.chain
+    assert f"refinement failed: its answer cannot be used: {told}" in drive.run.refining.reason
+    assert drive.to_the_end() is Ending.SUCCEEDED
+    assert drive.run.refining.again == 0
+
+
+def test_the_first_answer_is_looked_at_too() -> None:
+    with PioneerSimulation(ROBOT) as simulation:
+        drive = Drive(simulation, refine=True, again_after=0.15, answer=TopChain(CHAIN.calls[:1]))
+        assert drive.run.chain is CHAIN
+        told = "its answer cannot be used: expected the steps of the question"
+        assert drive.run.refining.reason == f"executed as sent, refinement failed: {told}"
+        assert not drive.run.refining.refined
+
+
+def test_a_question_on_the_way_is_a_valid_plan_also_while_the_ball_rolls(drive: Drive) -> None:
+    drive.tick(20)
+    drive.simulation.place_ball(0.3, 0.4, vx=0.5)
+    drive.tick()
+    question = drive.run.question
+    assert question is not None
+    assert question.world.ball is not None
+    assert question.world.ball.x > 0.4
+    assert question.chain.violations(question.world, ROBOT) == []
 
 
 def test_a_small_move_raises_no_question(drive: Drive) -> None:

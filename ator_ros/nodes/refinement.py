@@ -144,7 +144,7 @@ def refinement_of(
     objective = conversions.objective_from(request.objective)
     violations = chain.violations(world, library.robot)
     if violations:
-        raise RefinementError(f"no valid plan: expected none of these: {'; '.join(violations)}")
+        raise RefinementError(f"no valid plan: {'; '.join(violations)}")
     return refiner.refine(world, chain, objective, placeholders=not request.as_given)
 
 

@@ -26,6 +26,7 @@ from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError
 from ator_ros.nodes.refinement import refinement_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models
+from ator_ros.refinement.changes import allowed_changes
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import load_robot
@@ -41,7 +42,7 @@ _PROGRESS = 1000
 
 
 class Generator:
-    """Makes requests: mostly sensible ones, with edges, and now and then nonsense in one of the numbers."""
+    """Makes requests: mostly valid plans, with edges, and now and then nonsense in one of the numbers."""
 
     def __init__(self, seed: int, tops: list[str]) -> None:
         self._random = random.Random(seed)
@@ -54,7 +55,9 @@ class Generator:
         self._fill(request.situation.robot)
         request.situation.v, request.situation.w = self._number(FASTEST), self._number(FASTEST)
         length = draw.choice(LENGTHS) if draw.random() < 0.99 else draw.randint(5, 200)
-        request.chain.calls = [self._call() for _ in range(length)]
+        request.chain.calls = [self._call(top) for top in self._plan(length)]
+        if draw.random() < 0.95:
+            place_ball(request)
         if draw.random() < 0.01:
             request.situation.header.frame_id = "moon"
         if draw.random() < 0.3:
@@ -62,9 +65,19 @@ class Generator:
                 setattr(request.objective, name, self._number(FARTHEST))
         return request
 
-    def _call(self) -> TopCall:
+    def _plan(self, length: int) -> list[str]:
+        """Draw TOPs, mostly such that those that start with the ball in front of the robot can."""
+        draw, tops, held = self._random, list[str](), False
+        sensible = draw.random() < 0.9
+        for _ in range(length):
+            possible = self._tops if held or not sensible else ["goToPose", "goToBall"]
+            tops.append(draw.choice(possible) if draw.random() < 0.98 else "fly")
+            held = tops[-1] in ("goToBall", "dribbleBall")
+        return tops
+
+    def _call(self, top: str) -> TopCall:
         draw = self._random
-        call = TopCall(top=draw.choice(self._tops) if draw.random() < 0.98 else "fly")
+        call = TopCall(top=top)
         self._fill(call.goal.pose)
         call.speed = abs(self._number(FASTEST))
         call.open = [name for name in (*GOAL_VARIABLES, "*") if draw.random() < 0.4]
@@ -87,6 +100,20 @@ class Generator:
         return self._random.uniform(-3.0, 3.0) if kind < 0.95 else self._random.uniform(-limit, limit)
 
 
+def place_ball(request: RefineSubgoal.Request) -> None:
+    """Put the ball where the plan first drives to it, and later approaches where the plan has left it."""
+    ball = None
+    for call in request.chain.calls:
+        place = call.goal.pose.position
+        if call.top == "goToBall" and ball is None:
+            request.situation.ball_known = True
+            request.situation.ball.x, request.situation.ball.y = place.x, place.y
+        elif call.top == "goToBall":
+            place.x, place.y = ball.x, ball.y
+        if call.top != "goToPose":
+            ball = place
+
+
 def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary) -> str:
     """Do what the node does with a request; give "answered" or "refused"."""
     try:
@@ -94,7 +121,8 @@ def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary)
     except (MessageError, RefinementError) as error:
         return f"refused: {kind_of(str(error))}"
     answer = answer_of(refinement, action_set="default", frame=FRAME, want_curve=request.want_curve)
-    conversions.chain_from(answer.chain, library, frame=FRAME)  # an answer can be executed
+    plan, chain = (conversions.chain_from(c, library, frame=FRAME) for c in (request.chain, answer.chain))
+    allowed_changes(plan, chain, library.robot)  # as the executor sees to it
     return "refined" if refinement.refined else "left alone"
 
 

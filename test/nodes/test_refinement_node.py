@@ -66,8 +66,8 @@ def call(top: str, pose: Pose, *, opened: tuple[str, ...] = ()) -> TopCall:
 
 
 def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:
-    """Ask for the angle at which the ball is approached before it is dribbled; `yaw` is preliminary."""
-    request = RefineSubgoal.Request(want_curve=True)
+    """Ask for the angle at which the ball is approached before it is dribbled, in comparison with `yaw`."""
+    request = RefineSubgoal.Request(want_curve=True, as_given=True)
     request.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
     request.situation.ball_known = True
     request.chain.calls = [
@@ -99,34 +99,62 @@ def test_the_free_angle_is_refined(asker: Client) -> None:
 
 
 def test_an_open_angle_is_compared_with_the_fastest_approach(asker: Client) -> None:
-    request = request_of_the_paper()
-    request.chain.calls[0].open = ["yaw"]
-    response = refine(asker, request)
-    assert response.accepted
-    assert not response.original.calls[0].open
-    assert response.after.duration <= response.before.duration
+    responses = []
+    for placeholder in (0.0, 3.0):
+        request = request_of_the_paper(yaw=placeholder)
+        request.as_given = False
+        responses.append(refine(asker, request))
+    first, second = responses
+    assert first.accepted
+    assert (first.chain, first.original, first.free) == (second.chain, second.original, second.free)
+    assert first.free[0].before != pytest.approx(3.0)
+    assert first.after.duration <= first.before.duration
 
 
 def test_an_open_variable_that_no_model_uses_keeps_its_value(asker: Client) -> None:
     request = request_of_the_paper()
-    request.chain.calls[0].open = ["yaw"]
     request.chain.calls.append(call("shoot", Pose(4.0, 0.0, 0.0), opened=("yaw",)))
-    request.chain.calls[2].open = ["yaw"]
     response = refine(asker, request)
     assert response.accepted, response.reason
     assert response.original.calls[2].goal == response.chain.calls[2].goal
     assert response.chain.calls[2].goal.pose == request.chain.calls[2].goal.pose
+    (told,) = response.not_free
+    assert (told.subgoal, told.name) == (2, "yaw")
+    assert told.reason == "used by no performance model of a neighbouring action"
 
 
-def test_a_bound_chain_is_left_alone_with_the_reason(asker: Client) -> None:
+def test_a_chain_without_further_fields_is_predicted_and_stays_as_it_is(asker: Client) -> None:
     request = request_of_the_paper()
-    request.chain.calls[0].bound = ["x", "y", "yaw", "speed"]
+    request.as_given = False
+    request.chain.calls = [TopCall(top="goToBall")]
     response = refine(asker, request)
     assert response.accepted
-    assert not response.refined
-    assert "yaw of subgoal 1 (goToBall) is bound by the plan" in response.reason
-    assert math.isnan(response.before.duration)
-    assert not response.curves
+    assert (response.refined, response.reason) == (
+        False,
+        "nothing is open: the plan commits to every goal variable",
+    )
+    assert response.chain.calls[0].goal.pose == request.chain.calls[0].goal.pose
+    assert not any((response.curves, response.free, response.not_free))
+    assert 0.5 < response.before.duration == response.after.duration == response.cost_before < 20.0
+    assert [action.duration for action in response.before_actions] == [response.before.duration]
+
+
+def test_everything_opened_lists_what_conditions_bind(asker: Client) -> None:
+    request = request_of_the_paper(yaw=3.0)
+    for step in request.chain.calls:
+        step.open = ["*"]
+    response = refine(asker, request)
+    assert response.refined
+    assert [(each.subgoal, each.name) for each in response.free] == [(0, "yaw"), (1, "yaw")]
+    reasons = {(each.subgoal, each.name): each.reason for each in response.not_free}
+    bound = "bound by the pre-condition of step 1 (goToBall): ball.{0} near goal.{0}"
+    named = 'named by the post-condition of dribbleBall: "*" leaves it, its own name opens it'
+    unused = "used by no performance model of a neighbouring action"  # the models of this test know no speed
+    expected = {(s, n): (named if s else bound.format(n)) for s in (0, 1) for n in ("x", "y")}
+    assert reasons == expected | {(0, "speed"): unused, (1, "speed"): unused}
+    for old, new in zip(request.chain.calls, response.chain.calls, strict=True):
+        assert new.goal.pose.position == old.goal.pose.position
+        assert list(new.open) == ["*"]
 
 
 def nan_position(request: RefineSubgoal.Request) -> None:
@@ -166,8 +194,16 @@ def unknown_set(request: RefineSubgoal.Request) -> None:
     request.chain.action_set = "../../etc"
 
 
-def open_and_bound(request: RefineSubgoal.Request) -> None:
-    request.chain.calls[0].open = ["x"]
+def unknown_variable(request: RefineSubgoal.Request) -> None:
+    request.chain.calls[0].open = ["heading"]
+
+
+def ball_elsewhere(request: RefineSubgoal.Request) -> None:
+    request.situation.ball.x = 1.0
+
+
+def ball_unknown(request: RefineSubgoal.Request) -> None:
+    request.situation.ball_known = False
 
 
 NONSENSE = {
@@ -180,7 +216,9 @@ NONSENSE = {
     negative_weight: "objective: expected a weight of success that is not negative, got -1.0",
     no_weight: "objective: expected at least one weight above 0, got none",
     unknown_set: "chain.action_set: expected one of",
-    open_and_bound: "chain.calls[0].open, of what is not in bound: expected names of ['yaw'], each once",
+    unknown_variable: "chain.calls[0].open: expected names of ['*', 'speed', 'x', 'y', 'yaw'], each once",
+    ball_elsewhere: "step 1 (goToBall) now: expected ball.x within 0.1 of goal.x, it is 1 off",
+    ball_unknown: "step 1 (goToBall) now: expected ball.x near goal.x, but one of them is unknown",
 }
 
 
@@ -234,10 +272,10 @@ def test_health_names_what_it_was_made_with(asker: Client) -> None:
 
 def test_generated_requests_are_answered_or_refused(models: Path) -> None:
     robot = load_robot()
-    counts = fuzz(2000, 502, Refiner(robot, load_models(robot, folder=models)))
+    counts = fuzz(1000, 502, Refiner(robot, load_models(robot, folder=models)))
     refused = sum(count for kind, count in counts.items() if kind.startswith("refused: "))
     assert counts.total() == counts["refined"] + counts["left alone"] + refused
-    assert min(counts["refined"], counts["left alone"], refused) > 200
+    assert min(counts["refined"], counts["left alone"], refused) > 100
 
 
 def test_a_weight_without_a_model_is_refused(start, client: Client, models: Path, tmp_path: Path) -> None:
