@@ -53,6 +53,8 @@ class Refinement:
         Predictions for the chain of the request and for the best one found; None where nothing was free.
     curves : tuple of SubgoalCurve
         What was searched.
+    complete : bool
+        Whether everything was searched before time was up; otherwise `best` is the best found until then.
     """
 
     chain: TopChain
@@ -64,3 +66,4 @@ class Refinement:
     before: ChainPrediction | None = None
     after: ChainPrediction | None = None
     curves: tuple[SubgoalCurve, ...] = ()
+    complete: bool = True

@@ -14,6 +14,7 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import FreeVariable, PerformanceModel
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.projection import columns_after, direct_columns, goal_columns, start_columns
+from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world import World
@@ -104,18 +105,24 @@ class ChainModel:
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         """Give the cost of one action, shape (n,), as `ator_ros.refinement.search.StepCost` says."""
-        prediction = self._predict(index, before, after)
-        cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
+        with np.errstate(all="ignore"):
+            prediction = self._predict(index, before, after)
+            cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
         self._searched[index].append(_Searched(before, after, prediction, cost))
         return cost
 
     def predict(self, chain: Sequence[FloatArray]) -> ChainPrediction:
-        """Give the prediction for a chain whose subgoals have these free values, each of shape (k,).
+        """Return the prediction for a chain whose subgoals have these free values, each of shape (k,).
 
         Its cost is infinite where that of a step is no number.
         """
+        return completed(self.predicting(chain))
+
+    def predicting(self, chain: Sequence[FloatArray]) -> Slices[ChainPrediction]:
+        """Predict as `predict` does, in slices; it takes no longer when time is not up."""
         previous, actions, cost = np.zeros(0), [], 0.0
         for index, values in enumerate(chain):
+            yield
             searched, row = self._known(index, previous, values)
             named = {name: getattr(searched.prediction, name, None) for name in self._fields}
             actions.append({name: _row(column, row) for name, column in named.items() if column is not None})
