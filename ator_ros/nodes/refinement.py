@@ -12,6 +12,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
 from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
@@ -19,12 +20,14 @@ from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refusal_of
 from ator_ros.nodes.rehearsal import rehearse_refinement
 from ator_ros.nodes.running import run_node
+from ator_ros.nodes.turns import Turns
 from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.slices import Slices
 from ator_ros.robot import ConfigError, Robot, load_robot
 from ator_ros.tops.library import TopLibrary
 
@@ -32,9 +35,13 @@ PARAMETERS = (
     Parameter("frame", "odom", "frame that situations and goals must be given in"),
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
+    Parameter("deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0),
+    Parameter("most_requests", 32, "requests under way at once; more are refused as busy", 1, 1000),
 )
 
 _WARNING_PERIOD = 2.0
+_AT_ONCE = 0.02
+"""s after which the node looks for other things to do than requests."""
 
 
 class RefinementNode(Node):
@@ -44,7 +51,9 @@ class RefinementNode(Node):
 
     Services
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
-        reason. A request that cannot be evaluated is answered with accepted = false.
+        reason. A request that cannot be evaluated is answered with accepted = false, as is one that finds the
+        node busy. Requests have turns of some milliseconds, so that a long one does not delay the others; at
+        `deadline` the best is answered that was found until then, and cut_short says so.
     Publishes
         refinement_markers (visualization_msgs/MarkerArray): what was searched, when somebody listens.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
@@ -63,10 +72,14 @@ class RefinementNode(Node):
         for action_set in ACTION_SETS:
             self._load(robot, action_set)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
-        self._answered, self._refused = 0, 0
+        self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
         self._markers = self.create_publisher(MarkerArray, "refinement_markers", RESULTS)
-        self._service = self.create_service(RefineSubgoal, "refine_subgoal", self._serve)
+        self._turns = Turns(
+            time.monotonic, deadline=self._settings["deadline"], most=self._settings["most_requests"]
+        )
+        self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin)
+        self._go_on = self.create_guard_condition(self._work)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(f"refining chains of the action sets {', '.join(self._refiners) or '(none)'}")
 
@@ -89,17 +102,36 @@ class RefinementNode(Node):
             self.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
             return None
 
-    def _serve(self, request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
+    def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
+        size = len(request.chain.calls)
+        if self._turns.add(self._serve(request), answer, size=size):
+            self._go_on.trigger()
+            return
+        self._busy += 1
+        answer(refusal_of(request, f"busy: {len(self._turns)} requests are under way already, ask again"))
+
+    def _work(self) -> None:
+        """Do some of what there is to do; between two turns, those that have come meanwhile begin."""
+        until = time.monotonic() + _AT_ONCE
+        while self._turns and time.monotonic() < until:
+            self._turns.work()
+            self._service.take()
+        if self._turns:
+            self._go_on.trigger()
+
+    def _serve(self, request: RefineSubgoal.Request) -> Slices[RefineSubgoal.Response]:
+        """Answer a request, in slices."""
         began, frame = time.perf_counter(), self._settings["frame"]
         try:
             action_set = conversions.action_set_from(request.chain, allowed=self._libraries)
-            refinement = self._refine(request, action_set)
+            refinement = yield from self._refine(request, action_set)
         except (MessageError, RefinementError) as error:
             self._refused, self._last_refusal = self._refused + 1, str(error)
             self.get_logger().warning(f"refused: {error}", throttle_duration_sec=_WARNING_PERIOD)
             response = refusal_of(request, str(error))
         else:
             self._answered += 1
+            self._cut_short += not refinement.complete
             wanted = request.want_curve
             response = answer_of(refinement, action_set=action_set, frame=frame, want_curve=wanted)
             if self._markers.get_subscription_count():
@@ -107,11 +139,11 @@ class RefinementNode(Node):
         self._last_time = response.computation_time = time.perf_counter() - began
         return response
 
-    def _refine(self, request: RefineSubgoal.Request, action_set: str) -> Refinement:
+    def _refine(self, request: RefineSubgoal.Request, action_set: str) -> Slices[Refinement]:
         if action_set not in self._refiners:
             raise RefinementError(f"action set {action_set}: {self._models[action_set].absent}")
         library, refiner = self._libraries[action_set], self._refiners[action_set]
-        return refinement_of(request, refiner, library, frame=self._settings["frame"])
+        return (yield from refining_of(request, refiner, library, frame=self._settings["frame"]))
 
     def _health(self) -> Health:
         problem = problems_of(self._models)
@@ -122,6 +154,8 @@ class RefinementNode(Node):
                 **told_of(self._models),
                 "requests answered": self._answered,
                 "requests refused": self._refused,
+                "requests refused as busy": self._busy,
+                "requests cut short by their deadline": self._cut_short,
                 "last error": self._last_refusal,
                 **self._digests,
                 "last computation (ms)": f"{1000.0 * self._last_time:.2f}",
@@ -129,10 +163,10 @@ class RefinementNode(Node):
         )
 
 
-def refinement_of(
+def refining_of(
     request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary, *, frame: str
-) -> Refinement:
-    """Do what a request asks for.
+) -> Slices[Refinement]:
+    """Do what a request asks for, in slices.
 
     Raises
     ------
@@ -140,11 +174,13 @@ def refinement_of(
         It cannot be read, or not be evaluated.
     """
     world = conversions.world_from(request.situation, frame=frame)
-    chain = conversions.chain_from(request.chain, library, frame=frame)
+    sent = chain = conversions.chain_from(request.chain, library, frame=frame)
     objective = conversions.objective_from(request.objective)
+    yield
     if any(call.open for call in request.chain.calls):  # else one analysis, that of `refine`, will do
         chain = conversions.opened(chain, request.chain, refiner.analyse(world, chain).free)
-    return refiner.refine(world, chain, objective)
+        yield
+    return (yield from refiner.refining(world, chain, objective, sent=sent))
 
 
 def main(args: list[str] | None = None) -> None:

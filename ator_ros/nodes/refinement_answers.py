@@ -34,6 +34,7 @@ def answer_of(
     return RefineSubgoal.Response(
         accepted=True,
         refined=refinement.refined,
+        cut_short=not refinement.complete,
         reason=refinement.reason,
         chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
         original=chain_of(refinement.original, action_set=action_set, frame=frame),
