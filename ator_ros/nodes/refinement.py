@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from pathlib import Path
 
 from rclpy.node import Node
@@ -13,11 +14,12 @@ from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.deferred_service import Answer, DeferredService
-from ator_ros.nodes.diagnostics import Diagnostics, Health
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
+from ator_ros.nodes.pacing import Pace
 from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.nodes.refinement_answers import answer_of, markers_of, refusal_of
+from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.rehearsal import rehearse_refinement
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
@@ -35,13 +37,15 @@ PARAMETERS = (
     Parameter("frame", "odom", "frame that situations and goals must be given in"),
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
-    Parameter("deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0),
+    Parameter(
+        "deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0
+    ),
     Parameter("most_requests", 32, "requests under way at once; more are refused as busy", 1, 1000),
 )
 
 _WARNING_PERIOD = 2.0
-_AT_ONCE = 0.02
-"""s after which the node looks for other things to do than requests."""
+_REFUSALS_PER_SECOND = 1500.0
+_MOST_REFUSALS = 2000
 
 
 class RefinementNode(Node):
@@ -80,6 +84,9 @@ class RefinementNode(Node):
         )
         self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin)
         self._go_on = self.create_guard_condition(self._work)
+        self._refusals: deque[Answer] = deque()
+        self._pace = Pace(time.monotonic, rate=_REFUSALS_PER_SECOND, at_once=4)
+        self._refusing = self.create_timer(1.0 / _REFUSALS_PER_SECOND, self._refuse, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(f"refining chains of the action sets {', '.join(self._refiners) or '(none)'}")
 
@@ -103,21 +110,28 @@ class RefinementNode(Node):
             return None
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
-        size = len(request.chain.calls)
-        if self._turns.add(self._serve(request), answer, size=size):
+        if self._turns.add(self._serve(request), answer, size=len(request.chain.calls)):
             self._go_on.trigger()
             return
         self._busy += 1
-        answer(refusal_of(request, f"busy: {len(self._turns)} requests are under way already, ask again"))
+        self._refusals.append(answer)
+        self._refusing.reset()
 
     def _work(self) -> None:
-        """Do some of what there is to do; between two turns, those that have come meanwhile begin."""
-        until = time.monotonic() + _AT_ONCE
-        while self._turns and time.monotonic() < until:
-            self._turns.work()
-            self._service.take()
+        """Let one request have a turn; those that have come meanwhile begin."""
+        self._service.take()
         if self._turns:
+            self._turns.work()
             self._go_on.trigger()
+
+    def _refuse(self) -> None:
+        """Answer those that found the node busy, not all at once: a client's queue may hold ten answers."""
+        most = self._settings["most_requests"]
+        busy = refused(f"busy: expected at most {most} requests at once, got more; ask again later")
+        while self._refusals and (self._pace.allows() or len(self._refusals) > _MOST_REFUSALS):
+            self._refusals.popleft()(busy)
+        if not self._refusals:
+            self._refusing.cancel()
 
     def _serve(self, request: RefineSubgoal.Request) -> Slices[RefineSubgoal.Response]:
         """Answer a request, in slices."""
@@ -128,7 +142,7 @@ class RefinementNode(Node):
         except (MessageError, RefinementError) as error:
             self._refused, self._last_refusal = self._refused + 1, str(error)
             self.get_logger().warning(f"refused: {error}", throttle_duration_sec=_WARNING_PERIOD)
-            response = refusal_of(request, str(error))
+            response = refused(str(error), conversions.echo_of(request.chain))
         else:
             self._answered += 1
             self._cut_short += not refinement.complete

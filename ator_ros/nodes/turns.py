@@ -1,7 +1,7 @@
-"""Requests that are under way at once and have turns of some milliseconds (without ROS; the clock is passed in).
+"""Requests that are under way at once, in turns of some milliseconds (without ROS; the clock is passed in).
 
 A turn goes to the request that has had the least time, so that a short one is not delayed by long ones. Every
-other turn goes to the oldest whose time is up, so that the answers to long ones come however many short ones do.
+other turn goes to the oldest whose time is up, so that long ones are answered however many short ones come.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ TURN = 0.004
 
 @dataclass(slots=True, eq=False)
 class _Job:
-    """A request under way: its work, who takes its result, its size, when it came, and what time it has had."""
+    """A request under way: its work, who takes its result, its size, when it came, the time it has had."""
 
     work: Slices[Any]
     finish: Callable[[Any], None]
