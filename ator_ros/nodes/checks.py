@@ -7,11 +7,14 @@ from collections.abc import Collection, Iterable, Sized
 from typing import Any
 
 from ator_ros.geometry import yaw_from_quaternion
+from ator_ros.printable import quoted
 
 FARTHEST = 1000.0
 """Greatest coordinate in m that is believed."""
 FASTEST = 100.0
 """Greatest velocity in m/s or rad/s that is believed."""
+LONGEST_NAME = 200
+"""Greatest number of characters of a name that is looked at."""
 _UNIT_TOLERANCE = 1e-3
 _TILT_TOLERANCE = 0.02
 
@@ -71,7 +74,14 @@ def planar_yaw(quaternion: Any, where: str) -> float:
 def frame(frame_id: str, where: str, *, expected: str) -> None:
     """Make sure that a frame is the expected one, or empty, which means the same; raises MessageError."""
     if frame_id not in ("", expected):
-        raise MessageError(f"{where}: expected the frame {expected!r}, got {frame_id!r}")
+        raise MessageError(f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}")
+
+
+def name(text: str, where: str, *, allowed: Collection[str]) -> str:
+    """Return a name if it is allowed; a very long one is not even looked up. Raises MessageError."""
+    if len(text) > LONGEST_NAME or text not in allowed:
+        raise MessageError(f"{where}: expected one of {sorted(allowed)}, got {quoted(text)}")
+    return text
 
 
 def count(items: Sized, where: str, *, least: int, most: int) -> None:
@@ -89,8 +99,12 @@ def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> fr
     MessageError
         Not so.
     """
-    unknown = sorted(set(items) - set(allowed))
-    if unknown or len(set(items)) != len(items):
-        got = unknown[:5] if unknown else "a name twice"
-        raise MessageError(f"{where}: expected names of {sorted(allowed)}, each once, got {got}")
+    expected = f"{where}: expected names of {sorted(allowed)}, each once"
+    if len(items) > len(allowed):
+        raise MessageError(f"{expected}, got {len(items)} items")
+    unknown = [item for item in items if len(item) > LONGEST_NAME or item not in allowed]
+    if unknown:
+        raise MessageError(f"{expected}, got {quoted(unknown[0])}")
+    if len(set(items)) != len(items):
+        raise MessageError(f"{expected}, got a name twice")
     return frozenset(items)

@@ -162,10 +162,20 @@ def situation_of(world: World, *, frame: str) -> msg.Situation:
 
 def action_set_from(chain: msg.TopChain, *, allowed: Mapping[str, Any], where: str = "chain") -> str:
     """Read the name of a chain's action set, of those in `allowed`; empty means the default."""
-    name = str(chain.action_set or DEFAULT_ACTION_SET)
-    if name not in allowed:
-        raise MessageError(f"{where}.action_set: expected one of {sorted(allowed)}, got {name!r}")
-    return name
+    return checks.name(chain.action_set or DEFAULT_ACTION_SET, f"{where}.action_set", allowed=allowed)
+
+
+def echo_of(chain: msg.TopChain) -> msg.TopChain:
+    """Return a chain as it came, to be sent back or kept; an empty one where it is too large for that."""
+    if len(chain.calls) > LONGEST_CHAIN:
+        return msg.TopChain()
+    texts = [chain.action_set]
+    for call in chain.calls:
+        names = (*call.bound[: len(GOAL_VARIABLES)], *call.open[: len(GOAL_VARIABLES)])
+        if len(call.bound) + len(call.open) > 2 * len(GOAL_VARIABLES):
+            return msg.TopChain()
+        texts += [call.top, call.goal.header.frame_id, *names]
+    return chain if all(len(text) <= checks.LONGEST_NAME for text in texts) else msg.TopChain()
 
 
 def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: str = "chain") -> TopChain:
@@ -184,10 +194,8 @@ def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: s
 
 
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:
-    if call.top not in library:
-        raise MessageError(f"{where}.top: expected one of {sorted(library)}, got {call.top!r}")
+    top = library[checks.name(call.top, f"{where}.top", allowed=library)]
     checks.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
-    top = library[call.top]
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=checks.FASTEST, unit="m/s")
     goal = Goal(pose_from(call.goal.pose, f"{where}.goal.pose"), speed, top.point)
     opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, EVERYTHING))

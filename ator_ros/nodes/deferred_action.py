@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.action import ActionServer
+from rclpy.action import ActionServer, GoalResponse
 from rclpy.action.server import ServerGoalHandle
+
+from ator_ros.nodes.pacing import Pace
+from ator_ros.nodes.qos import SERVICES
 
 _RESULT_KEPT = 60
 """Time in s for which a result can be asked for. rclpy's 900 s keep hundreds of chains' records in memory."""
+MOST_KEPT = 300
+"""Goals whose results are kept at once."""
+GOALS_PER_SECOND, GOALS_AT_ONCE = 20.0, 50
+_WARNING_PERIOD = 2.0
 
 
 class DeferredActionServer(ActionServer):
@@ -17,6 +25,14 @@ class DeferredActionServer(ActionServer):
 
     rclpy wants a callback per goal that returns the result: one that blocks needs a thread, and one that
     awaits makes rclpy's executor spin without a pause. Here nothing runs between two messages.
+
+    Goals over `GOALS_PER_SECOND`, after `GOALS_AT_ONCE`, and over `MOST_KEPT` in a minute are rejected: each
+    preempts the one before, and its result is kept.
+
+    Attributes
+    ----------
+    rejected : int
+        How many goals were rejected so.
 
     Parameters
     ----------
@@ -37,14 +53,32 @@ class DeferredActionServer(ActionServer):
         *,
         cancel_callback: Callable[[ServerGoalHandle], Any],
     ) -> None:
+        self.rejected = 0
+        self._pace = Pace(time.monotonic, rate=GOALS_PER_SECOND, at_once=GOALS_AT_ONCE)
         super().__init__(
             node,
             action_type,
             action_name,
             start,
+            goal_callback=self._admit,
             cancel_callback=cancel_callback,
+            goal_service_qos_profile=SERVICES,
+            result_service_qos_profile=SERVICES,
+            cancel_service_qos_profile=SERVICES,
             result_timeout=_RESULT_KEPT,
         )
+
+    def _admit(self, _: Any) -> GoalResponse:
+        kept = len(self._goal_handles)
+        if kept < MOST_KEPT and self._pace.allows():
+            return GoalResponse.ACCEPT
+        self.rejected += 1
+        self._node.get_logger().warning(
+            f"goal rejected: busy: expected at most {GOALS_PER_SECOND:g} goals a second and {MOST_KEPT} in "
+            f"{_RESULT_KEPT} s, got more",
+            throttle_duration_sec=_WARNING_PERIOD,
+        )
+        return GoalResponse.REJECT
 
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[[ServerGoalHandle], None] | None
@@ -53,5 +87,6 @@ class DeferredActionServer(ActionServer):
         (execute_callback or self._execute_callback)(goal_handle)
 
     def finish(self, goal_handle: ServerGoalHandle, result: Any) -> None:
-        """Answer a goal whose state is final."""
+        """Answer a goal whose state is final; what it asked for is no longer needed."""
+        goal_handle._goal_request = type(goal_handle.request)()
         super().notify_execute(goal_handle, lambda _: result)

@@ -14,11 +14,13 @@ from rclpy.node import Node
 
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.senders import strange_senders
+from ator_ros.printable import printable
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """For timers that run whatever the simulated time does."""
 
 _PERIOD = 1.0
+_LONGEST = 500
 
 
 class Lateness:
@@ -84,8 +86,10 @@ class Diagnostics:
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name(),
-            message=problem or "running",
-            values=[KeyValue(key=key, value=str(value)) for key, value in health.values.items()],
+            message=printable(problem or "running", _LONGEST),
+            values=[
+                KeyValue(key=key, value=printable(value, _LONGEST)) for key, value in health.values.items()
+            ],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()

@@ -27,7 +27,7 @@ from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
-from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.rehearsal import rehearse
 from ator_ros.nodes.running import run_node
 from ator_ros.robot import ConfigError, load_robot
@@ -63,7 +63,7 @@ class ExecutorNode(Node):
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
-        A result can be asked for in the minute after the goal.
+        A result can be asked for in the minute after the goal. More goals than can be kept are rejected.
         The robot stands before a goal ends (with `latency`, as foreseen), or is told to for 2 s; where a
         newer goal takes over, odometry is lost or the node ends, the goal ends once the robot is told. The
         result says in words why it ended.
@@ -117,7 +117,7 @@ class ExecutorNode(Node):
         self._commands = self.create_publisher(kind, "cmd_vel", COMMANDS)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
-        self._refinement = self.create_client(RefineSubgoal, "refine_subgoal")
+        self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         # In this order: of messages that have both come, the ball is then taken first.
         self.create_subscription(Odometry, "ball", self._take_ball, SENSOR_DATA)
         self.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
@@ -268,6 +268,7 @@ class ExecutorNode(Node):
             "longest tick (ms)": f"{1000.0 * longest:.1f}",
             "goal": "none" if self._run is None else self._run.execution.phase.value,
             "goals": self._goals,
+            "goals rejected as busy": self._server.rejected,
             "last error": self._last_error,
             **self._digests,
             **told_of(self._models),

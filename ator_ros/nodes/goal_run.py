@@ -204,7 +204,7 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
     outcome = outcome_of(ending, reason)
     record = ChainPerformance(
         chain_id=id_of(handle),
-        chain=handle.request.chain,
+        chain=conversions.echo_of(handle.request.chain),
         refinement="never came to that",
         predicted=conversions.performance_of(),
         actual=actual(0.0, ending),

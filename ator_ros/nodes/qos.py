@@ -20,3 +20,10 @@ LATCHED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """For what a late listener shall still get: the last record, the robot's description."""
+
+SERVICES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=2000, reliability=ReliabilityPolicy.RELIABLE)
+"""For services and their clients, those of actions too.
+
+Requests over the depth are lost without a word, and rclpy's 10 are soon reached. Keep-all would not help: it
+waits for clients that have died, and a client keeps no more of its requests than its own depth.
+"""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from pathlib import Path
 
 from rclpy.node import Node
@@ -12,19 +13,23 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
-from ator_ros.nodes.diagnostics import Diagnostics, Health
+from ator_ros.nodes.deferred_service import Answer, DeferredService
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
+from ator_ros.nodes.pacing import Pace
 from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.nodes.refinement_answers import answer_of, markers_of, refusal_of
+from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.rehearsal import rehearse_refinement
 from ator_ros.nodes.running import run_node
+from ator_ros.nodes.turns import Turns
 from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.slices import Slices
 from ator_ros.robot import ConfigError, Robot, load_robot
 from ator_ros.tops.library import TopLibrary
 
@@ -32,9 +37,15 @@ PARAMETERS = (
     Parameter("frame", "odom", "frame that situations and goals must be given in"),
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
+    Parameter(
+        "deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0
+    ),
+    Parameter("most_requests", 32, "requests under way at once; more are refused as busy", 1, 1000),
 )
 
 _WARNING_PERIOD = 2.0
+_REFUSALS_PER_SECOND = 1500.0
+_MOST_REFUSALS = 2000
 
 
 class RefinementNode(Node):
@@ -44,7 +55,9 @@ class RefinementNode(Node):
 
     Services
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
-        reason. A request that cannot be evaluated is answered with accepted = false.
+        reason. A request that cannot be evaluated is answered with accepted = false, as is one that finds the
+        node busy. Requests have turns of some milliseconds, so that a long one does not delay the others; at
+        `deadline` the best is answered that was found until then, and cut_short says so.
     Publishes
         refinement_markers (visualization_msgs/MarkerArray): what was searched, when somebody listens.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
@@ -63,10 +76,17 @@ class RefinementNode(Node):
         for action_set in ACTION_SETS:
             self._load(robot, action_set)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
-        self._answered, self._refused = 0, 0
+        self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
         self._markers = self.create_publisher(MarkerArray, "refinement_markers", RESULTS)
-        self._service = self.create_service(RefineSubgoal, "refine_subgoal", self._serve)
+        self._turns = Turns(
+            time.monotonic, deadline=self._settings["deadline"], most=self._settings["most_requests"]
+        )
+        self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin)
+        self._go_on = self.create_guard_condition(self._work)
+        self._refusals: deque[Answer] = deque()
+        self._pace = Pace(time.monotonic, rate=_REFUSALS_PER_SECOND, at_once=4)
+        self._refusing = self.create_timer(1.0 / _REFUSALS_PER_SECOND, self._refuse, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(f"refining chains of the action sets {', '.join(self._refiners) or '(none)'}")
 
@@ -89,17 +109,43 @@ class RefinementNode(Node):
             self.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
             return None
 
-    def _serve(self, request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
+    def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
+        if self._turns.add(self._serve(request), answer, size=len(request.chain.calls)):
+            self._go_on.trigger()
+            return
+        self._busy += 1
+        self._refusals.append(answer)
+        self._refusing.reset()
+
+    def _work(self) -> None:
+        """Let one request have a turn; those that have come meanwhile begin."""
+        self._service.take()
+        if self._turns:
+            self._turns.work()
+            self._go_on.trigger()
+
+    def _refuse(self) -> None:
+        """Answer those that found the node busy, not all at once: a client's queue may hold ten answers."""
+        most = self._settings["most_requests"]
+        busy = refused(f"busy: expected at most {most} requests at once, got more; ask again later")
+        while self._refusals and (self._pace.allows() or len(self._refusals) > _MOST_REFUSALS):
+            self._refusals.popleft()(busy)
+        if not self._refusals:
+            self._refusing.cancel()
+
+    def _serve(self, request: RefineSubgoal.Request) -> Slices[RefineSubgoal.Response]:
+        """Answer a request, in slices."""
         began, frame = time.perf_counter(), self._settings["frame"]
         try:
             action_set = conversions.action_set_from(request.chain, allowed=self._libraries)
-            refinement = self._refine(request, action_set)
+            refinement = yield from self._refine(request, action_set)
         except (MessageError, RefinementError) as error:
             self._refused, self._last_refusal = self._refused + 1, str(error)
             self.get_logger().warning(f"refused: {error}", throttle_duration_sec=_WARNING_PERIOD)
-            response = refusal_of(request, str(error))
+            response = refused(str(error), conversions.echo_of(request.chain))
         else:
             self._answered += 1
+            self._cut_short += not refinement.complete
             wanted = request.want_curve
             response = answer_of(refinement, action_set=action_set, frame=frame, want_curve=wanted)
             if self._markers.get_subscription_count():
@@ -107,11 +153,11 @@ class RefinementNode(Node):
         self._last_time = response.computation_time = time.perf_counter() - began
         return response
 
-    def _refine(self, request: RefineSubgoal.Request, action_set: str) -> Refinement:
+    def _refine(self, request: RefineSubgoal.Request, action_set: str) -> Slices[Refinement]:
         if action_set not in self._refiners:
             raise RefinementError(f"action set {action_set}: {self._models[action_set].absent}")
         library, refiner = self._libraries[action_set], self._refiners[action_set]
-        return refinement_of(request, refiner, library, frame=self._settings["frame"])
+        return (yield from refining_of(request, refiner, library, frame=self._settings["frame"]))
 
     def _health(self) -> Health:
         problem = problems_of(self._models)
@@ -122,6 +168,8 @@ class RefinementNode(Node):
                 **told_of(self._models),
                 "requests answered": self._answered,
                 "requests refused": self._refused,
+                "requests refused as busy": self._busy,
+                "requests cut short by their deadline": self._cut_short,
                 "last error": self._last_refusal,
                 **self._digests,
                 "last computation (ms)": f"{1000.0 * self._last_time:.2f}",
@@ -129,10 +177,10 @@ class RefinementNode(Node):
         )
 
 
-def refinement_of(
+def refining_of(
     request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary, *, frame: str
-) -> Refinement:
-    """Do what a request asks for.
+) -> Slices[Refinement]:
+    """Do what a request asks for, in slices.
 
     Raises
     ------
@@ -142,10 +190,12 @@ def refinement_of(
     world = conversions.world_from(request.situation, frame=frame)
     chain = conversions.chain_from(request.chain, library, frame=frame)
     objective = conversions.objective_from(request.objective)
+    yield
     violations = chain.violations(world, library.robot)
     if violations:
         raise RefinementError(f"no valid plan: {'; '.join(violations)}")
-    return refiner.refine(world, chain, objective, placeholders=not request.as_given)
+    yield
+    return (yield from refiner.refining(world, chain, objective, placeholders=not request.as_given))
 
 
 def main(args: list[str] | None = None) -> None:

@@ -11,6 +11,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_interfaces.msg import FreeVariable, NotFree, Performance, SearchCurve
+from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
@@ -34,6 +35,7 @@ def answer_of(
     return RefineSubgoal.Response(
         accepted=True,
         refined=refinement.refined,
+        cut_short=not refinement.complete,
         reason=refinement.reason,
         chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
         original=chain_of(refinement.original, action_set=action_set, frame=frame),
@@ -50,13 +52,14 @@ def answer_of(
     )
 
 
-def refusal_of(request: RefineSubgoal.Request, reason: str) -> RefineSubgoal.Response:
-    """Write the answer to a request that could not be evaluated."""
+def refused(reason: str, chain: TopChainMessage | None = None) -> RefineSubgoal.Response:
+    """Write the answer to a request that is not evaluated, with its `chain` where that can be sent back."""
     nothing = performance_of()
+    sent = TopChainMessage() if chain is None else chain
     return RefineSubgoal.Response(
         reason=reason,
-        chain=request.chain,
-        original=request.chain,
+        chain=sent,
+        original=sent,
         before=nothing,
         after=nothing,
         cost_before=math.nan,

@@ -20,7 +20,7 @@ from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
 from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
-from ator_ros.nodes.qos import LATCHED, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedWorld
 from ator_ros.robot import ConfigError, load_robot
@@ -127,10 +127,13 @@ class SimulationNode(Node):
         self.create_subscription(self._command_type, "cmd_vel", self._command, SENSOR_DATA)
 
     def _offer_services(self) -> None:
-        self.create_service(PlaceRobot, "place_robot", self._guarded(self._place_robot))
-        self.create_service(PlaceBall, "place_ball", self._guarded(self._place_ball))
-        self.create_service(Trigger, "reset", self._guarded(self._reset))
-        self.create_service(SetBool, "pause", self._guarded(self._pause))
+        for kind, name, handle in (
+            (PlaceRobot, "place_robot", self._place_robot),
+            (PlaceBall, "place_ball", self._place_ball),
+            (Trigger, "reset", self._reset),
+            (SetBool, "pause", self._pause),
+        ):
+            self.create_service(kind, name, self._guarded(handle), qos_profile=SERVICES)
 
     # Time
 

@@ -60,6 +60,8 @@ class Refinement:
         The steps (from 0) whose action has no performance model.
     curves : tuple of SubgoalCurve
         What was searched.
+    complete : bool
+        Whether everything was searched before time was up; otherwise `best` is the best found until then.
     """
 
     chain: TopChain
@@ -73,6 +75,7 @@ class Refinement:
     not_free: tuple[NotFree, ...] = ()
     without_model: tuple[int, ...] = ()
     curves: tuple[SubgoalCurve, ...] = ()
+    complete: bool = True
 
 
 def why_nothing_free(chain: TopChain, not_free: Sequence[NotFree]) -> str:

@@ -14,6 +14,7 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import FreeVariable, PerformanceModel
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.projection import columns_after, direct_columns, goal_columns, start_columns
+from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world import World
@@ -108,8 +109,9 @@ class ChainModel:
         model = self._models[index]
         if model is None:
             return np.zeros(1)
-        prediction = self._predict(index, model, before, after)
-        cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
+        with np.errstate(all="ignore"):
+            prediction = self._predict(index, model, before, after)
+            cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
         self._searched[index].append(_Searched(before, after, prediction, cost))
         return cost
 
@@ -118,8 +120,13 @@ class ChainModel:
 
         Its cost is infinite where that of a step is no number.
         """
+        return completed(self.predicting(chain))
+
+    def predicting(self, chain: Sequence[FloatArray]) -> Slices[ChainPrediction]:
+        """Predict as `predict` does, in slices; it takes no longer when time is not up."""
         previous, actions, cost = np.zeros(0), [], 0.0
         for index, values in enumerate(chain):
+            yield
             action, step_cost = self._predict_one(index, previous, values)
             actions.append(action)
             cost += step_cost

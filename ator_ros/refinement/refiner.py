@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -25,13 +26,15 @@ from ator_ros.refinement.free_variables import (
 )
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.search import Optimum, search
+from ator_ros.refinement.search import Optimum, searching
+from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world import World
 
 LONGEST_CHAIN = 32
 """Chains of more actions are refused, so that one request cannot occupy a node for long."""
+_CUT_SHORT = "its deadline cut the search short"
 
 
 class Refiner:
@@ -87,18 +90,33 @@ class Refiner:
             The request cannot be evaluated: a chain that is empty or too long, a number that is not finite,
             no finite prediction for any candidate.
         """
+        return completed(self.refining(world, chain, objective, placeholders=placeholders))
+
+    def refining(
+        self,
+        world: World,
+        chain: TopChain,
+        objective: Objective | None = None,
+        *,
+        placeholders: bool = False,
+    ) -> Slices[Refinement]:
+        """Refine as `refine` does, in slices.
+
+        When time is up, placeholders for which no naive value has been searched keep their values.
+        """
         objective = objective if objective is not None else Objective()
         analysis = self.analyse(world, chain)
         memory: Memory = {}
         if placeholders:
-            chain = self._fastest_alone(world, chain, analysis.free, memory)
-        with np.errstate(all="ignore"):
-            model = self._model(world, chain, analysis.free, objective, memory)
-            given = [_values(chain, index, names) for index, names in enumerate(model.names)]
-            if not analysis.free:
-                return self._left_alone(chain, analysis, model.predict(given))
-            optimum = search(model.step_cost, _axes(chain, analysis.free), given)
-            before, after = model.predict(given), model.predict(optimum.values)
+            chain = yield from self._fastest_alone(world, chain, analysis.free, memory)
+        yield
+        model = self._model(world, chain, analysis.free, objective, memory)
+        given = [_values(chain, index, names) for index, names in enumerate(model.names)]
+        if not analysis.free:
+            return self._left_alone(chain, analysis, (yield from model.predicting(given)))
+        optimum = yield from searching(model.step_cost, _axes(chain, analysis.free), given)
+        before = yield from model.predicting(given)
+        after = yield from model.predicting(optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
@@ -116,25 +134,30 @@ class Refiner:
         RefinementError
             As in `refine`.
         """
-        return self._fastest_alone(world, chain, self.analyse(world, chain).free, {})
+        return completed(self._fastest_alone(world, chain, self.analyse(world, chain).free, {}))
 
     def _fastest_alone(
-        self, world: World, chain: TopChain, free: Sequence[FreeVariable], memory: Memory
-    ) -> TopChain:
+        self,
+        world: World,
+        chain: TopChain,
+        free: Sequence[FreeVariable],
+        memory: Memory,
+    ) -> Slices[TopChain]:
         resting = [variable for variable in free if variable.domain.rest is not None]
         for variable in resting:
             chain = _replaced(chain, variable.subgoal, {variable.name: variable.domain.rest or 0.0})
         searched = [v for v in free if v.domain.rest is None and self._is_used(chain, v)]
         for index in sorted({variable.subgoal for variable in searched}):
             alone = [variable for variable in searched if variable.subgoal == index]
-            with np.errstate(all="ignore"):
-                calls = chain.calls[: index + 1]
-                model = self._model(world, TopChain(calls), alone, Objective(), memory)
-                axes = _axes(chain, alone)
-                optimum = search(_only(model, index), axes[: index + 1])
+            late = yield
+            if late:
+                break
+            model = self._model(world, TopChain(chain.calls[: index + 1]), alone, Objective(), memory)
+            cost = functools.partial(_cost_of_step, model, index)
+            optimum = yield from searching(cost, [[variable.domain for variable in alone]])
             if not math.isfinite(optimum.cost):
                 raise RefinementError(f"subgoal {index + 1}: expected a finite prediction, got none")
-            chain = _replaced(chain, index, dict(zip(model.names[index], optimum.values[index], strict=True)))
+            chain = _replaced(chain, index, dict(zip(model.names[index], optimum.values[0], strict=True)))
         return chain
 
     def _is_used(self, chain: TopChain, variable: FreeVariable) -> bool:
@@ -194,6 +217,8 @@ class Refiner:
         changed = pays and best != chain
         if pays and not changed:
             reason = "the chain is the best already"
+        if not optimum.complete:
+            reason = f"{reason}; {_CUT_SHORT}"
         lacking = self._without_model(chain)
         return Refinement(
             best if changed else chain,
@@ -207,6 +232,7 @@ class Refiner:
             not_free=analysis.not_free,
             without_model=lacking,
             curves=_curves(model, optimum),
+            complete=optimum.complete,
         )
 
     def _left_alone(self, chain: TopChain, analysis: Analysis, prediction: ChainPrediction) -> Refinement:
@@ -252,10 +278,5 @@ def _axes(chain: TopChain, free: Sequence[FreeVariable]) -> list[list[Domain]]:
     ]
 
 
-def _only(model: ChainModel, index: int) -> Callable[[int, FloatArray, FloatArray], FloatArray]:
-    """Give the step cost that counts the action `index` only."""
-
-    def cost(step: int, before: FloatArray, after: FloatArray) -> FloatArray:
-        return model.step_cost(step, before, after) if step == index else np.zeros(1)
-
-    return cost
+def _cost_of_step(model: ChainModel, index: int, _: int, before: FloatArray, after: FloatArray) -> FloatArray:
+    return model.step_cost(index, before, after)

@@ -4,11 +4,13 @@ The cost of a chain is a sum of terms, each of two neighbouring subgoals only. O
 every subgoal, dynamic programming therefore finds the least sum exactly, with every term of every pair
 evaluated once and vectorised. The grid is exhaustive where one variable is free; otherwise it is coarse first
 and then refined around the best candidates.
+
+When time is up, the subgoals that follow keep what they had: the programming ends with one candidate for each
+of them, and the result is the best for what was searched.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +19,7 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.free_variables import Domain
+from ator_ros.refinement.slices import Slices, completed
 
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
 """Gives the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
@@ -31,6 +34,8 @@ LEAST_STEPS = 4
 ZOOM_STEPS = (7, 5, 3)
 """Steps of a window in each direction, for one, two, and more free variables."""
 ZOOM_WINDOWS = 2
+BLOCK = 1024
+"""Pairs of candidates whose costs are computed at once: a few milliseconds, the length of a slice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +56,26 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Optimum:
-    """Best values of each subgoal's free variables, shapes (k,), the cost there, the first grid's curves."""
+    """Best values of each subgoal's free variables, shapes (k,), the cost there, the first grid's curves.
+
+    It is not `complete` where time was up before everything was searched.
+    """
 
     values: tuple[FloatArray, ...]
     cost: float
     curves: tuple[Curve, ...]
+    complete: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Path:
+    """The best path through candidates: those considered, the values chosen, the least cost through each."""
+
+    candidates: Sequence[FloatArray]
+    values: list[FloatArray]
+    cost: float
+    totals: list[FloatArray]
+    complete: bool
 
 
 def search(
@@ -74,23 +94,38 @@ def search(
         Values of each subgoal, shape (k,), that shall be among the candidates, so that the result is never
         worse.
     """
+    return completed(searching(step_cost, axes, given))
+
+
+def searching(
+    step_cost: StepCost, axes: Sequence[Sequence[Domain]], given: Sequence[FloatArray | None] | None = None
+) -> Slices[Optimum]:
+    """Search as `search` does, in slices; when time is up, subgoals not yet searched keep what is `given`.
+
+    Without given values for every subgoal, all of the first grid is searched nevertheless.
+    """
     grids, steps = _first_grids(tuple(map(tuple, axes)))
-    candidates = grids
-    if given is not None:
-        candidates = [g if v is None else _with(g, v) for g, v in zip(grids, given, strict=True)]
-    path, cost, totals = _least_path(step_cost, candidates)
-    values = [c[i] for c, i in zip(candidates, path, strict=True)]
-    curves = tuple(Curve(grid, total[: len(grid)]) for grid, total in zip(grids, totals, strict=True))
-    if sum(len(domains) for domains in axes) > 1:
-        candidates = [
-            np.vstack([value, *(_window(best, step, domains) for best in _best_apart(c, t, step))])
-            if domains
-            else c
-            for value, c, t, step, domains in zip(values, candidates, totals, steps, axes, strict=True)
-        ]
-        path, cost, _ = _least_path(step_cost, candidates)
-        values = [c[i] for c, i in zip(candidates, path, strict=True)]
-    return Optimum(tuple(values), cost, curves)
+    known = list(given) if given is not None else [None] * len(grids)
+    candidates = [g if v is None else _with(g, v) for g, v in zip(grids, known, strict=True)]
+    first = yield from _least_path(step_cost, candidates, [v for v in known if v is not None])
+    curves = tuple(
+        Curve(grid, total[: len(grid)]) if searched is offered else Curve(searched, total)
+        for grid, offered, searched, total in zip(
+            grids, candidates, first.candidates, first.totals, strict=True
+        )
+    )
+    if sum(len(domains) for domains in axes) <= 1 or not first.complete:
+        return Optimum(tuple(first.values), first.cost, curves, first.complete)
+    windows = []
+    for value, offered, total, step, domains in zip(
+        first.values, candidates, first.totals, steps, axes, strict=True
+    ):
+        yield
+        best = _best_apart(offered, total, step) if domains else []
+        zoomed = [_window(centre, step, domains) for centre in best]
+        windows.append(np.vstack([value, *zoomed]) if domains else offered)
+    second = yield from _least_path(step_cost, windows, first.values)
+    return Optimum(tuple(second.values), second.cost, curves, second.complete)
 
 
 @lru_cache(maxsize=32)
@@ -159,32 +194,58 @@ def _best_apart(candidates: FloatArray, totals: FloatArray, step: FloatArray) ->
 
 
 def _least_path(
-    step_cost: StepCost, candidates: Sequence[FloatArray]
-) -> tuple[list[int], float, list[FloatArray]]:
-    """Give each subgoal's best candidate, the chain's cost, and the least cost through every candidate."""
-    costs = [_pairwise(step_cost, 0, np.zeros((1, 0)), candidates[0])]
-    for index, (before, after) in enumerate(itertools.pairwise(candidates), start=1):
-        costs.append(_pairwise(step_cost, index, before, after))
-    forward, origins = [costs[0][0]], [np.zeros(len(candidates[0]), dtype=int)]
-    for cost in costs[1:]:
-        sums = forward[-1][:, None] + cost
+    step_cost: StepCost, candidates: Sequence[FloatArray], given: Sequence[FloatArray]
+) -> Slices[_Path]:
+    """Find the best candidate of each subgoal; when time is up, only the `given` one of those that follow."""
+    searched: list[FloatArray] = []
+    costs: list[FloatArray] = []
+    forward: list[FloatArray] = []
+    origins = []
+    before, complete = np.zeros((1, 0)), True
+    for index, offered in enumerate(candidates):
+        after = offered if complete else given[index][None, :]
+        cost = yield from _pairwise(step_cost, index, before, after, cut=complete and bool(given))
+        if len(cost) < len(before):
+            complete, after = False, given[index][None, :]
+            cost = yield from _pairwise(step_cost, index, before, after, cut=False)
+        sums = forward[-1][:, None] + cost if forward else cost
         origins.append(np.argmin(sums, axis=0))
         forward.append(sums[origins[-1], np.arange(sums.shape[1])])
-    backward = [np.zeros(len(candidates[-1]))]
+        costs.append(cost)
+        searched.append(after)
+        before = after
+    backward = [np.zeros(len(before))]
     for cost in reversed(costs[1:]):
+        yield
         backward.insert(0, np.min(cost + backward[0][None, :], axis=1))
-    index = int(np.argmin(forward[-1]))
-    total, path = float(forward[-1][index]), [index]
+    row = int(np.argmin(forward[-1]))
+    total, path = float(forward[-1][row]), [row]
     for origin in reversed(origins[1:]):
         path.insert(0, int(origin[path[0]]))
-    return path, total, [f + b for f, b in zip(forward, backward, strict=True)]
+    values = [c[i] for c, i in zip(searched, path, strict=True)]
+    totals = [f + b for f, b in zip(forward, backward, strict=True)]
+    return _Path(searched, values, total, totals, complete)
 
 
-def _pairwise(step_cost: StepCost, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Give the cost of a step, shape (n, m), for every pair of n candidates before and m after it."""
+def _pairwise(
+    step_cost: StepCost, index: int, before: FloatArray, after: FloatArray, *, cut: bool
+) -> Slices[FloatArray]:
+    """Compute the cost of a step, shape (n, m), for every pair of n candidates before and m after it.
+
+    Where that may be `cut` short, there are fewer rows if time is up.
+    """
     n, m = len(before), len(after)
-    if n > 1 and m > 1:
-        rows = step_cost(index, np.repeat(before, m, axis=0), np.tile(after, (n, 1)))
-    else:
-        rows = step_cost(index, before, after)
-    return rows.reshape(n, m) if len(rows) == n * m else np.full((n, m), rows[0])
+    size = max(1, BLOCK // m)
+    blocks = [np.zeros((0, m))]
+    for first in range(0, n, size):
+        late = yield
+        if late and cut:
+            break
+        part = before[first : first + size]
+        if n > 1 and m > 1:
+            rows = step_cost(index, np.repeat(part, m, axis=0), np.tile(after, (len(part), 1)))
+        else:
+            rows = step_cost(index, part, after)
+        every = len(rows) == len(part) * m
+        blocks.append(rows.reshape(len(part), m) if every else np.full((len(part), m), rows[0]))
+    return np.concatenate(blocks)

@@ -23,12 +23,13 @@ from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError
-from ator_ros.nodes.refinement import refinement_of
+from ator_ros.nodes.refinement import refining_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.changes import allowed_changes
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.slices import completed
 from ator_ros.robot import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
@@ -117,7 +118,7 @@ def place_ball(request: RefineSubgoal.Request) -> None:
 def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary) -> str:
     """Do what the node does with a request; give "answered" or "refused"."""
     try:
-        refinement = refinement_of(request, refiner, library, frame=FRAME)
+        refinement = completed(refining_of(request, refiner, library, frame=FRAME))
     except (MessageError, RefinementError) as error:
         return f"refused: {kind_of(str(error))}"
     answer = answer_of(refinement, action_set="default", frame=FRAME, want_curve=request.want_curve)

@@ -13,11 +13,12 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes.conversions import chain_from
-from ator_ros.nodes.refinement import refinement_of
+from ator_ros.nodes.refinement import refining_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models, model_path
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.slices import completed
 from ator_ros.robot import load_robot
 from ator_ros.tops.library import TopLibrary
 
@@ -51,7 +52,7 @@ def printed(command: str) -> dict[str, Any]:
 def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
     models = load_models(ROBOT)
     refiner = Refiner(ROBOT, models, load_gate(ROOT / "models" / model_path("gate", "default")))
-    found = refinement_of(request, refiner, LIBRARY, frame="odom")
+    found = completed(refining_of(request, refiner, LIBRARY, frame="odom"))
     return answer_of(found, action_set="default", frame="odom", want_curve=False)
 
 

@@ -1,0 +1,39 @@
+"""Text from outside in logs, answers and diagnostics."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ator_ros.printable import LONGEST, printable, quoted
+
+
+@given(st.text(alphabet=st.characters(exclude_categories=())))
+def test_whatever_comes_can_be_printed_in_one_line(text: str) -> None:
+    shown = printable(text)
+    assert shown.isprintable()
+    assert len(shown.splitlines()) <= 1
+    assert len(shown) <= LONGEST + 30
+    shown.encode()  # no halves of surrogate pairs
+
+
+@pytest.mark.parametrize("text", ["goToBall", "Zürich 東京", "a 'quoted' word", ""])
+def test_plain_text_stays_as_it_is(text: str) -> None:
+    assert printable(text) == text
+    assert quoted(text) == f"'{text}'"
+
+
+def test_what_would_move_a_terminal_is_escaped() -> None:
+    assert printable("\x1b[2Jx\ny\u202ez\udc80") == r"\x1b[2Jx\ny\u202ez\udc80"
+
+
+def test_ten_megabytes_cost_nothing_and_are_counted() -> None:
+    text = "\x1b" * 10_000_000
+    began = time.thread_time()
+    shown = quoted(text)
+    assert time.thread_time() - began < 0.01
+    assert "10000000 characters" in shown
+    assert len(shown) < 100
