@@ -14,7 +14,7 @@ from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
-from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
+from ator_ros.nodes.parameters import ROBOT, Parameter, declare_parameters, digest_of, robot_of
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refusal_of
 from ator_ros.nodes.rehearsal import rehearse_refinement
@@ -25,11 +25,12 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot import ConfigError, Robot, load_robot
+from ator_ros.robot import Robot
 from ator_ros.tops.library import TopLibrary
 
 PARAMETERS = (
     Parameter("frame", "odom", "frame that situations and goals must be given in"),
+    ROBOT,
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
 )
@@ -56,10 +57,7 @@ class RefinementNode(Node):
         self._refiners: dict[str, Refiner] = {}
         self._libraries: dict[str, TopLibrary] = {}
         self._models: dict[str, ModelSet] = {}
-        try:
-            robot = load_robot()
-        except ConfigError as error:
-            raise SetupError(str(error)) from error
+        robot = robot_of(self._settings)
         for action_set in ACTION_SETS:
             self._load(robot, action_set)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
