@@ -11,7 +11,7 @@ PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 TOOLS = ("collect", "train", "gate", "evaluate", "qualify", "bench", "soak", "compare", "noise", "demo")
 _PROGRAMS = (*TOOLS, "make", "ros2", "python", "pip", "dask", "apt", "sudo", "rosdep", "colcon", "cd", "cp")
 _WORDS = (*_PROGRAMS, "export", ".", "scripts/run", "for", "done", "python3", "EPISODES=50")
-_FIRST = re.compile(rf"(?:{'|'.join(map(re.escape, _WORDS))})(?=\s|$)|\w+=\S")
+_FIRST = re.compile(rf"(?:{'|'.join(map(re.escape, _WORDS))})(?=\s|$)|\w+=[~$']")
 _SPAN = re.compile(r"(?<!`)`([^`]+)`(?!`)")
 _COMMENT = re.compile(r"\s+#\s.*$")
 
