@@ -39,6 +39,8 @@ def test_its_files_hold_parameters_that_the_nodes_have(name: str) -> None:
     assert set(settings) <= set(known)
     named = {param.get("name") for param in OURS[name].iter("param") if param.get("name")}
     assert named <= set(known)
+    (robot,) = [param.get("value") for param in OURS[name].iter("param") if param.get("name") == "robot"]
+    assert robot == "$(var config)/pioneer.yaml"  # a copy of the folder brings its own robot
 
 
 def test_what_it_names_is_declared() -> None:

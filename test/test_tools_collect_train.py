@@ -163,7 +163,10 @@ def test_rules_are_printed_for_the_tree_and_for_one_situation(
 ) -> None:
     capsys.readouterr()
     assert train.main(["--rules", "goToPose", "--models", str(learned)]) == 0
-    assert "time = " in capsys.readouterr().out
+    by_action = capsys.readouterr().out
+    assert "time = " in by_action
+    assert train.main(["--rules", str(learned / "goToPose.json")]) == 0
+    assert capsys.readouterr().out == by_action
     words = ["--rules", "goToPose", "--models", str(learned), "--situation", "xg=2", "yawg=0.5"]
     assert train.main(words) == 0
     assert "here time = " in capsys.readouterr().out

@@ -24,13 +24,12 @@ from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.inputs import BallAheadError, Inputs, TimeWentBackError
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
-from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
+from ator_ros.nodes.parameters import ROBOT, Parameter, SetupError, declare_parameters, digest_of, robot_of
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.rehearsal import rehearse
 from ator_ros.nodes.running import run_node
-from ator_ros.robot import ConfigError, load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tracking import BallTracker
 from ator_ros.world import STOP, Command, World
@@ -39,6 +38,7 @@ PARAMETERS = (
     Parameter("frame", "odom", "frame of odom, ball and the goals of chains"),
     Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands"),
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
+    ROBOT,
     Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
     Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),
     Parameter("odom_timeout", 0.3, "real s without newer odometry; the robot pauses after half", 0.05, 60.0),
@@ -81,10 +81,7 @@ class ExecutorNode(Node):
     def __init__(self) -> None:
         super().__init__("executor")
         self._settings = declare_parameters(self, PARAMETERS)
-        try:
-            robot = load_robot()
-        except ConfigError as error:
-            raise SetupError(str(error)) from error
+        robot = robot_of(self._settings)
         self._libraries = {name: TopLibrary(robot, name) for name in ACTION_SETS}
         folder = self._settings["models"]
         self._models = {name: read_models(self, robot, name, folder) for name in ACTION_SETS}

@@ -13,6 +13,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
+from ator_ros.robot import ConfigError, Robot, load_robot
+
 
 class SetupError(Exception):
     """A node that cannot start with these parameters or files; the message is for the user."""
@@ -72,6 +74,23 @@ class Parameter:
             expected = f"a finite number from {self.low:g} to {self.high:g}"
         if expected:
             raise SetupError(f"parameter {self.name}: expected {expected}, got {value!r}")
+
+
+ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
+
+
+def robot_of(settings: Mapping[str, Any]) -> Robot:
+    """Read the robot's description that the parameter `ROBOT` names.
+
+    Raises
+    ------
+    SetupError
+        The file cannot be used.
+    """
+    try:
+        return load_robot(settings[ROBOT.name] or None)
+    except ConfigError as error:
+        raise SetupError(str(error)) from error
 
 
 def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:

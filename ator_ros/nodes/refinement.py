@@ -17,7 +17,7 @@ from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
 from ator_ros.nodes.pacing import Pace
-from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
+from ator_ros.nodes.parameters import ROBOT, Parameter, declare_parameters, digest_of, robot_of
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.rehearsal import rehearse_refinement
@@ -30,11 +30,12 @@ from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices
-from ator_ros.robot import ConfigError, Robot, load_robot
+from ator_ros.robot import Robot
 from ator_ros.tops.library import TopLibrary
 
 PARAMETERS = (
     Parameter("frame", "odom", "frame that situations and goals must be given in"),
+    ROBOT,
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
     Parameter(
@@ -69,10 +70,7 @@ class RefinementNode(Node):
         self._refiners: dict[str, Refiner] = {}
         self._libraries: dict[str, TopLibrary] = {}
         self._models: dict[str, ModelSet] = {}
-        try:
-            robot = load_robot()
-        except ConfigError as error:
-            raise SetupError(str(error)) from error
+        robot = robot_of(self._settings)
         for action_set in ACTION_SETS:
             self._load(robot, action_set)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}

@@ -47,7 +47,8 @@ def run_node(
         node = make()
     except _EXPECTED as error:
         rclpy.try_shutdown()
-        sys.exit(f"{Path(sys.argv[0]).name}: {error}")
+        reason = " ".join(str(error).split())  # rcl's errors have several lines
+        sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
     # Libraries and models are there for good: looking through them for garbage would take 50 ms at times.
     gc.collect()
     gc.freeze()

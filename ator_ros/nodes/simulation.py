@@ -19,11 +19,10 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
+from ator_ros.nodes.parameters import ROBOT, Parameter, SetupError, declare_parameters, digest_of, robot_of
 from ator_ros.nodes.qos import LATCHED, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedWorld
-from ator_ros.robot import ConfigError, load_robot
 from ator_ros.simulation.bodies import robot_urdf
 from ator_ros.simulation.pioneer import TICK
 from ator_ros.simulation.sensors import SensorConfig, Sensors
@@ -31,6 +30,7 @@ from ator_ros.simulation.sensors import SensorConfig, Sensors
 PARAMETERS = (
     Parameter("frame", "odom", "frame of poses and of the ball"),
     Parameter("robot_frame", "base_link", "frame of the robot, in the middle of its axle"),
+    ROBOT,
     Parameter("real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0),
     Parameter("command_wait", 0.3, "real s that a tick waits for a command, where it waits", 0.0, 10.0),
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
@@ -80,10 +80,10 @@ class SimulationNode(Node):
     def __init__(self) -> None:
         super().__init__("simulation")
         self._settings = declare_parameters(self, PARAMETERS)
+        self._robot = robot_of(self._settings)
         try:
-            self._robot = load_robot()
             self._world = self._make_world()
-        except (ConfigError, ValueError) as error:
+        except ValueError as error:
             raise SetupError(str(error)) from error
         self._paused = False
         self._deadline, self._due = 0.0, False

@@ -50,7 +50,11 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--report", type=destination, metavar="FILE", help="write the accuracy of all models there are"
     )
-    parser.add_argument("--rules", metavar="ACTION", help="print the rules of a model and stop")
+    parser.add_argument(
+        "--rules",
+        metavar="MODEL",
+        help="print the rules of a model, given by its action or file, and stop",
+    )
     parser.add_argument("--measure", default="duration", help="whose rules (default: %(default)s)")
     parser.add_argument(
         "--situation", nargs="+", metavar="NAME=VALUE",
@@ -172,7 +176,10 @@ def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
 
 
 def _rules(options: argparse.Namespace, robot: Robot, folder: Path) -> str:
-    file = folder / model_path(options.rules, options.action_set or "default")
+    by_file = options.rules.endswith(".json")
+    file = Path(options.rules)
+    if not by_file:
+        file = folder / model_path(options.rules, options.action_set or "default")
     if not file.exists():
         there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
         raise ModelFileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 from arena import Arena, arena_with
-from stages import MOVING, STAGES, Stage, refining, waiting
+from stages import MOVING, STAGES, Stage, dribble, few, refining, waiting
 
 from ator_interfaces.msg import Outcome
 
@@ -36,7 +36,7 @@ def recovers(arena: Arena, name: str) -> None:
     arena.visit().succeed()
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", few(STAGES, dribble))
 def test_the_executor_is_killed(arena: Arena, stage: Stage) -> None:
     visit = arena.visit()
     stage(arena, visit)
@@ -47,7 +47,7 @@ def test_the_executor_is_killed(arena: Arena, stage: Stage) -> None:
     recovers(arena, "executor")
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", few(STAGES, dribble))
 def test_the_simulation_is_killed(arena: Arena, stage: Stage) -> None:
     visit = arena.visit()
     sent = stage(arena, visit)
@@ -58,7 +58,7 @@ def test_the_simulation_is_killed(arena: Arena, stage: Stage) -> None:
     recovers(arena, "simulation")
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", few(STAGES, refining))
 def test_refinement_is_killed(arena: Arena, stage: Stage) -> None:
     visit = arena.visit()
     sent = stage(arena, visit)

@@ -1,8 +1,7 @@
-"""What the nodes say of the performance models that they read."""
+"""What the nodes say of the robot's description and the performance models that they read."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ from ros_client import Client
 
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.resources import resource_path
+from ator_ros.robot import load_robot
 
 BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
 
@@ -61,14 +61,27 @@ def test_a_damaged_model_is_a_problem(start: Start, client: Client, models: Path
     assert "[WARN]" in node.output
 
 
-@BOTH
-def test_models_of_another_robot_are_a_problem(start: Start, client: Client, models: Path, name: str) -> None:
-    data = json.loads((models / "shoot.json").read_text(encoding="utf-8"))
-    data["robot_digest"] = "of another"
-    (models / "shoot.json").write_text(json.dumps(data), encoding="utf-8")
-    node = start(name, models=models)
+@pytest.fixture
+def slow_robot(tmp_path: Path) -> Path:
+    """Return the file of a robot that differs from the shipped one in its greatest speed."""
+    text = Path(resource_path("config", "pioneer.yaml")).read_text(encoding="utf-8")
+    assert text.count("v: 1.2 ") == 1
+    file = tmp_path / "slow.yaml"
+    file.write_text(text.replace("v: 1.2 ", "v: 1.1 "), encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("name", ["simulation", "executor", "refinement"])
+def test_a_robot_of_your_own_is_the_one_that_counts(
+    start: Start, client: Client, slow_robot: Path, name: str
+) -> None:
+    node = start(name, robot=slow_robot)
     status = status_of(client, name)
+    values = {value.key: value.value for value in status.values}
+    assert values["robot digest"] == load_robot(slow_robot).digest() != load_robot().digest()
+    if name == "simulation":
+        return
     assert status.level == DiagnosticStatus.WARN
     assert "shoot.json: robot_digest: this model of shoot was learned with ANOTHER ROBOT" in status.message
-    assert "models of default" in {value.key for value in status.values}
+    assert "models of default" in values
     assert "ANOTHER ROBOT" in node.output

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, qos_check_compatible
+from ros2_stand_in import echo_options, echo_profile, filled, kind_of
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes.conversions import chain_from
+from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement import refining_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models, model_path
@@ -26,19 +29,6 @@ ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 ROBOT = load_robot()
 LIBRARY = TopLibrary(ROBOT)
-
-
-def filled(message: Any, values: dict[str, Any]) -> Any:
-    """Fill `message` as `ros2 service call` does."""
-    for name, value in values.items():
-        current = getattr(message, name)
-        if isinstance(value, dict):
-            filled(current, value)
-        elif name == "calls":
-            message.calls = [filled(TopCall(), call) for call in value]
-        else:
-            setattr(message, name, type(current)(value))
-    return message
 
 
 def printed(command: str) -> dict[str, Any]:
@@ -96,3 +86,16 @@ def test_the_printed_goal_is_the_same_chain() -> None:
         "goToBall",
         "dribbleBall",
     ]
+
+
+@pytest.mark.parametrize(("topic", "offered"), [("action", RESULTS), ("chain", LATCHED)])
+def test_the_printed_echo_hears_the_records(topic: str, offered: QoSProfile) -> None:
+    """What reliable and latched publishers keep for late listeners, only such a subscription gets."""
+    (line,) = re.findall(rf"ros2 topic echo (.*/performance/{topic} .*)", README)
+    options = echo_options().parse_args(shlex.split(line))
+    profile = echo_profile(options.qos_reliability, options.qos_durability)
+    assert qos_check_compatible(offered, profile)[0] != QoSCompatibility.ERROR
+    if offered.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        assert (profile.reliability, profile.durability) == (offered.reliability, offered.durability)
+        assert options.once
+    assert kind_of(options.type).__name__ == f"{topic.capitalize()}Performance"

@@ -2,42 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from conftest import Start
-from process import Process
 from ros_client import Client
 
-Run = Callable[..., tuple[int, str]]
+from ator_ros.nodes.network import PROFILES
+
+Ended = Callable[..., tuple[str | int | None, str]]
 
 
 @pytest.fixture
-def run(domain: int, tmp_path: Path) -> Run:
-    """Give a function that runs a node with these words until it ends: its exit code and output."""
+def ended(domain: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[Ended]:
+    """Return a function that runs a node's `main`, which must end by itself: what with, and the output.
 
-    def wait_for(name: str, *words: str) -> tuple[int, str]:
-        node = Process(name, tmp_path / "log", domain, list(words))
-        try:
-            return node.wait(), node.output
-        finally:
-            node.kill()
+    In this process, which is ten times as fast as one of its own; a text is an exit code of 1.
+    """
+    signals = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setenv(PROFILES, "")  # the node sets it; after the test it is as before
 
-    return wait_for
+    def run(name: str, *words: str) -> tuple[str | int | None, str]:
+        node = importlib.import_module(f"ator_ros.nodes.{name}")
+        with pytest.raises(SystemExit) as end:
+            node.main([name, *words])
+        said = capfd.readouterr()
+        return end.value.code, said.out + said.err
+
+    yield run
+    for number, handler in signals.items():
+        signal.signal(number, handler)
 
 
 @pytest.mark.parametrize(
     ("name", "parameter"), [("executor", "odom_timeout"), ("refinement", "gate"), ("simulation", "lockstep")]
 )
-def test_help_tells_the_parameters(run: Run, name: str, parameter: str) -> None:
-    code, output = run(name, "--help")
+def test_help_tells_the_parameters(ended: Ended, name: str, parameter: str) -> None:
+    code, output = ended(name, "--help")
     assert code == 0
     assert f"\n  {parameter} " in output
 
 
-def test_words_that_are_not_ros_s_end_a_node(run: Run) -> None:
-    code, output = run("simulation", "--real-time-factor", "5", "--ros-args", "-p", "seed:=1")
+def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
+    code, output = ended("simulation", "--real-time-factor", "5", "--ros-args", "-p", "seed:=1")
     assert code == 2
     assert "unrecognized arguments: --real-time-factor 5" in output
 
@@ -57,10 +68,20 @@ def test_words_that_are_not_ros_s_end_a_node(run: Run) -> None:
         ("simulation", {"ball_dropouts": 2.0}, "ball_dropouts"),
     ],
 )
-def test_wrong_parameters_end_a_node_with_one_line(start, name: str, parameters, expected: str) -> None:
-    node = start(name, **parameters)
+def test_wrong_parameters_end_a_node_with_one_line(
+    ended: Ended, name: str, parameters: dict[str, object], expected: str
+) -> None:
+    words = [word for pair in parameters.items() for word in ("-p", "{}:={}".format(*pair))]
+    said, _ = ended(name, "--ros-args", *words)
+    assert isinstance(said, str)
+    assert expected in said
+    assert "\n" not in said
+
+
+def test_a_wrong_parameter_ends_the_process_with_one_line(start: Start) -> None:
+    node = start("simulation", ball_dropouts=2.0)
     assert node.wait() == 1
-    assert expected in node.output
+    assert node.output.splitlines()[-1].startswith("simulation: parameter ball_dropouts (probability that ")
     assert "Traceback" not in node.output
 
 
@@ -68,15 +89,26 @@ def test_wrong_parameters_end_a_node_with_one_line(start, name: str, parameters,
     "content", [None, "{", "executor: [", "/**:\n  ros__parameters:\n    frame: [1, a]\n"]
 )
 def test_a_damaged_parameter_file_ends_a_node_with_one_line(
-    run: Run, tmp_path: Path, content: str | None
+    ended: Ended, tmp_path: Path, content: str | None
 ) -> None:
     file = tmp_path / "executor.yaml"
     if content is not None:
         file.write_text(content)
-    code, output = run("executor", "--ros-args", "--params-file", str(file))
-    assert code == 1
-    assert "Traceback" not in output
-    assert str(file) in output or "frame" in output
+    said, _ = ended("executor", "--ros-args", "--params-file", str(file))
+    assert isinstance(said, str)
+    assert "\n" not in said
+    assert str(file) in said or "frame" in said
+
+
+@pytest.mark.parametrize("name", ["executor", "refinement", "simulation"])
+def test_a_robot_that_cannot_be_read_ends_a_node_with_one_line(
+    ended: Ended, tmp_path: Path, name: str
+) -> None:
+    file = tmp_path / "robot.yaml"
+    said, _ = ended(name, "--ros-args", "-p", f"robot:={file}")
+    assert isinstance(said, str)
+    assert f"{file}: expected a readable YAML file: " in said
+    assert "\n" not in said
 
 
 def test_a_parameter_that_does_not_exist_is_named(start: Start, client: Client) -> None:

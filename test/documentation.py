@@ -1,0 +1,75 @@
+"""The commands that README.md, CONTRIBUTING.md and docs/ print."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
+TOOLS = ("collect", "train", "gate", "evaluate", "qualify", "bench", "soak", "compare", "noise", "demo")
+_PROGRAMS = (*TOOLS, "make", "ros2", "python", "pip", "dask", "apt", "sudo", "rosdep", "colcon", "cd", "cp")
+_WORDS = (*_PROGRAMS, "export", ".", "scripts/run", "for", "done", "python3", "EPISODES=50")
+_FIRST = re.compile(rf"(?:{'|'.join(map(re.escape, _WORDS))})(?=\s|$)|\w+=[~$']")
+_SPAN = re.compile(r"(?<!`)`([^`]+)`(?!`)")
+_COMMENT = re.compile(r"\s+#\s.*$")
+
+
+@dataclass(frozen=True)
+class Printed:
+    """A command as a page prints it: the page's name and the text, in one line where it was joined."""
+
+    page: str
+    text: str
+
+
+def commands() -> list[Printed]:
+    """Return every command, of indented blocks and of code spans, each once a page."""
+    found: dict[Printed, None] = {}
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for block in _blocks(text):
+            for line in _logical_lines(block):
+                if _FIRST.match(line):
+                    found[Printed(page.name, _COMMENT.sub("", line))] = None
+        prose = re.sub(r"^    .*$", "", text, flags=re.MULTILINE)
+        for span in _SPAN.findall(prose):
+            words = " ".join(span.split())
+            if _is_command(words):
+                found[Printed(page.name, words)] = None
+    return list(found)
+
+
+def _is_command(span: str) -> bool:
+    """Return whether a code span is a command; a single word is one only in the README's tables."""
+    if not _FIRST.match(span) or re.match(r"\w+=", span):
+        return False
+    return " " in span or span in TOOLS
+
+
+def _blocks(text: str) -> list[str]:
+    blocks: list[list[str]] = []
+    before = ""
+    for line in text.splitlines():
+        if line.startswith("    ") and (not before.strip() or before.startswith("    ")):
+            if not before.startswith("    "):
+                blocks.append([])
+            blocks[-1].append(line[4:])
+            before = line
+        else:
+            before = line
+    return ["\n".join(block) for block in blocks]
+
+
+def _logical_lines(block: str) -> list[str]:
+    """Join lines up to a closed quotation mark."""
+    lines: list[str] = []
+    open_quote = False
+    for line in block.splitlines():
+        if open_quote:
+            lines[-1] += " " + line.strip()
+        else:
+            lines.append(line.strip())
+        open_quote ^= line.count('"') % 2 == 1
+    return lines

@@ -1,0 +1,178 @@
+"""The part of the command `ros2` that the documentation uses: the wheels of ROS come without that command.
+
+Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy), as far as they are here.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from argparse import ArgumentParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import rclpy
+import yaml
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+
+_SEQUENCE = re.compile(r"sequence<(\w+)/(\w+)(?:, \d+)?>")
+
+
+def kind_of(name: str) -> Any:
+    """Return the type that is written as package/srv/Name."""
+    package, folder, kind = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{folder}"), kind)
+
+
+def filled(message: Any, values: dict[str, Any]) -> Any:
+    """Fill a message with values as YAML has them, nested messages and lists of them, too."""
+    for name, value in values.items():
+        listed = _SEQUENCE.fullmatch(message.get_fields_and_field_types()[name])
+        current = getattr(message, name)
+        if isinstance(value, dict):
+            filled(current, value)
+        elif listed:
+            made = kind_of(f"{listed[1]}/msg/{listed[2]}")
+            setattr(message, name, [filled(made(), entry) for entry in value])
+        else:
+            setattr(message, name, type(current)(value))
+    return message
+
+
+def echo_options() -> ArgumentParser:
+    """Return the options of `ros2 topic echo`."""
+    parser = ArgumentParser("ros2 topic echo")
+    parser.add_argument("topic")
+    parser.add_argument("type")
+    parser.add_argument("--once", action="store_true")
+    parser.add_argument("--qos-reliability", choices=("reliable", "best_effort"))
+    parser.add_argument("--qos-durability", choices=("transient_local", "volatile"))
+    return parser
+
+
+def echo_profile(reliability: str | None, durability: str | None) -> QoSProfile:
+    """Return what `ros2 topic echo` subscribes with: what is not given is as for sensor data."""
+    profile = QoSProfile(
+        depth=qos_profile_sensor_data.depth,
+        reliability=qos_profile_sensor_data.reliability,
+        durability=qos_profile_sensor_data.durability,
+    )
+    if reliability:
+        profile.reliability = ReliabilityPolicy.get_from_short_key(reliability)
+    if durability:
+        profile.durability = DurabilityPolicy.get_from_short_key(durability)
+    return profile
+
+
+def echo(node: Node, words: list[str]) -> None:
+    """Print the messages of a topic."""
+    options = echo_options().parse_args(words)
+    heard: list[Any] = []
+    profile = echo_profile(options.qos_reliability, options.qos_durability)
+    node.create_subscription(kind_of(options.type), options.topic, heard.append, profile)
+    while True:
+        rclpy.spin_once(node)
+        for message in heard:
+            print(message, "---", sep="\n", flush=True)
+        if heard and options.once:
+            return
+        heard.clear()
+
+
+def call(node: Node, words: list[str]) -> None:
+    """Call a service and print its answer."""
+    name, kind = words[0], kind_of(words[1])
+    client = node.create_client(kind, name)
+    client.wait_for_service()
+    request = filled(kind.Request(), yaml.safe_load(words[2]) if words[2:] else {})
+    future = client.call_async(request)
+    rclpy.spin_until_future_complete(node, future)
+    print(f"response:\n{future.result()!r}")
+
+
+def send_goal(node: Node, words: list[str]) -> None:
+    """Send a goal and print its feedback and its result."""
+    (name, type_name, values) = (word for word in words if word != "--feedback")
+    kind = kind_of(type_name)
+    client = ActionClient(node, kind, name)
+    client.wait_for_server()
+    goal = filled(kind.Goal(), yaml.safe_load(values))
+    show = (lambda told: print(f"Feedback: {told.feedback}")) if "--feedback" in words else None
+    sent = client.send_goal_async(goal, feedback_callback=show)
+    rclpy.spin_until_future_complete(node, sent)
+    ended = sent.result().get_result_async()
+    rclpy.spin_until_future_complete(node, ended)
+    print(f"Result: {ended.result().result}")
+
+
+def launch(words: list[str]) -> int:
+    """Start the nodes of a launch file: its arguments, parameter files, single parameters, one namespace."""
+    share = get_package_share_directory(words[0])
+    root = ET.parse(Path(share, "launch", words[1])).getroot()  # noqa: S314 - a file of ours
+    values = {entry.get("name"): entry.get("default") for entry in root.findall("arg")}
+    given = dict(word.split(":=", 1) for word in words[2:])
+    if strange := set(given) - set(values):
+        sys.exit(f"ros2 launch: no such arguments: {', '.join(sorted(strange))}")
+    values |= given
+
+    def put(text: str) -> str:
+        text = re.sub(r"\$\(find-pkg-share (\w+)\)", lambda m: get_package_share_directory(m[1]), text)
+        return re.sub(r"\$\(var (\w+)\)", lambda m: put(str(values[m[1]])), text)
+
+    values |= {entry.get("name"): entry.get("value") for entry in root.findall("let")}
+    (group,) = root.findall("group")
+    namespace = put(group.find("push_ros_namespace").get("namespace"))  # type: ignore[union-attr, arg-type]
+    running = [_node(node, put, namespace) for node in group.findall("node") if _wanted(node, put)]
+    signal.signal(signal.SIGINT, lambda *_: [process.send_signal(signal.SIGINT) for process in running])
+    return max(process.wait() for process in running)
+
+
+def _wanted(node: ET.Element, put: Any) -> bool:
+    return put(node.get("if", "true")) == "true"
+
+
+def _node(node: ET.Element, put: Any, namespace: str) -> subprocess.Popen[bytes]:
+    words = put(node.get("args", "")).split() or ["--ros-args"]
+    for param in node.findall("param"):
+        if param.get("from"):
+            words += ["--params-file", put(param.get("from"))]
+        else:
+            words += ["-p", f"{param.get('name')}:={put(param.get('value')) or chr(39) * 2}"]
+    words += ["-r", f"__ns:=/{namespace}"] if namespace else []
+    return subprocess.Popen([executable(node.get("pkg", ""), node.get("exec", "")), *words])
+
+
+def executable(package: str, name: str) -> str:
+    """Return the path of an executable."""
+    return str(Path(get_package_prefix(package), "lib", package, name))
+
+
+def main(words: list[str]) -> int:
+    """Run the command line; return the exit code."""
+    match words:
+        case ["run", package, name, *rest]:
+            os.execv(executable(package, name), [name, *rest])  # noqa: S606 - as `ros2 run` does
+        case ["pkg", "prefix", "--share", package]:
+            print(get_package_share_directory(package))
+            return 0
+        case ["launch", *rest]:
+            return launch(rest)
+    verbs = {("service", "call"): call, ("action", "send_goal"): send_goal, ("topic", "echo"): echo}
+    verb = verbs[words[0], words[1]]
+    rclpy.init()
+    node = Node(f"ros2_stand_in_{time.monotonic_ns()}")
+    verb(node, words[2:])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

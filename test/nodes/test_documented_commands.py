@@ -1,0 +1,142 @@
+"""The printed commands that use ROS, word for word; where there is no `ros2`, ros2_stand_in.py is used."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from documentation import ROOT, commands
+
+pytestmark = [pytest.mark.node, pytest.mark.long]
+PATIENCE = 120.0
+TEXTS = [printed.text for printed in commands()]
+KEPT = shutil.ignore_patterns(".git", ".venv*", "build", "install", "log", "out", "__pycache__", ".*_cache")
+
+
+class Shell:
+    """Runs printed commands in a folder, on a ROS domain; what it has started ends with it."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        self.folder = folder
+        self._started: list[subprocess.Popen[bytes]] = []
+        path = os.environ["PATH"]
+        if shutil.which("ros2") is None:
+            ros2 = folder / "bin" / "ros2"
+            ros2.parent.mkdir()
+            stand_in = Path(__file__).with_name("ros2_stand_in.py")
+            ros2.write_text(f'#!/bin/sh\nexec {sys.executable} {stand_in} "$@"\n', encoding="utf-8")
+            ros2.chmod(0o755)
+            path = f"{ros2.parent}:{path}"
+        self._environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PATH": path, "PYTHONUNBUFFERED": "1"}
+
+    def start(self, text: str, cwd: Path | None = None) -> Path:
+        """Start a command in the background; return the file of its output."""
+        log = self.folder / f"{len(self._started)}.log"
+        with log.open("wb") as output:
+            process = subprocess.Popen(
+                ["/bin/sh", "-c", text],
+                cwd=cwd or self.folder,
+                env=self._environment,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        self._started.append(process)
+        return log
+
+    def run(self, text: str, cwd: Path | None = None) -> str:
+        """Run a command, which must succeed; return its output."""
+        log = self.start(text, cwd)
+        code = self._started[-1].wait(timeout=PATIENCE)
+        output = log.read_text(encoding="utf-8")
+        assert code == 0, f"{text}\n{output[-3000:]}"
+        return output
+
+    def close(self) -> None:
+        """End what still runs, with all that it has started."""
+        for number, patience in ((signal.SIGINT, 10.0), (signal.SIGKILL, 10.0)):
+            for process in self._started:
+                if process.poll() is None:
+                    os.killpg(process.pid, number)
+            end = time.monotonic() + patience
+            while time.monotonic() < end and any(process.poll() is None for process in self._started):
+                time.sleep(0.05)
+
+
+@pytest.fixture
+def shell(tmp_path: Path, domain: int) -> Iterator[Shell]:
+    made = Shell(tmp_path, domain)
+    yield made
+    made.close()
+
+
+def printed(beginning: str) -> str:
+    """Return the one printed command that begins so."""
+    (text,) = {text for text in TEXTS if text.startswith(beginning)}
+    return text
+
+
+def wait_for(words: str, log: Path, patience: float = PATIENCE) -> str:
+    """Wait until an output holds these words, and return it."""
+    end = time.monotonic() + patience
+    while words not in (output := log.read_text(encoding="utf-8", errors="replace")):
+        assert time.monotonic() < end, f"expected {words!r}, got:\n{output[-3000:]}"
+        time.sleep(0.1)
+    return output
+
+
+def test_the_printed_requests(shell: Shell) -> None:
+    nodes = shell.start(printed("ros2 launch ator_ros ator.launch.xml real_time_factor"))
+    for words in ("simulating pioneer", "refining chains", "ready for chains"):
+        wait_for(words, nodes)
+    actions = shell.start(printed("ros2 topic echo /performance/action"))
+    assert "accepted=True, refined=True" in shell.run(printed("ros2 service call /refine_subgoal"))
+    told = shell.run(printed("ros2 action send_goal"))
+    assert "Feedback" in told
+    assert "arrived" in told
+    assert "predicted" in wait_for("dribbleBall", actions)
+    assert "arrived" in shell.run(printed("ros2 topic echo --once"))
+    for beginning in ("ros2 service call /reset", "ros2 service call /place_ball"):
+        assert "success=True" in shell.run(printed(beginning))
+    assert "arrived" in shell.run(printed("ros2 action send_goal"))
+
+
+def test_a_copy_of_the_configuration_is_honoured(shell: Shell) -> None:
+    shell.run(printed("cp -rL"))
+    robot = shell.folder / "my_config" / "pioneer.yaml"
+    assert not robot.is_symlink()
+    text = robot.read_text(encoding="utf-8").replace("pioneer_3dx", "my_robot").replace("v: 1.2 ", "v: 1.1 ")
+    robot.write_text(text, encoding="utf-8")
+    nodes = shell.start(printed("ros2 launch ator_ros ator.launch.xml config:="))
+    wait_for("simulating my_robot", nodes)
+    assert "ANOTHER ROBOT" in wait_for("ready for chains", nodes)
+
+
+def test_a_node_runs_without_the_command_ros2(shell: Shell) -> None:
+    node = shell.start(printed("make run EXE=simulation"), cwd=ROOT)
+    wait_for("simulating pioneer_3dx at 5 times real time", node)
+
+
+def test_a_workspace_is_built(shell: Shell) -> None:
+    shutil.copytree(ROOT, shell.folder / "src" / "ator_ros", ignore=KEPT)
+    shell.run(f"python -m {printed('colcon build --base-paths')}")
+    launch = printed(". install/setup.sh")
+    nodes = shell.start(launch)
+    wait_for("ready for chains", nodes)
+    prefix = shell.run(". install/setup.sh && ros2 pkg prefix --share ator_ros").strip()
+    assert Path(prefix).is_relative_to(shell.folder)
+
+
+def test_a_checkout_is_built_by_hand(shell: Shell) -> None:
+    copy = shell.folder / "copy"
+    shutil.copytree(ROOT, copy, ignore=KEPT)
+    (copy / ".venv").symlink_to(ROOT / ".venv")
+    shell.run(printed("scripts/run python -m colcon build"), cwd=copy)
+    assert (copy / "install" / "lib" / "ator_ros" / "executor").is_file()

@@ -1,0 +1,242 @@
+"""Every command that the documentation prints is executed by a test, or it says here why it cannot be."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from documentation import ROOT, TOOLS, Printed, commands
+
+BIN = ROOT / "install" / "lib" / "ator_ros"
+SMALL = {
+    "collect": "--episodes 60 --jobs 1",
+    "train": "",
+    "gate": "--situations 8 --models models --experience experience.parquet --work work --jobs 1",
+    "evaluate": "--situations 2 --oracle 2 --out results --jobs 1",
+    "qualify": "--situations 4 --turned 4 --pairs 2 --out actions.json --jobs 1",
+    "bench": "--parts simulation refinement --out benchmarks.json",
+    "soak": "--duration 10 --out soak.json",
+    "compare": "--situations 2 --out compare.json",
+    "noise": "--situations 2 --out noise.json --jobs 1",
+    "demo": "--situations 1 --out demo.png",
+}
+"""Words that make a tool's work small and keep its results in the folder in which it runs."""
+
+MEASURING = ("bench", "compare", "soak")
+"""Tools whose exit code 1 is a judgement, which so small a run and a busy machine can bring about."""
+
+_ROS = "nodes/test_documented_commands.py"
+BY_TEST = {
+    r"make demo": "test_documentation.py::test_the_demo_runs",
+    r"make reproduce": "test_documentation.py::test_everything_can_be_made_again",
+    r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
+    r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
+    r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
+    r"scripts/run COMMAND …": "test_documentation.py::test_a_command_keeps_its_exit_code",
+    r"scripts/run python test/nodes/fuzz_refinement\.py .*": "test_documentation.py::test_the_fuzz_runs",
+    r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
+    r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",
+    r"ros2 (service|action|topic) .*": f"{_ROS}::test_the_printed_requests",
+    r"ros2 launch ator_ros .*real_time_factor.*": f"{_ROS}::test_the_printed_requests",
+    r"(cp -rL|ros2 launch ator_ros) .*my_config": f"{_ROS}::test_a_copy_of_the_configuration_is_honoured",
+    r"cd ~/ws && git clone .*": f"{_ROS}::test_a_workspace_is_built",
+    r"colcon build --base-paths .*": f"{_ROS}::test_a_workspace_is_built",
+    r"\. install/setup\.sh && .*": f"{_ROS}::test_a_workspace_is_built",
+    r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
+    r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_only_who_asks_",
+    r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
+}
+"""Commands, as regular expressions, and the test that executes them, shrunk or at another place."""
+
+NOT_HERE = {
+    r"make (test|test-long|lint|format|test-apt-versions)": "runs these tests and checks themselves",
+    r"scripts/run python -m colcon test": "runs these tests themselves",
+    r"make setup PYTHON=python3\.12": "compiles pybullet, nine minutes, over this very environment",
+    r"(sudo )?apt install .*|rosdep install .*|export PIP_BREAK_.*": "changes the system; needs ROS from apt",
+    r"python3 -m pip install --user .*|pip install distributed": "changes the user's packages",
+    r"make run EXE=evaluate ARGS='…'": "shows the form; others of this form are executed",
+    r"ros2 bag record( .*)?": "rosbag2 is not among the wheels; nodes/recorder.py writes the same format",
+    r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",
+    r"export ROS_SECURITY_.*|ros2 run .* --enclave .*": "needs Fast DDS with the security plugins",
+    r"limits=.*|python benchmarks/time_optimal\.py .*": "needs CasADi; its result is in docs/ruler",
+    r"ros2 (run|launch)( ator_ros …)?|python -m": "a name in a sentence",
+}
+"""Commands, as regular expressions, that no test executes, and why."""
+
+
+def made_again() -> list[set[str]]:
+    """Return the words of each command of scripts/reproduce at its full size, paths by their last part."""
+    text = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8").replace("\\\n", " ")
+    values = dict(re.findall(r"^(\w+)=\$\{\w+:-(\S+)\}$", text, flags=re.MULTILINE))
+    text = re.sub(r"\$\{\w+:?-(\d+|--.*?)\}", r"\1", text)
+    text = re.sub(r"\$(\w+)", lambda found: values.get(found[1], found[1]), text)
+    lines = [shlex.split(line) for line in text.splitlines() if line.startswith(('"bin/', "python "))]
+    return [{Path(word).name for word in line} for line in lines]
+
+
+def is_made_again(text: str) -> bool:
+    """Return whether a command, perhaps abbreviated with `…`, is one of scripts/reproduce."""
+    words = {Path(word).name for word in text.split() if word != "…" and not word.isupper()}
+    return len(words) > 1 and any(words <= line for line in made_again())
+
+
+def tool_words(text: str) -> list[str] | None:
+    """Return the words of a command that runs one of our tools, the tool first; None for any other."""
+    text = text.removeprefix("ros2 run ator_ros ").replace("make bench", "make run EXE=bench")
+    if found := re.fullmatch(r"make run EXE=(\w+)(?: ARGS='(.*)')?", text):
+        text = " ".join(word for word in found.groups() if word)
+    words = shlex.split(text)
+    return words if words[0] in TOOLS else None
+
+
+def runnable() -> Iterator[str]:
+    """Yield the commands of our tools that are to be executed as they are printed, with `SMALL` words."""
+    for printed in commands():
+        named = " " not in printed.text and printed.page != "README.md"  # elsewhere a name in a sentence
+        other = any(re.fullmatch(key, printed.text) for key in BY_TEST)
+        if tool_words(printed.text) and not (named or other or "…" in printed.text):
+            yield printed.text
+
+
+def ways(printed: Printed) -> list[str]:
+    """Return how a command is executed, or why not; empty if nothing is said about it."""
+    found = [way for key, way in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
+    found += ["scripts/reproduce"] * is_made_again(printed.text)
+    found += ["test_a_printed_tool_runs"] * (printed.text in set(runnable()))
+    found += ["a name in a sentence"] * (printed.text in TOOLS)
+    return found
+
+
+@pytest.mark.parametrize("printed", commands(), ids=lambda printed: f"{printed.page}: {printed.text[:60]}")
+def test_a_printed_command_is_executed_somewhere(printed: Printed) -> None:
+    assert ways(printed), f"{printed.page}: no test executes {printed.text!r}"
+
+
+def test_what_is_said_of_commands_holds() -> None:
+    texts = [printed.text for printed in commands()]
+    unused = [key for key in BY_TEST | NOT_HERE if not any(re.fullmatch(key, text) for text in texts)]
+    assert not unused
+    for test in BY_TEST.values():
+        file, _, name = test.partition("::")
+        assert f"def {name}" in (ROOT / "test" / file).read_text(encoding="utf-8"), test
+
+
+@pytest.fixture(scope="module")
+def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the files that the printed commands name."""
+    folder = tmp_path_factory.mktemp("workshop")
+    shutil.copytree(ROOT / "models", folder / "models")
+    shutil.copytree(ROOT / "docs" / "ruler", folder / "ruler")
+    for seed, name in (("101", "experience"), ("211", "fresh")):
+        run(["collect", "--seed", seed, "--episodes", "60", "--out", f"{name}.parquet"], folder)
+    run(["train", "experience.parquet", "--models", "my_models"], folder)
+    return folder
+
+
+def run(words: list[str], cwd: Path, allowed: tuple[int, ...] = (0,)) -> None:
+    """Run one of our tools; an exit code that is not allowed fails with what it has said."""
+    done = subprocess.run(
+        [str(BIN / words[0]), *words[1:]], cwd=cwd, capture_output=True, text=True, check=False, timeout=900
+    )
+    assert done.returncode in allowed, f"{shlex.join(words)}:\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("text", sorted(set(runnable())))
+def test_a_printed_tool_runs(text: str, workshop: Path) -> None:
+    words = tool_words(text)
+    assert words is not None
+    run([*words, *SMALL[words[0]].split()], workshop, (0, 1) if words[0] in MEASURING else (0,))
+
+
+def make(*words: str, cwd: Path = ROOT, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run make."""
+    return subprocess.run(
+        ["make", *words], cwd=cwd, env=os.environ | variables, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.long
+def test_the_demo_runs(tmp_path: Path) -> None:
+    done = make("demo", f"ARGS=--situations 1 --out {tmp_path / 'demo.png'}")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "demo.png").is_file()
+
+
+@pytest.mark.long
+def test_everything_can_be_made_again(tmp_path: Path) -> None:
+    """As scripts/reproduce says for a small run; most of what ships comes out."""
+    script = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8")
+    (small,) = re.findall(r"^#     (SLICES=.*) make reproduce$", script, flags=re.MULTILINE)
+    sizes = dict(word.split("=") for word in small.split())
+    places = {name: str(tmp_path / name.lower()) for name in ("MODELS", "DOCS", "OUT")}
+    assert set(sizes) >= {"MODELS", "DOCS"}
+    done = make("reproduce", **(sizes | places))
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    made = {file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("*") if file.is_file()}
+    shipped = {f"models/{file.relative_to(ROOT / 'models')}" for file in (ROOT / "models").rglob("*.json")}
+    assert shipped <= made
+    assert {"docs/accuracy.md", "docs/evaluation/report.html", "docs/figure6.svg"} <= made
+
+
+@pytest.mark.long
+def test_a_cluster_collects(tmp_path: Path) -> None:
+    """On this machine, with the printed commands of a scheduler, a worker and `collect`."""
+    texts = [printed.text for printed in commands() if "dask" in printed.text]
+    (scheduler,) = [text for text in texts if text.startswith("dask scheduler")]
+    (worker,) = [text for text in texts if text.startswith("dask worker")]
+    (collect,) = [text for text in texts if "--backend dask" in text]
+    here = "--host 127.0.0.1 --no-dashboard"
+    started = [subprocess.Popen(f"{scheduler} {here} --port 0 --scheduler-file s.json".split(), cwd=tmp_path)]
+    try:
+        while not (file := tmp_path / "s.json").is_file() or not file.read_text(encoding="utf-8"):
+            assert started[0].poll() is None
+            time.sleep(0.1)
+        address = json.loads(file.read_text(encoding="utf-8"))["address"]
+        words = f"{worker} {here}".replace("tcp://host:8786", address).replace("auto", "1").split()
+        started.append(subprocess.Popen(words, cwd=tmp_path))
+        words = tool_words(collect.replace("tcp://host:8786", address)) or []
+        run([*words, "--episodes", "1"], tmp_path)
+    finally:
+        for process in reversed(started):
+            process.terminate()
+            process.wait()
+    assert (tmp_path / "experience.parquet").is_file()
+
+
+@pytest.mark.long
+def test_set_up_has_nothing_to_do() -> None:
+    done = make("setup")
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+
+
+@pytest.mark.long
+def test_clean_leaves_the_sources(tmp_path: Path) -> None:
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    for name in (".venv/lib", "build", "install", "log", "ator_ros/__pycache__"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "ator_ros" / "world.py").touch()
+    assert make("clean", cwd=tmp_path).returncode == 0
+    assert {path.name for path in tmp_path.rglob("*")} == {"Makefile", "ator_ros", "world.py"}
+
+
+@pytest.mark.long
+def test_a_command_keeps_its_exit_code(tmp_path: Path) -> None:
+    done = subprocess.run([str(ROOT / "scripts" / "run"), "sh", "-c", "exit 7"], cwd=tmp_path, check=False)
+    assert done.returncode == 7
+
+
+@pytest.mark.long
+def test_the_fuzz_runs(tmp_path: Path) -> None:
+    words = ["scripts/run", "python", "test/nodes/fuzz_refinement.py", "--requests", "200"]
+    subprocess.run([*words, "--out", str(tmp_path / "fuzz.json")], cwd=ROOT, check=True, timeout=600)
+    assert (tmp_path / "fuzz.json").is_file()
