@@ -31,7 +31,14 @@ from ator_ros.simulation.sensors import SensorConfig, Sensors
 PARAMETERS = (
     Parameter("frame", "odom", "frame of poses and of the ball"),
     Parameter("robot_frame", "base_link", "frame of the robot, in the middle of its axle"),
-    Parameter("real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0),
+    Parameter(
+        "real_time_factor",
+        1.0,
+        "simulated per real seconds; 0: as fast as possible",
+        0.0,
+        100.0,
+        smallest=0.001,
+    ),
     Parameter("command_wait", 0.3, "real s that a tick waits for a command, where it waits", 0.0, 10.0),
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
