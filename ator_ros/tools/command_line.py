@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import codecs
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -24,6 +26,8 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 RESUMES = "the same command goes on from here"
 
+_IN_ASCII = "ator_ros.in_ascii"
+_SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 _EXPECTED = (
     BackendError,
     ConfigError,
@@ -71,6 +75,7 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
     interrupted : str
         What to tell after Ctrl-C.
     """
+    write_plainly()
     try:
         return work()
     except KeyboardInterrupt:
@@ -79,6 +84,21 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
     except _EXPECTED as error:
         print(f"{program}: {error}", file=sys.stderr)
         return 1
+
+
+def write_plainly() -> None:
+    """Let a terminal that knows ASCII only show other characters in ASCII, instead of ending the command."""
+    codecs.register_error(_IN_ASCII, _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_IN_ASCII)
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return "".join(_SPELLED.get(c, ascii(c)[1:-1]) for c in text), error.end
 
 
 def executed(settings: Settings, options: argparse.Namespace, folder: Path) -> list[Record]:
