@@ -11,7 +11,7 @@ from ator_ros.tools import train
 
 
 def shown(monkeypatch: pytest.MonkeyPatch, name: str, words: list[str]) -> tuple[int, str]:
-    """Run `train` on a terminal with PYTHONIOENCODING=ascii; return the exit code and the text of a stream."""
+    """Run `train` on a terminal with PYTHONIOENCODING=ascii; return exit code and text of a stream."""
     raw = io.BytesIO()
     monkeypatch.setattr(sys, name, io.TextIOWrapper(raw, "ascii", write_through=True))
     code = train.main(words)
