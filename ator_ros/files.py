@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import resource
 import shlex
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -81,6 +82,26 @@ def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
         yield lambda: ballast.unlink(missing_ok=True)
     finally:
         ballast.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def limited_memory(extra: int) -> Iterator[None]:
+    """Let this process take at most `extra` bytes more in the block: a small file may unpack to any size.
+
+    What needs more raises MemoryError. Without Linux's /proc nothing is limited.
+    """
+    pages = Path("/proc/self/statm")
+    if not pages.exists():
+        yield
+        return
+    now = int(pages.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    bounds = [bound for bound in (now + extra, *before) if bound != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_AS, (min(bounds), before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 def is_name(value: object) -> bool:

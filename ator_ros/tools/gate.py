@@ -76,7 +76,7 @@ def _learn(options: argparse.Namespace, command: str) -> int:
         "tree_rules": tree.rules(),
         "threshold": {"gain": threshold.gain, "spread_factor": threshold.spread_factor},
     }
-    save_gate(source.folder() / GATE, best, training)
+    save_gate(source.folder() / GATE, best, training, options.action_set)
     _report(training, best.kind, source.folder() / GATE)
     return 0
 

@@ -14,6 +14,7 @@ import pandas as pd
 
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
+from ator_ros.experience.validation import FARTHEST
 from ator_ros.experiments.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.files import portable_command, reserved, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
@@ -194,9 +195,10 @@ def _situation(words: Sequence[str]) -> dict[str, float]:
             number = float(value)
         except ValueError:
             number = math.nan
-        if name not in situation or not math.isfinite(number):
+        if name not in situation or not abs(number) <= FARTHEST:
             raise TrainingError(
-                f"situation: expected NAME=NUMBER with a name of {', '.join(DIRECT_VARIABLES)}, got {word!r}"
+                f"situation: expected NAME=NUMBER with a name of {', '.join(DIRECT_VARIABLES)} "
+                f"and a number up to {FARTHEST:g}, got {word[:80]!r}"
             )
         situation[name] = number
     return situation
