@@ -5,12 +5,15 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import resource
 import shlex
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+LARGEST_JSON = 20_000_000
+"""Bytes of a JSON file; the largest model that ships has 40 kB."""
 _DIGITS = 300
 
 
@@ -37,6 +40,68 @@ def write_text(path: Path | str, text: str) -> None:
     """Write `text` as UTF-8 to `path`, whole or not at all."""
     with replaced(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+@contextlib.contextmanager
+def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
+    """Keep room in `folder`, made when missing, for what a long work will write there.
+
+    Parameters
+    ----------
+    folder : Path or str
+        Where the work's results go.
+    size : int
+        Bytes that they need.
+
+    Yields
+    ------
+    callable
+        Gives the room free before the block ends.
+
+    Raises
+    ------
+    OSError
+        There is not so much room, or the folder cannot be written; one line that names it.
+    """
+    place = Path(folder)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=".reserved.", dir=place)
+    except OSError as error:
+        raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
+    ballast = Path(name)
+    try:
+        os.posix_fallocate(handle, 0, size)
+    except OSError as error:
+        ballast.unlink(missing_ok=True)
+        needed = f"{size / 1e6:.1f} MB"
+        raise OSError(f"{place}: expected room for {needed} of results: {error.strerror}") from error
+    finally:
+        os.close(handle)
+    try:
+        yield lambda: ballast.unlink(missing_ok=True)
+    finally:
+        ballast.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def limited_memory(extra: int) -> Iterator[None]:
+    """Let this process take at most `extra` bytes more in the block: a small file may unpack to any size.
+
+    What needs more raises MemoryError. Without Linux's /proc nothing is limited.
+    """
+    pages = Path("/proc/self/statm")
+    if not pages.exists():
+        yield
+        return
+    now = int(pages.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    bounds = [bound for bound in (now + extra, *before) if bound != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_AS, (min(bounds), before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 def is_name(value: object) -> bool:
@@ -67,15 +132,32 @@ def _whole(digits: str) -> int:
     return int(digits)
 
 
-def read_json(path: Path, **options: Any) -> Any:
+def read_text(path: Path, largest: int) -> str:
+    """Read a text file of at most `largest` bytes.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        It is larger, or not in UTF-8.
+    """
+    with path.open("rb") as file:
+        data = file.read(largest + 1)  # not more, whatever kind of file it is
+    if len(data) > largest:
+        raise ValueError(f"expected at most {largest / 1e6:g} MB, got more")
+    return data.decode("utf-8")
+
+
+def read_json(path: Path, *, largest: int = LARGEST_JSON, **options: Any) -> Any:
     """Read a JSON file; `options` are those of ``json.loads``.
 
     Raises
     ------
     UnreadableError
-        The file cannot be read, is no JSON, or is nested beyond reason.
+        The file cannot be read, has more than `largest` bytes, is no JSON, or is nested beyond reason.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_int=_whole, **options)
+        return json.loads(read_text(path, largest), parse_int=_whole, **options)
     except (OSError, RecursionError, ValueError) as error:
         raise UnreadableError(f"{path}: expected a readable JSON file: {error}") from error

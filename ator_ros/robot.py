@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import yaml
 
+from ator_ros.files import read_text
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.world import BallState, Field, World
@@ -30,6 +31,22 @@ _UNREADABLE = (
     RecursionError,
     yaml.YAMLError,
 )
+
+
+_LARGEST = 100_000  # bytes of a description; ours has 2 kB
+# What a robot of this kind can have: learned features, tables of turns and the physics rely on it.
+_LENGTH = (0.001, 10.0)
+_BOUNDS: dict[str, tuple[float, float]] = {
+    **dict.fromkeys(("mass", "wheel_torque"), (0.001, 10_000.0)),
+    "motor_time_constant": (0.0001, 10.0),
+    "v": (0.01, 10.0),
+    "w": (0.01, 50.0),
+    **dict.fromkeys(("a", "brake"), (0.01, 100.0)),
+    "aw": (0.01, 1000.0),
+    "rolling_deceleration": (0.001, 100.0),
+    "restitution": (0.0001, 1.0),
+    **dict.fromkeys(("length", "width", "goal_width", "goal_depth", "margin"), (0.001, 1000.0)),
+}
 
 
 class ConfigError(ValueError):
@@ -143,11 +160,11 @@ def load_robot(path: Path | str | None = None) -> Robot:
     Raises
     ------
     ConfigError
-        The file cannot be read, or a field is missing, unknown, or not a positive number.
+        The file cannot be read, or a field is missing, unknown, or not a number that a robot can have.
     """
     file = Path(path) if path is not None else resource_path("config", "pioneer.yaml")
     try:
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
+        data = yaml.load(read_text(file, _LARGEST), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
     except _UNREADABLE as error:
         raise ConfigError(f"{file}: expected a readable YAML file: {error}") from error
     root = _section(data, "", file, {"robot", "ball", "field"})
@@ -159,13 +176,25 @@ def load_robot(path: Path | str | None = None) -> Robot:
     return _build(Robot, robot, "robot", file)
 
 
+class _PlainLoader(yaml.SafeLoader):
+    """Reads YAML without aliases, with which a few lines name billions of values."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Refuse an alias."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.get_event()  # type: ignore[no-untyped-call]
+            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
+        return super().compose_node(parent, index)
+
+
 def _section(data: Any, where: str, file: Path, keys: set[str] | None) -> Mapping[str, Any]:
     if not isinstance(data, Mapping):
         raise ConfigError(f"{file}: {where or 'top level'}: expected a mapping, got {type(data).__name__}")
     if keys is not None and set(data) != keys:
         wrong = sorted(str(key) for key in set(data) ^ keys)
         raise ConfigError(
-            f"{file}: {where or 'top level'}: expected the fields {sorted(keys)}; missing or unknown: {wrong}"
+            f"{file}: {where or 'top level'}: expected the fields {sorted(keys)}; "
+            f"missing or unknown: {_short(wrong)}"
         )
     return data
 
@@ -179,11 +208,21 @@ def _build(kind: type[T], data: Any, where: str, file: Path) -> T:
 def _value(field: dataclasses.Field[Any], value: Any, where: str, file: Path) -> Any:
     if field.type == "str":
         if not isinstance(value, str):
-            raise ConfigError(f"{file}: {where}.{field.name}: expected a text, got {value!r}")
+            raise ConfigError(f"{file}: {where}.{field.name}: expected a text, got {_short(value)}")
         return value
     if field.type != "float":
         return value
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0.0 < value <= sys.float_info.max:
-        raise ConfigError(f"{file}: {where}.{field.name}: expected a positive number, got {value!r}")
+        raise ConfigError(f"{file}: {where}.{field.name}: expected a positive number, got {_short(value)}")
+    low, high = _BOUNDS.get(field.name, _LENGTH)
+    if not low <= value <= high:
+        raise ConfigError(
+            f"{file}: {where}.{field.name}: expected a number from {low:g} to {high:g}, got {value:g}"
+        )
     return float(value)
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 200 else f"{text[:200]}..."

@@ -10,22 +10,21 @@ those that are missing; elsewhere ROS itself comes as pinned wheels.
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import importlib.metadata
 import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
 import time
-from collections.abc import Iterable
 from pathlib import Path
 from typing import IO
 
-ROOT = Path(__file__).resolve().parents[1]
+from setup_common import MARK, ROOT, SetupError, digest, end_leftovers, say, take_turns, write_atomically
+
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 BASE_PYTHON = os.path.realpath(sys.executable)  # as .venv/pyvenv.cfg names it, whatever link was called
@@ -37,36 +36,12 @@ ALWAYS_PINNED = "lint"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 
 
-class SetupError(Exception):
-    """Set-up cannot go on; the message is one line that says what to do."""
-
-
-def say(text: str) -> None:
-    """Tell the user; set-up is silent when there is nothing to do."""
-    print(f"setup: {text}", flush=True)
-
-
 def ros_prefix() -> str:
     """Give the folder of the ROS that is sourced, or the word `wheels`."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     if os.environ.get("ROS_DISTRO") != "jazzy" or str(VENV) in prefixes:
         return WHEELS
     return next((p for p in prefixes if (Path(p) / "share" / "rclpy").is_dir()), WHEELS)
-
-
-def digest(files: Iterable[Path], *extra: str) -> str:
-    """Digest names and contents of `files` (below ROOT), and the words in `extra`."""
-    total = hashlib.sha256("\n".join(extra).encode())
-    for file in sorted(files):
-        total.update(f"{file.relative_to(ROOT)}\0".encode() + file.read_bytes())
-    return total.hexdigest()
-
-
-def write_atomically(file: Path, text: str) -> None:
-    """Write beside `file`, then move into place."""
-    beside = file.with_name(file.name + ".new")
-    beside.write_text(text, encoding="utf-8")
-    os.replace(beside, file)
 
 
 # ---- step 1: the virtual environment -------------------------------------------------------------
@@ -77,7 +52,7 @@ def set_up_environment(prefix: str) -> None:
     home = {"root": str(ROOT), "python": f"{BASE_PYTHON} {sys.version}", "ros": prefix}
     files = [ROOT / "requirements" / f"{name}.txt" for name in (*REQUIREMENTS, "constraints")]
     wanted = home | {"requirements": digest(files)}
-    found = json.loads(VENV_STAMP.read_text(encoding="utf-8")) if VENV_STAMP.is_file() else {}
+    found = read_stamp()
     if found == wanted:
         return
     if found.get("ros", WHEELS) != WHEELS and prefix == WHEELS and found.get("root") == str(ROOT):
@@ -97,6 +72,15 @@ def set_up_environment(prefix: str) -> None:
     write_atomically(VENV / "ros_prefix", prefix)
     write_atomically(VENV_STAMP, json.dumps(wanted, indent=1))
     say(f"environment ready after {time.monotonic() - start:.0f} s")
+
+
+def read_stamp() -> dict[str, str]:
+    """Read what .venv was made from; nothing where it is not there whole."""
+    try:
+        found = json.loads(VENV_STAMP.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) and PYTHON.exists() else {}
 
 
 def check_machine(prefix: str) -> None:
@@ -126,7 +110,7 @@ def make_venv(prefix: str) -> None:
     say(f"making {VENV.name} with Python {sys.version.split()[0]}, ROS from {prefix}")
     options = [] if prefix == WHEELS else ["--system-site-packages"]
     command = [BASE_PYTHON, "-m", "venv", *options, str(VENV)]
-    if subprocess.run(command, capture_output=True, text=True, check=False).returncode:
+    if subprocess.run(command, capture_output=True, env=os.environ | MARK, check=False).returncode:
         raise SetupError(f"failed: {' '.join(command)}; run it by hand to see why")
 
 
@@ -136,38 +120,43 @@ def pins(name: str) -> list[str]:
     return [line.strip() for line in lines if line.strip() and not line.startswith("#")]
 
 
-def name_of(distribution: importlib.metadata.Distribution) -> str:
-    """Give the name as requirements files write it."""
-    return distribution.metadata["Name"].lower().replace("_", "-")
+def canonical(name: str) -> str:
+    """Return a package's name as requirements files write it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def locked() -> dict[str, str]:
+    """Read requirements/constraints.txt: by name the entry of each package, with the hashes of its files."""
+    text = (ROOT / "requirements" / "constraints.txt").read_text(encoding="utf-8")
+    entries = re.split(r"\n(?=\w)", re.sub(r"^#.*\n", "", text, flags=re.MULTILINE).strip())
+    return {canonical(entry.split("==")[0]): entry for entry in entries}
 
 
 def install_packages(prefix: str) -> None:
-    """Install the pinned packages, or with ROS sourced those that the system lacks."""
-    if prefix == WHEELS:
-        requirements = [pin for name in REQUIREMENTS for pin in pins(name)]
-        constraints = ROOT / "requirements" / "constraints.txt"
-    else:
-        have = {name_of(d): d.version for d in importlib.metadata.distributions()}
+    """Install the locked packages, or with ROS sourced those that the system lacks."""
+    wanted = locked()
+    if prefix != WHEELS:
         # What the system has must stay as it is, lest ROS's compiled messages meet another numpy.
-        constraints = VENV / "constraints.txt"
-        write_atomically(constraints, "".join(f"{name}=={version}\n" for name, version in have.items()))
-        wanted = [pin for name in REQUIREMENTS if name not in ("ros", ALWAYS_PINNED) for pin in pins(name)]
-        requirements = [pin for pin in wanted if pin.split("==")[0].lower() not in have]
+        have = {canonical(d.metadata["Name"]) for d in importlib.metadata.distributions()}
+        always = {canonical(pin.split("==")[0]) for pin in pins(ALWAYS_PINNED)}
+        lacking = {name for name in wanted if name not in have and not name.startswith("ros-")}
+        wanted = {name: entry for name, entry in wanted.items() if name in lacking | always}
+    requirements = VENV / "requirements.txt"
+    write_atomically(requirements, "\n".join(wanted.values()) + "\n")
     log_name = LOG.relative_to(ROOT)
-    say(f"installing {len(requirements)} packages and what they need (a minute or two; log: {log_name})")
+    say(f"installing {len(wanted)} packages (a minute or two; log: {log_name})")
     with LOG.open("w", encoding="utf-8") as log:
-        pip(requirements, ["--constraint", str(constraints)], log)
-        if prefix != WHEELS:
-            pip(pins(ALWAYS_PINNED), [], log)
+        # The lock is complete, so that nothing else need be looked for; a file with another hash is refused.
+        pip(["--require-hashes", "--no-deps", "--requirement", str(requirements)], log)
 
 
-def pip(requirements: list[str], options: list[str], log: IO[str]) -> None:
-    """Run pip in .venv; raise with its own words on failure."""
-    if not requirements:
-        return
+def pip(options: list[str], log: IO[str]) -> None:
+    """Run `pip install` in .venv; raise with its own words on failure."""
     command = [str(PYTHON), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", *options]
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-    done = subprocess.run([*command, *requirements], stdout=log, stderr=log, env=environment, check=False)
+    # What a source package is built with (setuptools) comes from the lock, too.
+    environment["PIP_CONSTRAINT"] = str(ROOT / "requirements" / "constraints.txt")
+    done = subprocess.run(command, stdout=log, stderr=log, env=environment | MARK, check=False)
     if done.returncode:
         errors = re.findall(r"^(?:ERROR|error): (.*)$", LOG.read_text(encoding="utf-8"), flags=re.MULTILINE)
         reason = re.sub(r"https?://\S+", "(address)", errors[-1] if errors else "no reason given")
@@ -207,21 +196,28 @@ def remove_generated(package: str) -> None:
 
 
 def build(package: str, sources: str, *, fresh: bool) -> None:
-    """Build `package` with colcon unless its stamp carries the digest `sources`; from nothing if `fresh`."""
+    """Build `package` with colcon unless its stamp carries the digest `sources`.
+
+    It is built from nothing if `fresh`, or if the last build of it did not end.
+    """
     stamp = ROOT / "build" / f"{package}.stamp"
     if stamp.is_file() and stamp.read_text(encoding="utf-8") == sources:
         return
+    fresh = fresh or not stamp.is_file()
     stamp.unlink(missing_ok=True)
     start = time.monotonic()
     say(f"building {package}")
     if fresh:
         remove_generated(package)
+    # colcon refuses folders whose marker was cut off; it makes both anew.
+    for marker in (ROOT / "build" / ".built_by", ROOT / "install" / ".colcon_install_layout"):
+        marker.unlink(missing_ok=True)
     colcon = [str(PYTHON), "-m", "colcon", "--log-base", "log", "build", "--packages-select", package]
     # All cores; colcon's own choice also says -l, which starves the build on a busy machine. The outer
     # make's variables (ARGS=…) must not reach the inner one.
     done = subprocess.run(
         ["scripts/run", *colcon, "--event-handlers", "console_direct-"],
-        cwd=ROOT, env=os.environ | {"MAKEFLAGS": f"-j{os.cpu_count()}"},
+        cwd=ROOT, env=os.environ | MARK | {"MAKEFLAGS": f"-j{os.cpu_count()}"},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode:
@@ -249,9 +245,11 @@ def package_digest(environment: str) -> str:
 
 def main() -> int:
     """Set up; 0 when everything is in place."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     lock = os.open(ROOT, os.O_RDONLY)
-    fcntl.flock(lock, fcntl.LOCK_EX)  # two `make` in one checkout take turns
     try:
+        take_turns(lock)
+        end_leftovers()
         set_up_environment(ros_prefix())
         environment = digest([VENV_STAMP])
         build("ator_interfaces", digest(interface_sources(), environment), fresh=True)
@@ -260,6 +258,7 @@ def main() -> int:
         print(f"setup: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
+        end_leftovers()
         print("\nsetup: interrupted; the next call does this step again", file=sys.stderr)
         return 130
     finally:

@@ -55,6 +55,7 @@ def test_file_gives_back_the_same_gate(gate: Any, tmp_path: Path) -> None:
     [
         ({"schema": "other"}, "schema: expected"),
         ({"version": 99}, "version: expected 1, got 99"),
+        ({"action_set": "bezier"}, "action_set: expected 'default', got 'bezier'"),
         ({"kind": ["tree"]}, "kind: expected open, threshold or tree"),
         ({"gate": [1]}, "gate: expected an object"),
         ({"gate": {"gain": "0.1", "spread_factor": 0.0}}, r"gate\.gain: expected a finite number"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -86,7 +87,10 @@ def die(how: signal.Signals) -> None:
     os.kill(os.getpid(), how)
 
 
-def test_ctrl_c_in_a_terminal_ends_all_workers_and_keeps_the_finished_episodes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_all_processes_ends_them_and_keeps_the_finished_episodes(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     file = tmp_path / "part.parquet"
     words = ["--actions", "goToPose", "--episodes", "2000", "--jobs", "2", "--out", str(file)]
     with subprocess.Popen(
@@ -95,16 +99,42 @@ def test_ctrl_c_in_a_terminal_ends_all_workers_and_keeps_the_finished_episodes(t
         assert process.stdout is not None
         while "3 episodes" not in process.stdout.readline():
             assert process.poll() is None
-        os.killpg(process.pid, signal.SIGINT)  # a terminal sends it to all of them
+        os.killpg(process.pid, number)  # a terminal, or a supervisor, sends it to all of them
         assert "interrupted; kept the finished episodes" in process.stdout.read()
         assert process.wait() == collect.INTERRUPTED
     assert eventually_gone(process.pid)
     assert 3 <= read_experience(file).frame["episode"].nunique() < 2000
 
 
-def eventually_gone(group: int) -> bool:
-    """Say whether no process of a group is left within 30 s."""
-    for _ in range(300):
+@pytest.mark.parametrize("episodes", [1, 5])
+def test_workers_end_within_5_s_of_a_parent_that_was_killed(tmp_path: Path, episodes: int) -> None:
+    words = [
+        "--actions",
+        "goToPose",
+        "--episodes",
+        "2000",
+        "--jobs",
+        "2",
+        "--out",
+        str(tmp_path / "t.parquet"),
+    ]
+    with subprocess.Popen(
+        [sys.executable, "-c", WATCHED, *words], start_new_session=True, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        while f"{episodes} episodes" not in process.stdout.readline():
+            assert process.poll() is None
+        process.kill()
+    try:
+        assert eventually_gone(process.pid, 5.0)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def eventually_gone(group: int, seconds: float = 30.0) -> bool:
+    """Return whether no process of a group is left within `seconds`."""
+    for _ in range(round(10 * seconds)):
         try:
             os.killpg(group, 0)
         except ProcessLookupError:

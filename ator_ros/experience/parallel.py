@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from typing import Any, TypeVar
@@ -17,6 +19,9 @@ Result = TypeVar("Result")
 BACKENDS = ("loky", "dask")
 _WORKERS_S = 60
 """How long to wait for the first worker of a cluster."""
+_WATCH_S = 1.0
+"""How often a worker looks whether its parent lives."""
+_watched: set[int] = set()
 
 
 class BackendError(RuntimeError):
@@ -58,7 +63,8 @@ def run_tasks(
     try:
         with joblib.parallel_config(backend=backend, n_jobs=jobs):
             results = joblib.Parallel(return_as="generator" if streams else "list", batch_size=1)(
-                joblib.delayed(_in_worker)(function, task) for task in tasks
+                joblib.delayed(_in_worker)(function, task, os.getpid() if backend == "loky" else None)
+                for task in tasks
             )
     except (ImportError, ValueError) as error:
         raise BackendError(f"backend {backend!r} cannot be used: {error}") from error
@@ -74,11 +80,23 @@ def _joblib_version() -> tuple[int, int]:
     return int(major), int(minor)
 
 
-def _in_worker(function: Callable[[Task], Result], task: Task) -> Result:
-    # Ctrl-C in a terminal reaches the workers too; only the parent may act on it.
+def _in_worker(function: Callable[[Task], Result], task: Task, parent: int | None) -> Result:
+    """Execute a task in a worker, of the process `parent` unless it is a cluster's."""
+    # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent may act.
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
+    if parent is not None and os.getpid() not in _watched:
+        _watched.add(os.getpid())
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     return function(task)
+
+
+def _end_with(parent: int) -> None:
+    """End this process soon after `parent`, which cannot say goodbye when it was killed."""
+    while os.getppid() == parent:
+        time.sleep(_WATCH_S)
+    os._exit(1)
 
 
 @contextlib.contextmanager

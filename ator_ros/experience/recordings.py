@@ -21,10 +21,13 @@ from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of, finite, pose_of, sound
 from ator_ros.experience.table import Experience, episode_frame, join, library_versions
 from ator_ros.experience.validation import checked_rows
+from ator_ros.files import limited_memory
 from ator_ros.robot import Robot
 
 TOPICS = ("odom", "cmd_vel", "ball")
 RECORDS = "performance/action"
+_LARGEST_MESSAGE = 100_000  # bytes; ours have some hundred
+_MOST_BYTES = 4_000_000_000  # of memory
 
 
 class RecordingError(ExperienceError):
@@ -132,12 +135,16 @@ def _messages(file: Path) -> Iterator[tuple[str, Any]]:
     except ImportError as error:
         raise RecordingError("recordings need the package rosbags: pip install rosbags") from error
     try:
-        with AnyReader([file], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        typestore = get_typestore(Stores.ROS2_JAZZY)
+        with limited_memory(_MOST_BYTES), AnyReader([file], default_typestore=typestore) as reader:
             wanted = [c for c in reader.connections if _kind(c.topic)]
             for connection, _, raw in reader.messages(connections=wanted):
+                if len(raw) > _LARGEST_MESSAGE:
+                    raise ValueError(f"a message of {len(raw)} bytes on {connection.topic}")
                 yield connection.topic, reader.deserialize(raw, connection.msgtype)
     except Exception as error:  # a damaged file makes rosbags raise anything, MemoryError included
-        raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {error}") from error
+        why = "it needs too much memory" if isinstance(error, MemoryError) else str(error)[:500]
+        raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
 
 
 def _kind(topic: str) -> str:

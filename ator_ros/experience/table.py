@@ -17,11 +17,13 @@ from ator_ros.actions.base import Point
 from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.validation import checked_rows
-from ator_ros.files import replaced
+from ator_ros.files import limited_memory, replaced
 
 FORMAT = "ator_ros experience"
 SCHEMA_VERSION = 1
 _KEY = b"ator_ros"
+_MOST_ROWS = 5_000_000  # 30 times those of a thousand episodes of each action
+_MOST_BYTES = 4_000_000_000  # of memory
 
 COLUMNS: dict[str, str] = {
     "action": "name of the action",
@@ -163,8 +165,9 @@ def read_experience(path: Path | str) -> Experience:
     if not Path(path).exists():
         raise ExperienceError(f"{path}: expected a Parquet file with experience: there is no such file")
     try:
-        table = parquet.read_table(Path(path))
-    except (OSError, arrow.ArrowException) as error:
+        with limited_memory(_MOST_BYTES):
+            table = _read_table(parquet, Path(path))
+    except (OSError, MemoryError, arrow.ArrowException) as error:
         raise ExperienceError(f"{path}: expected a Parquet file with experience: {error}") from error
     metadata = _metadata(path, (table.schema.metadata or {}).get(_KEY))
     missing = [name for name in COLUMNS if name not in table.column_names]
@@ -174,6 +177,15 @@ def read_experience(path: Path | str) -> Experience:
         )
     frame = table.to_pandas()[list(COLUMNS)]
     return Experience(checked_rows(path, frame, metadata.get("action_set", "default")), metadata)
+
+
+def _read_table(parquet: Any, path: Path) -> Any:
+    """Read the columns of COLUMNS, those that there are; texts once each, however often they are used."""
+    with parquet.ParquetFile(path, read_dictionary=["action", "reason"]) as file:
+        rows, names = file.metadata.num_rows, file.schema_arrow.names
+        if rows > _MOST_ROWS:
+            raise ExperienceError(f"{path}: expected at most {_MOST_ROWS} rows, got {rows}")
+        return file.read(columns=[name for name in COLUMNS if name in names])
 
 
 def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:

@@ -10,10 +10,15 @@ from typing import Any
 
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import library_versions
+from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Record, Settings, evaluate_trial
 from ator_ros.experiments.statistics import mean_absolute_error, outcomes, summarise
 from ator_ros.experiments.storage import PartialResults
+from ator_ros.files import reserved
 
+RESUMES = "the same command goes on from here"
+_RECORD_BYTES = 5000  # of a situation with every policy and 24 headings of the oracle; most have a fifth
+_SPARE = 500_000  # bytes
 Progress = Callable[[Iterable[Record], int, int], Iterable[Record]]
 
 
@@ -44,7 +49,9 @@ def run_situations(
     Raises
     ------
     EvaluationError
-        The folder holds results of other settings.
+        The folder holds results of other settings, or the disk is full; what was done is kept.
+    OSError
+        The folder cannot be written, or has no room for the results.
     BackendError
         The parallel backend cannot be used.
     """
@@ -53,8 +60,16 @@ def run_situations(
     results: Iterable[Record] = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
     if progress is not None:
         results = progress(results, situations - len(tasks), situations)
-    for record in results:
-        partial.append(record)
+    # At the end the report needs as much room as the partial results.
+    with reserved(folder, _SPARE + 2 * _RECORD_BYTES * len(tasks)) as release:
+        for record in results:
+            try:
+                partial.append(record)
+            except OSError as error:
+                release()
+                partial.append(record)
+                kept = f"{len(partial.records)} of {situations} situations are kept"
+                raise EvaluationError(f"{partial.path}: {error.strerror}; {kept}, {RESUMES}") from error
     return [partial.records[index] for index in range(situations)]
 
 

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Record, Settings
-from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.files import UnreadableError, read_json, read_text, write_text
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"
 SCHEMA = "ator_ros/evaluation"
 VERSION = 1
+LARGEST = 1_000_000_000
+"""Bytes of a file of results that is read."""
 
 
 class PartialResults:
     """Records of single situations, appended one by one, so that an interrupted evaluation goes on.
 
-    The first line holds what the records depend on; a line that was cut off by a crash is forgotten.
+    The first line holds what the records depend on, every other line a digest of it and of its record. A line
+    that was cut off by a crash is forgotten.
 
     Parameters
     ----------
@@ -40,38 +45,61 @@ class PartialResults:
 
     def __init__(self, folder: Path, settings: Settings, digest: str) -> None:
         self.path = folder / PARTIAL
-        header = json.dumps({"settings": dataclasses.asdict(settings), "digest": digest}, sort_keys=True)
+        identity = {"settings": dataclasses.asdict(settings), "digest": digest}
+        self._header = json.dumps(identity, sort_keys=True)
         self.records: dict[int, Record] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            lines = self.path.read_text(encoding="utf-8").split("\n") if self.path.exists() else []
-        except (OSError, UnicodeDecodeError) as error:
+            lines = read_text(self.path, LARGEST).split("\n") if self.path.exists() else []
+        except (OSError, ValueError) as error:
             raise EvaluationError(f"{folder}: expected a folder for results: {error}") from error
-        if len(lines) > 1 and lines[0] != header:
+        if len(lines) > 1 and lines[0] != self._header:
             raise EvaluationError(
                 f"{self.path}: expected partial results of the same settings, models and gate, got others: "
                 "choose another --out, or delete that file"
             )
-        for line in lines[1:-1]:
-            record = self._record(line)
+        for number, line in enumerate(lines[1:-1], start=2):
+            record = self._record(line, number)
             self.records[record["index"]] = record
         # Written anew, so that the remains of a line that was cut off disappear.
-        write_text(self.path, "\n".join([header, *lines[1:-1], ""]))
+        write_text(self.path, "\n".join([self._header, *lines[1:-1], ""]))
 
-    def _record(self, line: str) -> Record:
+    def _record(self, line: str, number: int) -> Record:
+        """Read a line that `append` wrote with the same settings and models."""
         try:
-            record: Record = json.loads(line)
-            record["policies"], record["index"]
-        except (ValueError, RecursionError, KeyError, TypeError) as error:
+            data = json.loads(line)
+            record: Record = data["record"]
+            genuine = data["of"] == self._identity(record)
+        except (ValueError, RecursionError, KeyError, TypeError):
+            genuine = False
+        if not genuine:
             raise EvaluationError(
-                f"{self.path}: expected a situation's record in each line, got {line[:60]!r}: delete the line"
-            ) from error
+                f"{self.path}: line {number}: expected a situation's record of these settings and models, "
+                f"got a damaged or foreign line {line[:60]!r}: delete the line"
+            )
         return record
 
+    def _identity(self, record: Record) -> str:
+        """Digest a record with the settings and models that it was made with."""
+        text = self._header + json.dumps(record, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
     def append(self, record: Record) -> None:
-        """Keep the record of one more situation."""
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(record, separators=(",", ":")) + "\n")
+        """Keep the record of one more situation, whole or not at all.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written.
+        """
+        line = json.dumps({"of": self._identity(record), "record": record}, separators=(",", ":"))
+        size = self.path.stat().st_size
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+        except OSError:
+            os.truncate(self.path, size)
+            raise
         self.records[record["index"]] = record
 
     @staticmethod
@@ -120,7 +148,7 @@ def read_result(path: Path) -> dict[str, Any]:
         The file cannot be read, or is no finished evaluation.
     """
     try:
-        data = read_json(path)
+        data = read_json(path, largest=LARGEST)
     except UnreadableError as error:
         raise EvaluationError(str(error)) from error
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or data.get("version") != VERSION:

@@ -115,5 +115,5 @@ def make_toolset(source: ToolsetSource) -> Toolset:
         models["hist_gradient_boosting"] = {
             action: BoostedTime(robot).fit(rows) for action, rows in read_rows(source.experience).items()
         }
-    gate = load_gate(folder / GATE) if (folder / GATE).exists() else OpenGate()
+    gate = load_gate(folder / GATE, source.action_set) if (folder / GATE).exists() else OpenGate()
     return Toolset(robot, models, gate)

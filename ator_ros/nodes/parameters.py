@@ -36,6 +36,8 @@ class Parameter:
         Bounds of a number.
     choices : tuple of str, optional
         Allowed texts.
+    smallest : float, optional
+        Least magnitude of a number that is not 0.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Parameter:
     low: float = -math.inf
     high: float = math.inf
     choices: tuple[str, ...] = ()
+    smallest: float = 0.0
 
     def descriptor(self) -> ParameterDescriptor:
         """Give the description that `ros2 param describe` shows."""
@@ -65,13 +68,15 @@ class Parameter:
         Raises
         ------
         SetupError
-            It is not finite, out of bounds, or none of the choices.
+            It is not finite, out of bounds, too small, or none of the choices.
         """
         expected = None
         if self.choices and value not in self.choices:
             expected = f"one of {', '.join(self.choices)}"
         if isinstance(value, int | float) and not (math.isfinite(value) and self.low <= value <= self.high):
             expected = f"a finite number from {self.low:g} to {self.high:g}"
+        elif isinstance(value, int | float) and 0.0 < abs(value) < self.smallest:
+            expected = f"0, or a number from {self.smallest:g} to {self.high:g}"
         if expected:
             raise SetupError(f"parameter {self.name}: expected {expected}, got {value!r}")
 

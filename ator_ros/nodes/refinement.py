@@ -93,16 +93,16 @@ class RefinementNode(Node):
         self._libraries[action_set] = TopLibrary(robot, action_set)
         self._models[action_set] = read = read_models(self, robot, action_set, self._settings["models"])
         if read.models:
-            gate = self._load_gate(read.folder / model_path("gate", action_set))
+            gate = self._load_gate(read.folder / model_path("gate", action_set), action_set)
             self._refiners[action_set] = Refiner(robot, read.models, gate)
             rehearse_refinement(self._libraries[action_set], self._refiners[action_set])
 
-    def _load_gate(self, file: Path) -> Gate | None:
-        """Read a gate; without one, refinement goes by the predicted gain alone."""
+    def _load_gate(self, file: Path, action_set: str) -> Gate | None:
+        """Read the gate of an action set; without one, refinement goes by the predicted gain alone."""
         if not self._settings["gate"]:
             return None
         try:
-            return load_gate(file)
+            return load_gate(file, action_set)
         except RefinementError as error:
             self.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
             return None

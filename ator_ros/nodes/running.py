@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.resources import ResourceError
@@ -41,6 +42,7 @@ def run_node(
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
         _command_line(make, parameters).parse_args(remove_ros_args(words)[1:])
+        check_machine(os.environ, words)
         stay_on_this_machine(os.environ)
         # rclpy's own handlers would invalidate the context before the robot has been stopped.
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)

@@ -12,7 +12,8 @@ import numpy as np
 from ator_ros.performance.tree import ModelTree
 
 # More would be no tree that anybody reads, and a damaged file shall not fill the memory.
-_MAX_NODES = 100_000
+_MAX_NODES = 20_000
+_MAX_NAMES = 200  # seven times the features there are
 
 
 class ModelTreeFormatError(ValueError):
@@ -168,6 +169,8 @@ class _Reader:
 def _names(value: object) -> tuple[str, ...]:
     if not isinstance(value, list) or not value or not all(isinstance(name, str) and name for name in value):
         raise _wrong("features", "a list of names", value)
+    if len(value) > _MAX_NAMES:
+        raise ModelTreeFormatError(f"features: expected at most {_MAX_NAMES} names, got {len(value)}")
     if len(set(value)) != len(value):
         raise _wrong("features", "every name once", value)
     return tuple(value)

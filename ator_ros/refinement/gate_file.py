@@ -18,11 +18,17 @@ VERSION = 1
 LABELS = ("Higher", "Equal", "Lower")
 
 
-def save_gate(path: Path, gate: OpenGate | ThresholdGate | TreeGate, training: Mapping[str, Any]) -> None:
-    """Write a gate, with how it was trained, to `path`; atomic."""
+def save_gate(
+    path: Path,
+    gate: OpenGate | ThresholdGate | TreeGate,
+    training: Mapping[str, Any],
+    action_set: str = "default",
+) -> None:
+    """Write a gate of an action set, with how it was trained, to `path`; atomic."""
     data = {
         "schema": SCHEMA,
         "version": VERSION,
+        "action_set": action_set,
         "kind": gate.kind,
         "gate": asdict(gate),
         "training": dict(training),
@@ -30,13 +36,14 @@ def save_gate(path: Path, gate: OpenGate | ThresholdGate | TreeGate, training: M
     write_text(path, json.dumps(data, indent=1) + "\n")
 
 
-def load_gate(path: Path) -> Gate:
-    """Read a gate.
+def load_gate(path: Path, action_set: str = "default") -> Gate:
+    """Read the gate of an action set.
 
     Raises
     ------
     RefinementError
-        The file cannot be read, is no gate, or is newer than this code; the message names file and field.
+        The file cannot be read, is no gate, is newer than this code, or was learned for other actions; the
+        message names file and field.
     """
     try:
         data = read_json(path)
@@ -45,23 +52,29 @@ def load_gate(path: Path) -> Gate:
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise RefinementError(f"{path}: schema: expected {SCHEMA!r}, got another kind of file")
     if data.get("version") != VERSION:
-        raise RefinementError(f"{path}: version: expected {VERSION}, got {data.get('version')!r}")
+        raise RefinementError(f"{path}: version: expected {VERSION}, got {str(data.get('version'))[:80]}")
+    if data.get("action_set") != action_set:
+        raise RefinementError(
+            f"{path}: action_set: expected {action_set!r}, got {str(data.get('action_set'))[:80]!r}: "
+            "learn the gate of these actions with the tool gate"
+        )
     gate = data.get("gate")
     if not isinstance(gate, dict):
         raise RefinementError(f"{path}: gate: expected an object, got {type(gate).__name__}")
-    if data.get("kind") == OpenGate.kind:
+    kind = data.get("kind")
+    if kind == OpenGate.kind:
         return OpenGate()
-    if data.get("kind") == ThresholdGate.kind:
+    if kind == ThresholdGate.kind:
         return ThresholdGate(_number(path, gate, "gain"), _number(path, gate, "spread_factor"))
-    if data.get("kind") == TreeGate.kind:
+    if kind == TreeGate.kind:
         return _tree(path, gate)
-    raise RefinementError(f"{path}: kind: expected open, threshold or tree, got {data.get('kind')!r}")
+    raise RefinementError(f"{path}: kind: expected open, threshold or tree, got {str(kind)[:80]!r}")
 
 
 def _number(path: Path, data: Mapping[str, Any], name: str) -> float:
     value = data.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise RefinementError(f"{path}: gate.{name}: expected a finite number, got {value!r}")
+        raise RefinementError(f"{path}: gate.{name}: expected a finite number, got {repr(value)[:80]}")
     return float(value)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,9 +22,19 @@ from ator_ros.experience.table import (
     require_pyarrow,
     write_experience,
 )
-from ator_ros.files import portable_command
+from ator_ros.files import portable_command, reserved
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import INTERRUPTED, add_parallel_options, destination, guarded, whole
+from ator_ros.tools.command_line import (
+    INTERRUPTED,
+    add_parallel_options,
+    destination,
+    guarded,
+    undisturbed,
+    whole,
+)
+
+_EPISODE_BYTES = 10_000
+"""More than the table needs for an episode: those of the default actions take 3.3 kB."""
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -61,7 +72,8 @@ def _collect(options: argparse.Namespace, command: str) -> int:
     factories = {name: actions[name] for name in options.actions}
     frames: list[pd.DataFrame] = []
     stopped: BaseException | None = None
-    with cluster(options.cluster):
+    room = _EPISODE_BYTES * options.episodes * len(factories)
+    with reserved(options.out.absolute().parent, room), cluster(options.cluster):
         episodes = collect(
             factories,
             robot,
@@ -88,9 +100,24 @@ def _collect(options: argparse.Namespace, command: str) -> int:
     if isinstance(stopped, BackendError) and not frames:
         raise stopped
     frame = join(frames)
-    write_experience(options.out, Experience(frame, metadata))
-    _report(frame, options.out, stopped)
-    return 0 if stopped is None else INTERRUPTED if isinstance(stopped, KeyboardInterrupt) else 1
+    with undisturbed():
+        file = _kept(Experience(frame, metadata), options.out)
+        _report(frame, file, stopped)
+    if isinstance(stopped, KeyboardInterrupt):
+        return INTERRUPTED
+    return 0 if stopped is None and file == options.out else 1
+
+
+def _kept(experience: Experience, file: Path) -> Path:
+    """Write the table to `file`, or else to a folder for temporary files; return where."""
+    try:
+        write_experience(file, experience)
+        return file
+    except OSError as error:
+        other = Path(tempfile.mkdtemp(prefix="ator_ros-"), file.name)
+        print(f"collect: {file}: {error.strerror or error}: the table goes to {other}", file=sys.stderr)
+        write_experience(other, experience)
+        return other
 
 
 def _report(frame: pd.DataFrame, file: Path, stopped: BaseException | None) -> None:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import os
+import codecs
+import contextlib
+import io
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -15,15 +20,18 @@ from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Record, Settings
 from ator_ros.experiments.running import run_situations
+from ator_ros.files import reserved
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.performance.training import TrainingError
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.robot import ConfigError
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C."""
-RESUMES = "the same command goes on from here"
+"""Exit code after Ctrl-C or SIGTERM."""
 
+_ROOM = 100_000  # bytes of a result whose size is not known beforehand
+_IN_ASCII = "ator_ros.in_ascii"
+_SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 _EXPECTED = (
     BackendError,
     ConfigError,
@@ -69,16 +77,61 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
     work : callable
         Gives the exit code.
     interrupted : str
-        What to tell after Ctrl-C.
+        What to tell after Ctrl-C, SIGTERM or the end of the terminal.
     """
+    write_plainly()
     try:
-        return work()
+        with stopped_by_signals():
+            return work()
     except KeyboardInterrupt:
         print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
     except _EXPECTED as error:
         print(f"{program}: {error}", file=sys.stderr)
         return 1
+
+
+@contextlib.contextmanager
+def stopped_by_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does; what nohup ignores stays ignored."""
+    numbers = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_DFL]
+    with _handled(dict.fromkeys(numbers, signal.default_int_handler)):
+        yield
+
+
+@contextlib.contextmanager
+def undisturbed() -> Iterator[None]:
+    """Let no second Ctrl-C or SIGTERM interrupt the short time in which results are written."""
+    with _handled(dict.fromkeys((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), signal.SIG_IGN)):
+        yield
+
+
+@contextlib.contextmanager
+def _handled(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def write_plainly() -> None:
+    """Let a terminal that knows ASCII only show other characters in ASCII, instead of ending the command."""
+    codecs.register_error(_IN_ASCII, _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_IN_ASCII)
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return "".join(_SPELLED.get(c, ascii(c)[1:-1]) for c in text), error.end
 
 
 def executed(settings: Settings, options: argparse.Namespace, folder: Path) -> list[Record]:
@@ -110,9 +163,14 @@ def destination(text: str) -> Path:
     """Be a type for argparse: a file that can be written, as far as that is known beforehand."""
     path = Path(text)
     folder = next(parent for parent in path.absolute().parents if parent.exists())
-    if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise argparse.ArgumentTypeError(f"expected a file that can be written, got {text!r}")
-    return path
+    wanted = f"expected a file that can be written, got {text!r}"
+    if path.is_dir() or not folder.is_dir():
+        raise argparse.ArgumentTypeError(wanted)
+    try:
+        with reserved(folder, _ROOM):
+            return path
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{wanted}: {error}") from error
 
 
 def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:

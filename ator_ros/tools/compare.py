@@ -16,6 +16,7 @@ from ator_ros.experiments.execution import TIME_LIMIT, run_chain
 from ator_ros.experiments.toolset import ToolsetSource, make_toolset
 from ator_ros.experiments.trials import Trial, random_trial
 from ator_ros.files import portable_command, write_text
+from ator_ros.nodes.machine import MachineError
 from ator_ros.robot import load_robot
 from ator_ros.tools.command_line import INTERRUPTED, destination, whole
 from ator_ros.tools.processes import NodeEndedError, all_nodes
@@ -59,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("compare: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
-    except (DemoError, NodeEndedError) as error:
+    except (DemoError, MachineError, NodeEndedError) as error:
         print(f"compare: {error}", file=sys.stderr)
         return 1
     result = {

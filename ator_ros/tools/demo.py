@@ -9,8 +9,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ator_ros.experiments.trials import Trial, open_speeds, random_trial
+from ator_ros.nodes.machine import MachineError
 from ator_ros.robot import Robot, load_robot
-from ator_ros.tools.command_line import INTERRUPTED, destination, whole
+from ator_ros.tools.command_line import INTERRUPTED, destination, whole, write_plainly
 from ator_ros.tools.demo_report import DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, all_nodes
 from ator_ros.tops.library import TopLibrary
@@ -41,6 +42,7 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     options = arguments().parse_args(argv)
+    write_plainly()
     for number in (signal.SIGINT, signal.SIGTERM):  # also as a background job
         signal.signal(number, signal.default_int_handler)
     try:
@@ -56,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted")
         code = INTERRUPTED
-    except (DemoError, NodeEndedError) as error:
+    except (DemoError, MachineError, NodeEndedError) as error:
         print(f"demo: {error}", file=sys.stderr)
         code = 1
     if played:

@@ -12,12 +12,12 @@ from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Settings
 from ator_ros.experiments.policies import POLICIES
 from ator_ros.experiments.report import write_report
-from ator_ros.experiments.running import describe, table_text
+from ator_ros.experiments.running import RESUMES, describe, table_text
 from ator_ros.experiments.storage import PartialResults, write_result
 from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command
-from ator_ros.tools.command_line import RESUMES, add_parallel_options, executed, guarded, whole
+from ator_ros.tools.command_line import add_parallel_options, executed, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -91,8 +91,8 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
     result = describe(settings, records, command)
     path = write_result(options.out, result, records)
     print(table_text(result["summary"]))
-    PartialResults.remove(options.out)
     report = write_report(options.out, result, records, settings, tools)
+    PartialResults.remove(options.out)
     print(f"wrote {path} and {report}")
     return 0
 

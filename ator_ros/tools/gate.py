@@ -12,12 +12,14 @@ from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experiments.evaluation import Settings
 from ator_ros.experiments.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
 from ator_ros.experiments.heuristics import save_baselines
+from ator_ros.experiments.running import RESUMES
 from ator_ros.experiments.toolset import BASELINES, GATE, ToolsetSource, read_rows
-from ator_ros.files import portable_command
+from ator_ros.files import portable_command, reserved
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.robot import load_robot
-from ator_ros.tools.command_line import RESUMES, add_parallel_options, executed, guarded, whole
+from ator_ros.tools.command_line import add_parallel_options, executed, guarded, whole
 
+_GATE_BYTES = 100_000
 POLICIES = ("naive", "refined", "refined_speed")
 
 
@@ -60,7 +62,8 @@ def _learn(options: argparse.Namespace, command: str) -> int:
     if options.experience is not None:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, policies=POLICIES, source=source)
-    records = executed(settings, options, options.work)
+    with reserved(source.folder(), _GATE_BYTES):
+        records = executed(settings, options, options.work)
     examples = gate_examples(records)
     comparison = compare_gates(examples)
     tree, threshold = fit_tree(examples), fit_threshold(examples)
@@ -73,7 +76,7 @@ def _learn(options: argparse.Namespace, command: str) -> int:
         "tree_rules": tree.rules(),
         "threshold": {"gain": threshold.gain, "spread_factor": threshold.spread_factor},
     }
-    save_gate(source.folder() / GATE, best, training)
+    save_gate(source.folder() / GATE, best, training, options.action_set)
     _report(training, best.kind, source.folder() / GATE)
     return 0
 

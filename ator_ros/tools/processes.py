@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
+from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, stay_on_this_machine
 
 # The executor waits so long, in s, for odometry and refinement: more than on a robot, for machines that are
@@ -124,10 +125,13 @@ def own_nodes() -> Iterator[NodeProcesses]:
     ------
     ImportError
         ROS is not there, or has not been sourced.
+    MachineError
+        ROS cannot run on this machine as it is.
     """
     import domain_coordinator
     from ament_index_python.packages import get_package_prefix
 
+    check_machine(os.environ, ())
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
     folder = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")

@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,9 @@ import pandas as pd
 
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
+from ator_ros.experience.validation import FARTHEST
 from ator_ros.experiments.accuracy_tables import ablation_table, accuracy_table, success_table
-from ator_ros.files import portable_command, write_text
+from ator_ros.files import portable_command, reserved, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
@@ -24,6 +25,8 @@ from ator_ros.performance.training import TrainingError, digest, train
 from ator_ros.resources import resource_path
 from ator_ros.robot import Robot, load_robot
 from ator_ros.tools.command_line import destination, guarded
+
+_MODELS_BYTES = 1_000_000
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -70,7 +73,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(words)
     if not (options.experience or options.fresh or options.rules or options.report):
         parser.error("expected experience to learn from, --fresh, --rules or --report")
-    return guarded("train", lambda: _run(options, portable_command("train", words)))
+    return guarded(
+        "train",
+        lambda: _run(options, portable_command("train", words)),
+        interrupted="the models that were told of are written, no others",
+    )
 
 
 def _run(options: argparse.Namespace, command: str) -> int:
@@ -79,6 +86,9 @@ def _run(options: argparse.Namespace, command: str) -> int:
     if options.rules:
         print(_rules(options, robot, folder))
         return 0
+    if options.experience or options.fresh:
+        with reserved(folder, _MODELS_BYTES):
+            pass  # a full disk is told before the work
     if options.experience:
         _train(options, robot, folder, command)
     elif options.fresh:
@@ -95,12 +105,16 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
     if options.fresh:
         fresh = _read(options.fresh, robot, source["action_set"])
     by_action = dict(iter(rows.groupby("action", sort=False)))
-    for action, model in _learn(by_action, robot).items():
-        examples = by_action[action]
-        measured: dict[str, Any] = {}
+    errors: list[str] = []
+    for action, examples in by_action.items():
+        # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
+        try:
+            model = train(action, examples, robot)
+        except TrainingError as error:
+            errors.append(str(error))
+            continue
         tests = fresh.frame[fresh.frame["action"] == action]
-        if len(tests):
-            measured = _measure(model, tests, fresh.seed)
+        measured = _measure(model, tests, fresh.seed) if len(tests) else {}
         training = {
             "seed": source.get("seed"),
             "command": source.get("command"),
@@ -117,26 +131,14 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
         }
         file = folder / model_path(action, source["action_set"])
         save_model(file, dataclasses.replace(model, metadata=metadata))
-        print(f"{file}: {_summary(model, measured)}")
-    if options.ablation and len(fresh.frame):
-        lines = ablation_table(by_action, dict(iter(fresh.frame.groupby("action"))), robot, seed=fresh.seed)
-        write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
-
-
-def _learn(by_action: Mapping[str, pd.DataFrame], robot: Robot) -> dict[str, PerformanceModel]:
-    """Learn from what suffices, and tell what does not: a recording rarely holds enough of every action."""
-    models: dict[str, PerformanceModel] = {}
-    errors: list[str] = []
-    for action, examples in by_action.items():
-        try:
-            models[action] = train(action, examples, robot)
-        except TrainingError as error:
-            errors.append(str(error))
-    if not models:
+        print(f"{file}: {_summary(model, measured)}", flush=True)
+    if len(errors) == len(by_action):
         raise TrainingError("; ".join(errors))
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
-    return models
+    if options.ablation and len(fresh.frame):
+        lines = ablation_table(by_action, dict(iter(fresh.frame.groupby("action"))), robot, seed=fresh.seed)
+        write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
 
 
 def _read(paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
@@ -200,9 +202,10 @@ def _situation(words: Sequence[str]) -> dict[str, float]:
             number = float(value)
         except ValueError:
             number = math.nan
-        if name not in situation or not math.isfinite(number):
+        if name not in situation or not abs(number) <= FARTHEST:
             raise TrainingError(
-                f"situation: expected NAME=NUMBER with a name of {', '.join(DIRECT_VARIABLES)}, got {word!r}"
+                f"situation: expected NAME=NUMBER with a name of {', '.join(DIRECT_VARIABLES)} "
+                f"and a number up to {FARTHEST:g}, got {word[:80]!r}"
             )
         situation[name] = number
     return situation

@@ -1,0 +1,68 @@
+"""What the steps of setup_workspace.py have in common. Needs only the standard library."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import signal
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+MARK = {"ATOR_ROS_SETUP": str(ROOT)}
+"""In the environment of every program that set-up starts, so that the next set-up knows what was left."""
+
+
+class SetupError(Exception):
+    """Set-up cannot go on; the message is one line that says what to do."""
+
+
+def say(text: str) -> None:
+    """Tell the user; set-up is silent when there is nothing to do."""
+    print(f"setup: {text}", flush=True)
+
+
+def digest(files: Iterable[Path], *extra: str) -> str:
+    """Digest names and contents of `files` (below ROOT), and the words in `extra`."""
+    total = hashlib.sha256("\n".join(extra).encode())
+    for file in sorted(files):
+        total.update(f"{file.relative_to(ROOT)}\0".encode() + file.read_bytes())
+    return total.hexdigest()
+
+
+def write_atomically(file: Path, text: str) -> None:
+    """Write beside `file`, then move into place."""
+    beside = file.with_name(file.name + ".new")
+    beside.write_text(text, encoding="utf-8")
+    os.replace(beside, file)
+
+
+def end_leftovers() -> None:
+    """Kill what set-ups of this checkout have left behind.
+
+    Who kills one process of a set-up leaves its pip or make at work, in files that the next one makes anew.
+    """
+    mark = "".join(f"{name}={value}\0" for name, value in MARK.items()).encode()
+    for _ in range(100):
+        left = []
+        for process in Path("/proc").glob("[0-9]*"):
+            try:
+                if mark in (process / "environ").read_bytes() and int(process.name) != os.getpid():
+                    os.kill(int(process.name), signal.SIGKILL)
+                    left.append(process)
+            except OSError:  # another user's, or gone
+                continue
+        if not left:
+            return
+        time.sleep(0.05)
+
+
+def take_turns(lock: int) -> None:
+    """Wait until no other `make` sets up this checkout."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        say("waiting for another set-up of this checkout")
+        fcntl.flock(lock, fcntl.LOCK_EX)

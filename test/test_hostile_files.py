@@ -1,0 +1,159 @@
+"""Small files that claim, or unpack to, more than any machine has: they are refused in time and in memory."""
+
+from __future__ import annotations
+
+import json
+import resource
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from experience_rows import made_up_experience
+
+from ator_ros.experience import recordings, table
+from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.recordings import read_recording
+from ator_ros.experience.table import Experience, read_experience, write_experience
+from ator_ros.files import limited_memory, read_json
+from ator_ros.performance.model_file import ModelFileError, load_model
+from ator_ros.performance.tree_storage import ModelTreeFormatError, tree_from_dict
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.gate_file import load_gate
+from ator_ros.resources import resource_path
+from ator_ros.robot import ConfigError, load_robot
+from ator_ros.tools import train
+
+ROBOT = load_robot()
+PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
+
+
+def laughs() -> str:
+    """Give a YAML text that names 10^9 values with nine lines of aliases."""
+    lines = ['a0: &a0 ["ha", "ha"]']
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 10)]
+    return "\n".join([*lines, "robot: *a9", ""])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (laughs(), "line 2: expected no alias, got *a0"),
+        ("robot: &r {v: 1}\nball: *r\nfield: *r\n", "expected no alias"),
+        ("# " + "x" * 200_000, "expected at most 0.1 MB"),
+        ("robot: [" + "1," * 5_000 + "]\nball: 1\nfield: 1\n", "robot: expected a mapping"),
+        (
+            PIONEER.replace("v: 1.2", "v: 1200", 1),
+            "robot.limits.v: expected a number from 0.01 to 10, got 1200",
+        ),
+        (PIONEER.replace("v: 1.2", "v: 1.0e-9", 1), "robot.limits.v: expected a number from 0.01 to 10"),
+        (
+            PIONEER.replace("track: 0.33", "track: 330"),
+            "robot.track: expected a number from 0.001 to 10, got 330",
+        ),
+        (
+            PIONEER.replace("length: 8.0", "length: 8000000000.0"),
+            "field.length: expected a number from 0.001 to 1000",
+        ),
+        (
+            PIONEER.replace("v: 1.2", f"v: [{'1, ' * 20_000}]", 1),
+            "robot.limits.v: expected a positive number",
+        ),
+    ],
+)
+def test_robots_that_cannot_be_are_refused_in_one_line(text: str, message: str, tmp_path: Path) -> None:
+    assert text != PIONEER
+    file = tmp_path / "robot.yaml"
+    file.write_text(text, encoding="utf-8")
+    began = time.process_time()
+    with pytest.raises(ConfigError) as refusal:
+        load_robot(file)
+    assert time.process_time() - began < 2.0
+    assert message in str(refusal.value)
+    assert len(str(refusal.value)) < 1000
+    assert len(str(refusal.value).splitlines()) <= 4  # a YAML error shows where
+
+
+def test_a_file_of_numbers_without_end_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "model.json").symlink_to("/dev/zero")
+    with pytest.raises(ModelFileError, match="expected at most 20 MB, got more"):
+        load_model(tmp_path / "model.json", ROBOT)
+    with pytest.raises(RefinementError, match="expected at most 20 MB, got more"):
+        load_gate(tmp_path / "model.json")
+
+
+def test_a_tree_with_more_names_than_features_is_refused_before_it_is_built() -> None:
+    leaf = {"samples": 1, "intercept": 0, "slopes": {}, "range": [None, None], "spread": 0}
+    data = {"features": [f"f{n}" for n in range(100_000)], "root": leaf}
+    with pytest.raises(ModelTreeFormatError, match="features: expected at most 200 names, got 100000"):
+        tree_from_dict(data)
+
+
+def test_the_gate_of_other_actions_is_refused() -> None:
+    gate = resource_path("models", "bezier", "gate.json")
+    assert load_gate(gate, "bezier")
+    with pytest.raises(RefinementError, match="action_set: expected 'default', got 'bezier'"):
+        load_gate(gate)
+    assert read_json(resource_path("models", "gate.json"))["action_set"] == "default"
+
+
+def test_a_table_with_too_many_rows_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = made_up_experience("goToPose")
+    write_experience(tmp_path / "table.parquet", Experience(rows, {}))
+    assert len(read_experience(tmp_path / "table.parquet").frame) == len(rows)
+    monkeypatch.setattr(table, "_MOST_ROWS", len(rows) - 1)
+    with pytest.raises(ExperienceError, match=f"expected at most {len(rows) - 1} rows, got {len(rows)}"):
+        read_experience(tmp_path / "table.parquet")
+
+
+def test_a_table_that_unpacks_to_gigabytes_is_read_without_them_or_refused(tmp_path: Path) -> None:
+    rows = made_up_experience("goToPose").head(1)
+    reasons = pd.Categorical.from_codes([0] * 5000, ["x" * 1_000_000])  # 5 GB, once unpacked
+    many = pd.concat([rows] * 5000, ignore_index=True).assign(reason=reasons)
+    write_experience(tmp_path / "table.parquet", Experience(many, {}))
+    assert (tmp_path / "table.parquet").stat().st_size < 10_000_000
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    read_experience(tmp_path / "table.parquet")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 500_000  # kB
+
+
+def test_memory_is_limited_in_the_block_only() -> None:
+    with pytest.raises(MemoryError), limited_memory(100_000_000):
+        bytearray(200_000_000)
+    bytearray(200_000_000)
+
+
+def test_a_recording_that_needs_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from test_recordings import record
+
+    record(tmp_path / "bag")
+    assert len(read_recording(tmp_path / "bag", ROBOT).frame)
+    monkeypatch.setattr(recordings, "_LARGEST_MESSAGE", 10)
+    with pytest.raises(ExperienceError, match="a message of "):
+        read_recording(tmp_path / "bag", ROBOT)
+    monkeypatch.undo()
+
+    def unpack(*_: object) -> bytes:
+        return bytes(5_000_000_000)
+
+    monkeypatch.setattr("rosbags.highlevel.AnyReader.deserialize", unpack)
+    with pytest.raises(ExperienceError, match=r"bag: .*: it needs too much memory"):
+        read_recording(tmp_path / "bag", ROBOT)
+
+
+@pytest.mark.parametrize("word", ["x=1e300", "speedg=inf", "w=" + "9" * 5000])
+def test_situations_beyond_reason_are_refused(word: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert train.main(["--rules", "goToPose", "--situation", word]) == 1
+    told = capsys.readouterr().err
+    assert "a number up to 1e+06" in told
+    assert len(told) < 400
+
+
+def test_a_gate_file_s_refusal_is_short(tmp_path: Path) -> None:
+    data = json.loads(resource_path("models", "gate.json").read_text(encoding="utf-8"))
+    (tmp_path / "gate.json").write_text(json.dumps({**data, "kind": "x" * 1_000_000}))
+    with pytest.raises(RefinementError) as refusal:
+        load_gate(tmp_path / "gate.json")
+    assert len(str(refusal.value)) < 300

@@ -1,0 +1,186 @@
+"""Work that is stopped, or whose disk fills: what was finished is kept, and a full disk is told before."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from experience_rows import made_up_experience
+
+from ator_ros.experience.table import read_experience
+from ator_ros.experiments import running
+from ator_ros.experiments.errors import EvaluationError
+from ator_ros.experiments.evaluation import Record, Settings
+from ator_ros.experiments.running import run_situations
+from ator_ros.experiments.storage import PARTIAL, PartialResults
+from ator_ros.files import reserved
+from ator_ros.tools import collect
+from ator_ros.tools.command_line import INTERRUPTED, guarded, undisturbed
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """Give a folder on a disk of 2 MB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=2m", "none", str(folder)]
+    try:
+        mounted = subprocess.run(command, capture_output=True, check=False).returncode == 0
+    except FileNotFoundError:
+        mounted = False
+    if not mounted:
+        pytest.skip("needs the right to mount a file system")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def fill(folder: Path) -> Path:
+    """Leave no room on the disk of `folder`; return the file that takes it."""
+    file = folder / "fill"
+    with contextlib.suppress(OSError), file.open("wb", buffering=0) as stream:
+        while stream.write(bytes(4096)):
+            pass
+    return file
+
+
+def outcome(task: tuple[Settings, int]) -> Record:
+    """Give what is kept of a situation, without executing it."""
+    return {"index": task[1], "policies": {"naive": {"duration": 1.5}}, "note": "x" * 3000}
+
+
+def at_once(function: Any, tasks: Iterable[Any], **options: Any) -> Iterator[Record]:
+    return map(outcome, tasks)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_signals_stop_a_command_as_ctrl_c_does(
+    number: signal.Signals, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = signal.getsignal(number)
+
+    def work() -> int:
+        os.kill(os.getpid(), number)
+        time.sleep(5.0)
+        return 0
+
+    assert guarded("tool", work, interrupted="what was done is kept") == INTERRUPTED
+    assert capsys.readouterr().err == "tool: interrupted; what was done is kept\n"
+    assert signal.getsignal(number) is before
+
+
+def test_a_second_signal_does_not_disturb_the_writing() -> None:
+    def work() -> int:
+        with undisturbed():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                os.kill(os.getpid(), number)
+        return 7
+
+    assert guarded("tool", work) == 7
+
+
+def test_room_is_kept_and_given_back(small_disk: Path) -> None:
+    with reserved(small_disk / "new", 1_500_000) as release:
+        assert fill(small_disk).stat().st_size < 600_000
+        release()
+        (small_disk / "result").write_bytes(bytes(1_400_000))
+    assert sorted(path.name for path in small_disk.rglob("*")) == ["fill", "new", "result"]
+
+
+@pytest.mark.parametrize("place", ["disk", "file"])
+def test_no_room_is_told_in_one_line(place: str, small_disk: Path) -> None:
+    (small_disk / "file").touch()
+    folder, told = {
+        "disk": (small_disk, r"disk: expected room for 3.0 MB of results: No space left on device"),
+        "file": (small_disk / "file", r"file: expected a folder that can be written: File exists"),
+    }[place]
+    with pytest.raises(OSError, match=told), reserved(folder, 3_000_000):
+        pass
+    assert [path.name for path in small_disk.iterdir()] == ["file"]
+
+
+def test_a_full_disk_is_told_before_the_situations_are_executed(
+    small_disk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def begin(*_: Any, **__: Any) -> Iterator[Record]:
+        yield pytest.fail("it began")
+
+    monkeypatch.setattr(running, "run_tasks", begin)
+    with pytest.raises(OSError, match=r"expected room for 10.5 MB of results"):
+        run_situations(Settings(seed=1), situations=1000, folder=small_disk)
+
+
+def test_a_disk_that_fills_loses_no_situation(small_disk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(running, "run_tasks", at_once)
+    settings = Settings(seed=1)
+
+    def progress(records: Iterable[Record], done: int, total: int) -> Iterator[Record]:
+        for record in records:
+            if record["index"] == 2:
+                fill(small_disk)
+            yield record
+
+    with pytest.raises(
+        EvaluationError, match=r"No space left on device; [34] of 5 situations are kept"
+    ) as told:
+        run_situations(settings, situations=5, folder=small_disk, progress=progress)
+    assert "\n" not in str(told.value)
+    (small_disk / "fill").unlink()
+    kept = PartialResults(small_disk, settings, settings.source.digest(settings.policies, settings.chain))
+    assert list(kept.records) in ([0, 1, 2], [0, 1, 2, 3])
+    records = run_situations(settings, situations=5, folder=small_disk)
+    assert records == [outcome((settings, index)) for index in range(5)]
+
+
+def test_collect_keeps_its_table_elsewhere_when_the_disk_fills(
+    small_disk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def filling(*args: Any, **options: Any) -> Iterator[Any]:
+        yield made_up_experience("goToPose", episodes=3)
+        for file in small_disk.glob(".reserved*"):
+            file.unlink()
+        fill(small_disk)
+
+    monkeypatch.setattr(collect, "collect", filling)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    file = small_disk / "table.parquet"
+    assert collect.main(["--actions", "goToPose", "--episodes", "3", "--out", str(file)]) == 1
+    (kept,) = tmp_path.glob("ator_ros-*/table.parquet")
+    assert read_experience(kept).frame["episode"].nunique() == 3
+    assert str(kept) in capsys.readouterr().out
+    assert not file.exists()
+
+
+@pytest.mark.parametrize("kind", ["foreign", "changed", "no JSON", "no record"])
+def test_lines_of_other_results_are_refused(kind: str, tmp_path: Path) -> None:
+    mine, other = Settings(seed=1), Settings(seed=2)
+    for name, settings in (("mine", mine), ("other", other)):
+        partial = PartialResults(tmp_path / name, settings, "models")
+        for index in range(2):
+            partial.append(outcome((settings, index)))
+    file = tmp_path / "mine" / PARTIAL
+    lines = file.read_text().splitlines()
+    foreign = (tmp_path / "other" / PARTIAL).read_text().splitlines()[2]
+    changed = json.loads(lines[2])
+    changed["record"]["policies"]["naive"]["duration"] = 0.5
+    lines[2] = {
+        "foreign": foreign,
+        "changed": json.dumps(changed, separators=(",", ":")),
+        "no JSON": lines[2][:-1],
+        "no record": "[1]",
+    }[kind]
+    file.write_text("\n".join([*lines, ""]))
+    with pytest.raises(
+        EvaluationError, match="line 3: expected a situation's record of these settings"
+    ) as told:
+        PartialResults(tmp_path / "mine", mine, "models")
+    assert "\n" not in str(told.value)
