@@ -34,7 +34,7 @@ def turn_times(angles: Any, w: Any, aw: float) -> FloatArray:
     return np.asarray(np.where(size <= w * w / aw, 2.0 * np.sqrt(size / aw), size / w + w / aw))
 
 
-def turn_progress(fractions: FloatArray, angles: FloatArray, w: float, aw: float) -> FloatArray:
+def turn_progress(fractions: FloatArray, angles: FloatArray, w: Any, aw: float) -> FloatArray:
     """Give the share of each turn that is done after each fraction of its time.
 
     Parameters
@@ -43,6 +43,10 @@ def turn_progress(fractions: FloatArray, angles: FloatArray, w: float, aw: float
         Fractions of the turn's duration in [0, 1].
     angles : ndarray, shape (n,)
         Signed angles in rad.
+    w : float or ndarray of shape (n, 1)
+        Greatest turn rates in rad/s.
+    aw : float
+        Greatest turn acceleration in rad/s^2.
 
     Returns
     -------

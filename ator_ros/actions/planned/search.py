@@ -81,9 +81,9 @@ def find_candidates(
     found = []
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
         window, exit_along, exit_across = _exit_parts(exit_sides, turn, limits)
-        gaps = (lanes[1, window] - across[:, window])[:, None] - exit_across
-        drive = (lanes[0, window] - along[:, window])[:, None] - exit_along
-        found.append(_roots(gaps, drive, _GRID[window], turn))
+        sideways = lanes[1, window] - across[:, window], exit_across
+        drive = lanes[0, window] - along[:, window], exit_along
+        found.append(_roots(sideways, drive, _GRID[window], turn))
     return _ranked(
         start, goal, entry_sides, exit_sides, limits, [np.concatenate(x) for x in zip(*found, strict=True)]
     )
@@ -120,13 +120,27 @@ def _exit_parts(sides: Sequence[Side], turn: float, limits: Limits) -> tuple[sli
     return window, c * x + s * y, c * y - s * x
 
 
-def _roots(gaps: FloatArray, drive: FloatArray, grid: FloatArray, turn: float) -> tuple[NDArray[Any], ...]:
-    """Bracket the zeros of `gaps` along its last axis and interpolate."""
-    entries, exits, index = np.nonzero((gaps[..., :-1] <= 0.0) != (gaps[..., 1:] <= 0.0))
-    left, right = gaps[entries, exits, index], gaps[entries, exits, index + 1]
+def _roots(
+    sideways: tuple[FloatArray, FloatArray], drive: tuple[FloatArray, FloatArray], grid: FloatArray, turn: float
+) -> tuple[NDArray[Any], ...]:
+    """Bracket the first turns at which both sides agree on the drive's lane, and interpolate.
+
+    Parameters
+    ----------
+    sideways, drive : pair of ndarray, shapes (entries, grid) and (exits, grid)
+        Where the drive lies and how long it is, each the entry's part minus the exit's, in m.
+    """
+    # The sign of each difference is all that most pairs need: no array of the differences is made.
+    right_of = sideways[0][:, None] <= sideways[1]
+    entries, exits, index = np.nonzero(right_of[..., :-1] != right_of[..., 1:])
+
+    def differences(parts: tuple[FloatArray, FloatArray], at: NDArray[np.intp]) -> FloatArray:
+        return np.asarray(parts[0][entries, at] - parts[1][exits, at])
+
+    left, right = differences(sideways, index), differences(sideways, index + 1)
     share = left / (left - right)
     first = grid[index] + share * _STEP
-    distance = (1.0 - share) * drive[entries, exits, index] + share * drive[entries, exits, index + 1]
+    distance = (1.0 - share) * differences(drive, index) + share * differences(drive, index + 1)
     return entries, exits, first, turn - first, distance
 
 
