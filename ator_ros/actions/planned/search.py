@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ator_ros.actions.planned.bundle import Bundle, side_table
 from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side
 from ator_ros.actions.planned.profiles import speed_change_distances, straight_times, turn_times
 from ator_ros.actions.planned.turns import displacement_table, speeds_after
@@ -33,6 +34,8 @@ class Candidates:
         Which sides they combine.
     first, last, distance, times : ndarray, shape (n,)
         Turns in rad, straight drive in m, durations in s (to the grid's accuracy).
+    entry_table, exit_table : ndarray, shape (5, sides)
+        The numbers of the sides, as in `Bundle`.
     slack : ndarray, shape (n,)
         How much longer the drive is than its change of speed needs, in m; negative: it overshoots.
     """
@@ -49,6 +52,8 @@ class Candidates:
     distance: FloatArray
     times: FloatArray
     slack: FloatArray
+    entry_table: FloatArray
+    exit_table: FloatArray
 
     def __len__(self) -> int:
         return len(self.times)
@@ -62,6 +67,19 @@ class Candidates:
             float(self.first[index]),
             float(self.last[index]),
             float(self.distance[index]),
+            self.limits,
+        )
+
+    def bundle(self, which: NDArray[np.intp]) -> Bundle:
+        """Return the manoeuvres of the indices `which`, shape (n,)."""
+        return Bundle(
+            self.start,
+            np.repeat(np.array(self.goal)[:, None], len(which), axis=1),
+            self.entry_table[:, self.entries[which]],
+            self.exit_table[:, self.exits[which]],
+            self.first[which],
+            self.last[which],
+            self.distance[which],
             self.limits,
         )
 
@@ -149,8 +167,7 @@ def _ranked(
     found: list[NDArray[Any]],
 ) -> Candidates:  # fmt: skip
     entries, exits, first, last, distance = found
-    ends = [np.array([(side.length, side.outer_speed, *side.turn) for side in sides]).T
-            for sides in (entry_sides, exit_sides)]  # fmt: skip
+    ends = side_table(entry_sides), side_table(exit_sides)
     speeds, times = [], np.zeros(len(first))
     for (length, outer, speed, acceleration, rate), picked, angles, (begin, end) in zip(
         ends, (entries, exits), (first, last), ((1, 2), (2, 1)), strict=True
@@ -165,5 +182,5 @@ def _ranked(
     order = np.argsort(times, kind="stable")
     return Candidates(
         start, goal, limits, entry_sides, exit_sides, entries[order], exits[order],
-        first[order], last[order], distance[order], times[order], slack[order],
+        first[order], last[order], distance[order], times[order], slack[order], *ends,
     )  # fmt: skip
