@@ -22,6 +22,7 @@ _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.5
 _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 _RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
 _SURPRISE = 0.03  # s
+_GRID_ERROR = 0.3  # s by which a candidate's duration is off at most
 # Of about 2200 approaches and dribbles that were planned, the deepest success was try 2002: beside a post.
 _TRIES = 3000
 # Where the robot must not come back on its way: room for what closing a candidate changes, in m.
@@ -61,8 +62,9 @@ def fastest(
     *,
     forward_only: bool = False,
     tries: int = _TRIES,
+    longest: float = math.inf,
 ) -> Planning[Manoeuvre]:
-    """Plan the fastest allowed manoeuvre among the `tries` fastest ones.
+    """Plan the fastest allowed manoeuvre among the `tries` fastest ones of up to about `longest` s.
 
     Raises
     ------
@@ -74,17 +76,18 @@ def fastest(
             f"expected a start clear of ball and goals, got ({start.x:.2f}, {start.y:.2f}) m, "
             "which is too near one of them"
         )
-    candidates = find_candidates(start, goal, entries, exits, limits)
+    least_slack = _SLACK if forward_only else -math.inf
+    candidates = find_candidates(start, goal, entries, exits, limits, least_slack)
     yield 1 + len(candidates) // _CANDIDATES_A_POINT
-    allowed = candidates.slack >= _SLACK if forward_only else np.ones(len(candidates), dtype=bool)
-    for which in portions(np.flatnonzero(allowed), candidates.times):
-        longest = candidates.times[which] + _SURPRISE
+    short = np.searchsorted(candidates.times, longest + _GRID_ERROR, side="right")
+    for which in portions(np.arange(short), candidates.times):
+        bounds = candidates.times[which] + _SURPRISE
         verdicts = [Verdict.OPEN]
         if len(which) > 1:
             bundle = candidates.bundle(which)
-            verdicts = screened(bundle, longest, obstacles, robot, forward_only=forward_only)
+            verdicts = screened(bundle, bounds, obstacles, robot, forward_only=forward_only)
             yield PORTION_POINTS
-        for index, most, verdict in zip(which, longest, verdicts, strict=True):
+        for index, most, verdict in zip(which, bounds, verdicts, strict=True):
             counts = verdict != Verdict.IMPOSSIBLE
             if verdict == Verdict.OPEN:
                 manoeuvre = closed(candidates[int(index)])

@@ -105,10 +105,15 @@ def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
 
 
 def scoring_time(robot: Robot, mouth: Pose, plan: Manoeuvre) -> float:
-    """Give the time in s from the start of a run-up until the ball is wholly behind the line."""
-    ball = mouth.relative(plan.goal).ahead(robot.hold)
+    """Compute the time in s from the start of a run-up until the ball is wholly behind the line."""
+    return plan.duration + rolling_time(robot, mouth, plan.goal, plan.exit.outer_speed)
+
+
+def rolling_time(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
+    """Compute the time in s from the release, there at `speed` (m/s), until the ball is behind the line."""
+    ball = mouth.relative(released).ahead(robot.hold)
     way = (robot.ball.radius - ball.x) / math.cos(ball.yaw)
-    return plan.duration + float(_rolling_time(robot, plan.exit.outer_speed, way))
+    return float(_rolling_time(robot, speed, way))
 
 
 def _rolling_time(robot: Robot, speed: Any, way: Any) -> FloatArray:

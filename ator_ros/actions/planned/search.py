@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -85,15 +86,21 @@ class Candidates:
 
 
 def find_candidates(
-    start: Pose, goal: Pose, entry_sides: Sequence[Side], exit_sides: Sequence[Side], limits: Limits
+    start: Pose,
+    goal: Pose,
+    entry_sides: Sequence[Side],
+    exit_sides: Sequence[Side],
+    limits: Limits,
+    least_slack: float = -math.inf,
 ) -> Candidates:
     """Find all manoeuvres from `start` to `goal` that the sides allow.
 
     For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the
     last turn. Its roots are bracketed on a grid of first turns, where the parts of both sides just add.
+    Those with less slack than `least_slack` (m) are left out.
     """
     offset = start.relative(goal)
-    along, across = _entry_parts(entry_sides, limits)
+    along, across = _entry_parts(tuple(entry_sides), limits)
     lanes = np.stack((offset.x * np.cos(_GRID) + offset.y * np.sin(_GRID),
                       offset.y * np.cos(_GRID) - offset.x * np.sin(_GRID)))  # fmt: skip
     found = []
@@ -103,17 +110,22 @@ def find_candidates(
         drive = lanes[0, window] - along[:, window], exit_along
         found.append(_roots(sideways, drive, _GRID[window], turn))
     return _ranked(
-        start, goal, entry_sides, exit_sides, limits, [np.concatenate(x) for x in zip(*found, strict=True)]
-    )
+        start, goal, entry_sides, exit_sides, limits, least_slack,
+        [np.concatenate(x) for x in zip(*found, strict=True)],
+    )  # fmt: skip
 
 
-def _entry_parts(sides: Sequence[Side], limits: Limits) -> tuple[FloatArray, FloatArray]:
-    """Give the entry's displacement along and across the straight drive, shapes (sides, grid)."""
+@lru_cache(maxsize=16)
+def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, FloatArray]:
+    """Compute the entry's displacement along and across the straight drive, shapes (sides, grid)."""
     table = displacement_table(_GRID, tuple(side.turn for side in sides), limits)
     x = table[:, 0] + np.array([[side.length] for side in sides])
     y = table[:, 1]
     c, s = np.cos(_GRID), np.sin(_GRID)
-    return c * x + s * y, c * y - s * x
+    along, across = c * x + s * y, c * y - s * x
+    along.setflags(write=False)
+    across.setflags(write=False)
+    return along, across
 
 
 def _exit_parts(sides: Sequence[Side], turn: float, limits: Limits) -> tuple[slice, FloatArray, FloatArray]:
@@ -150,7 +162,9 @@ def _roots(
     """
     # The sign of each difference is all that most pairs need: no array of the differences is made.
     right_of = sideways[0][:, None] <= sideways[1]
-    entries, exits, index = np.nonzero(right_of[..., :-1] != right_of[..., 1:])
+    changes = right_of[..., :-1] != right_of[..., 1:]
+    pairs, index = np.divmod(np.flatnonzero(changes), changes.shape[2])
+    entries, exits = np.divmod(pairs, changes.shape[1])
 
     def differences(parts: tuple[FloatArray, FloatArray], at: NDArray[np.intp]) -> FloatArray:
         return np.asarray(parts[0][entries, at] - parts[1][exits, at])
@@ -164,23 +178,25 @@ def _roots(
 
 def _ranked(
     start: Pose, goal: Pose, entry_sides: Sequence[Side], exit_sides: Sequence[Side], limits: Limits,
-    found: list[NDArray[Any]],
+    least_slack: float, found: list[NDArray[Any]],
 ) -> Candidates:  # fmt: skip
-    entries, exits, first, last, distance = found
-    ends = side_table(entry_sides), side_table(exit_sides)
-    speeds, times = [], np.zeros(len(first))
-    for (length, outer, speed, acceleration, rate), picked, angles, (begin, end) in zip(
-        ends, (entries, exits), (first, last), ((1, 2), (2, 1)), strict=True
-    ):
-        turning = turn_times(angles, rate[picked], limits.aw)
-        speeds.append(speeds_after(speed[picked], acceleration[picked], turning, limits.v))
-        stretch = (length, outer, speed)
-        times += turning + straight_times(length, stretch[begin], stretch[end], limits)[picked]
-    opening, closing = speeds
-    times += straight_times(distance, opening, closing, limits)
-    slack = distance - speed_change_distances(opening, closing, limits)
+    sides = side_table(entry_sides), side_table(exit_sides)
+
+    def turning(side: int) -> tuple[FloatArray, FloatArray]:
+        _, _, speed, acceleration, rate = sides[side][:, found[side]]
+        times = turn_times(found[2 + side], rate, limits.aw)
+        return times, speeds_after(speed, acceleration, times, limits.v)
+
+    slack = found[4] - speed_change_distances(turning(0)[1], turning(1)[1], limits)
+    kept = slack >= least_slack
+    found, slack = [column[kept] for column in found], slack[kept]
+    times, speeds = np.zeros(len(slack)), []
+    for side, (begin, end) in enumerate(((1, 2), (2, 1))):
+        turn, speed = turning(side)
+        speeds.append(speed)
+        stretch = sides[side]
+        times += turn + straight_times(stretch[0], stretch[begin], stretch[end], limits)[found[side]]
+    times += straight_times(found[4], *speeds, limits)
     order = np.argsort(times, kind="stable")
-    return Candidates(
-        start, goal, limits, entry_sides, exit_sides, entries[order], exits[order],
-        first[order], last[order], distance[order], times[order], slack[order], *ends,
-    )  # fmt: skip
+    columns = (column[order] for column in (*found, times, slack))
+    return Candidates(start, goal, limits, entry_sides, exit_sides, *columns, *sides)

@@ -12,7 +12,7 @@ from ator_ros.actions.planned.holding_action import HoldingAction
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.planner import fastest
 from ator_ros.actions.planned.planning import Planning
-from ator_ros.actions.planned.release import release_poses, scoring_time
+from ator_ros.actions.planned.release import release_poses, rolling_time, scoring_time
 from ator_ros.actions.planned.run_up import run_up
 from ator_ros.world import World
 
@@ -45,16 +45,21 @@ class Shoot(HoldingAction):
         one_turn = yield from run_up(robot, start, mouth, entries, limits)
         if one_turn is not None and abs(one_turn.first) < _LARGE:
             return one_turn
-        plans = [] if one_turn is None else [one_turn]
+        best, soonest = one_turn, math.inf
+        if one_turn is not None:
+            soonest = scoring_time(robot, mouth, one_turn)
         exits = release_sides(robot, limits)
         for pose in release_poses(robot, mouth, limits):
+            longest = soonest - rolling_time(robot, mouth, pose, limits.v)
             with suppress(ActionError):
                 plan = yield from fastest(robot, start, pose, entries, exits, limits, Obstacles(),
-                                          forward_only=True, tries=_TRIES)  # fmt: skip
-                plans.append(plan)
-        if not plans:
+                                          forward_only=True, tries=_TRIES, longest=longest)  # fmt: skip
+                time = scoring_time(robot, mouth, plan)
+                if time < soonest:
+                    best, soonest = plan, time
+        if best is None:
             raise ActionError(f"{self.name}: expected room for a run-up to the goal, found none")
-        return min(plans, key=lambda plan: scoring_time(robot, mouth, plan))
+        return best
 
     def step(self, world: World) -> Step:
         """Follow the run-up, then brake until the ball is in the goal."""
