@@ -22,6 +22,8 @@ class DribbleBall(HoldingAction):
         entries = entry_sides(self.robot, self.plan_limits, round(max(0.0, world.robot.v), 3))
         exits = exit_sides(self.robot, self.plan_limits, self.goal.speed)
         start, goal = world.robot.pose, self.target()
-        return (yield from fastest(
-            self.robot, start, goal, entries, exits, self.plan_limits, Obstacles(), forward_only=True
-        ))
+        return (
+            yield from fastest(
+                self.robot, start, goal, entries, exits, self.plan_limits, Obstacles(), forward_only=True
+            )
+        )

@@ -51,9 +51,11 @@ class GoToPose(PlannedAction):
         exits = (run_sides if run else free_sides)(self.plan_limits, self.goal.speed, run)
         entries = free_sides(self.plan_limits, world.robot.v, 0.0)
         obstacles = Obstacles(rest, BALL_MARGIN, run)
-        return (yield from fastest(
-            self.robot, world.robot.pose, self.target(), entries, exits, self.plan_limits, obstacles
-        ))
+        return (
+            yield from fastest(
+                self.robot, world.robot.pose, self.target(), entries, exits, self.plan_limits, obstacles
+            )
+        )
 
     def outdated(self, world: World) -> bool:
         """Say whether the ball has moved while it was still free."""

@@ -78,11 +78,11 @@ def fastest(
         )
     least_slack = _SLACK if forward_only else -math.inf
     candidates = find_candidates(start, goal, entries, exits, limits, least_slack)
-    yield 1 + len(candidates) // _CANDIDATES_A_POINT
+    yield 2 + len(candidates) // _CANDIDATES_A_POINT
     short = np.searchsorted(candidates.times, longest + _GRID_ERROR, side="right")
     for which in portions(np.arange(short), candidates.times):
         bounds = candidates.times[which] + _SURPRISE
-        verdicts = [Verdict.OPEN]
+        verdicts = np.full(len(which), Verdict.OPEN, dtype=np.int8)
         if len(which) > 1:
             bundle = candidates.bundle(which)
             verdicts = screened(bundle, bounds, obstacles, robot, forward_only=forward_only)

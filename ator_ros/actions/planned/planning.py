@@ -11,13 +11,15 @@ from ator_ros.world import World
 
 Found = TypeVar("Found")
 
-Planning: TypeAlias = Generator[int, None, Found]
+Planning: TypeAlias = Generator[int | Manoeuvre, None, Found]
 """Work in portions: yields what each one has cost in points; returns what was found.
+
+A manoeuvre that is yielded is good enough for a robot in motion, which had better not wait for the rest.
 
 A point is about a millisecond. Points are counted, not measured, so that every computer plans alike.
 """
 
-SLICE = 14
+SLICE = 20
 """Points after which planning pauses until the next tick."""
 _MOVED = 0.01  # m
 _TURNED = 0.02  # rad
@@ -40,6 +42,7 @@ class Search:
         self.opening = opening
         self._start, self._planning = world.robot, planning
         self._advanced: float | None = None
+        self._good: Manoeuvre | None = None
 
     def advance(self, time: float) -> Manoeuvre | None:
         """Search for a slice, once at each `time` (s); None where there is no result yet.
@@ -54,11 +57,15 @@ class Search:
         self._advanced, spent = time, 0
         try:
             while spent < SLICE:
-                spent += next(self._planning)
+                portion = next(self._planning)
+                if isinstance(portion, Manoeuvre):
+                    self._good = portion
+                else:
+                    spent += portion
         except StopIteration as done:
             found: Manoeuvre = done.value
             return found
-        return None
+        return None if self._start.is_still else self._good
 
     def holds(self, world: World) -> bool:
         """Tell whether the robot still stands where the plan is to begin."""

@@ -48,11 +48,11 @@ def run_up(
     found = yield from _run_ups(robot, start, mouth, entries, limits)
     obstacles = Obstacles()
     for which in portions(np.arange(len(found)), found.times):
-        touches = [False]
+        touches = np.zeros(len(which), dtype=bool)
         if len(which) > 1:
             touches = touching(found.bundle(which), obstacles, robot)
             yield PORTION_POINTS
-        for index in which[~np.asarray(touches)]:
+        for index in which[~touches]:
             manoeuvre = found.manoeuvre(int(index))
             if is_clear(manoeuvre, obstacles, robot):
                 return manoeuvre

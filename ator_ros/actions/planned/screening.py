@@ -74,7 +74,7 @@ def screened(
         A `Verdict` each.
     """
     bundle, found = closed_bundle(bundle)
-    speeds, turns = courses(bundle)
+    speeds, _ = courses(bundle)
     duration = speeds.durations.sum(axis=1)
     possible, certain = duration < longest - _DOUBT, np.abs(duration - longest) > _DOUBT
     if forward_only:
@@ -137,9 +137,7 @@ def _near_walls(poses: FloatArray, seen: BoolArray, robot: Robot) -> BoolArray:
     return _in_rows(near, distances < robot.reach - _DOUBT)
 
 
-def _near_ball(
-    poses: FloatArray, seen: BoolArray, ball: BallState, margin: float, robot: Robot
-) -> BoolArray:
+def _near_ball(poses: FloatArray, seen: BoolArray, ball: BallState, margin: float, robot: Robot) -> BoolArray:
     body = np.hypot(max(robot.front, robot.rear), robot.half_width)
     reach = max(robot.reach, body) + robot.ball.radius + margin
     near = seen & (np.abs(poses[0] - ball.x) < reach) & (np.abs(poses[1] - ball.y) < reach)

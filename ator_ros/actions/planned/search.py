@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from ator_ros.actions.planned.turns import displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot import Limits
 
+_Parts: TypeAlias = tuple[FloatArray, FloatArray]
 _STEP = math.radians(5.0)
 _HALF = 54  # turns of up to 270 degrees either way
 _GRID: FloatArray = _STEP * np.arange(-_HALF, _HALF + 1, dtype=float)
@@ -150,9 +151,7 @@ def _exit_parts(sides: Sequence[Side], turn: float, limits: Limits) -> tuple[sli
     return window, c * x + s * y, c * y - s * x
 
 
-def _roots(
-    sideways: tuple[FloatArray, FloatArray], drive: tuple[FloatArray, FloatArray], grid: FloatArray, turn: float
-) -> tuple[NDArray[Any], ...]:
+def _roots(sideways: _Parts, drive: _Parts, grid: FloatArray, turn: float) -> tuple[NDArray[Any], ...]:
     """Bracket the first turns at which both sides agree on the drive's lane, and interpolate.
 
     Parameters
@@ -166,7 +165,7 @@ def _roots(
     pairs, index = np.divmod(np.flatnonzero(changes), changes.shape[2])
     entries, exits = np.divmod(pairs, changes.shape[1])
 
-    def differences(parts: tuple[FloatArray, FloatArray], at: NDArray[np.intp]) -> FloatArray:
+    def differences(parts: _Parts, at: NDArray[np.intp]) -> FloatArray:
         return np.asarray(parts[0][entries, at] - parts[1][exits, at])
 
     left, right = differences(sideways, index), differences(sideways, index + 1)
@@ -196,7 +195,11 @@ def _ranked(
         speeds.append(speed)
         stretch = sides[side]
         times += turn + straight_times(stretch[0], stretch[begin], stretch[end], limits)[found[side]]
-    times += straight_times(found[4], *speeds, limits)
+    opening, closing = speeds
+    times += straight_times(found[4], opening, closing, limits)
     order = np.argsort(times, kind="stable")
-    columns = (column[order] for column in (*found, times, slack))
-    return Candidates(start, goal, limits, entry_sides, exit_sides, *columns, *sides)
+    entries, exits, first, last, distance = (column[order] for column in found)
+    return Candidates(
+        start, goal, limits, entry_sides, exit_sides, entries, exits,
+        first, last, distance, times[order], slack[order], *sides,
+    )  # fmt: skip

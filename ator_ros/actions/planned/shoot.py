@@ -48,6 +48,7 @@ class Shoot(HoldingAction):
         best, soonest = one_turn, math.inf
         if one_turn is not None:
             soonest = scoring_time(robot, mouth, one_turn)
+            yield one_turn
         exits = release_sides(robot, limits)
         for pose in release_poses(robot, mouth, limits):
             longest = soonest - rolling_time(robot, mouth, pose, limits.v)
@@ -57,6 +58,7 @@ class Shoot(HoldingAction):
                 time = scoring_time(robot, mouth, plan)
                 if time < soonest:
                     best, soonest = plan, time
+                    yield plan
         if best is None:
             raise ActionError(f"{self.name}: expected room for a run-up to the goal, found none")
         return best
