@@ -11,7 +11,7 @@ from visualization_msgs.msg import MarkerArray
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
-from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
 from ator_ros.nodes.parameters import Parameter, SetupError, declare_parameters, digest_of
@@ -139,7 +139,7 @@ def refinement_of(
     MessageError, RefinementError
         It cannot be read, or not be evaluated.
     """
-    world = conversions.world_from(request.situation, frame=frame)
+    world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
     chain = conversions.chain_from(request.chain, library, frame=frame)
     objective = conversions.objective_from(request.objective)
     if any(call.open for call in request.chain.calls):  # else one analysis, that of `refine`, will do
