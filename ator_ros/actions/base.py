@@ -79,6 +79,11 @@ class Action(ABC):
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
 
+    @property
+    def planning(self) -> bool:
+        """Whether the robot stands, or brakes, since the way is not planned yet."""
+        return False
+
     @abstractmethod
     def start(self, world: World, goal: Goal) -> None:
         """Commit to `goal` from the state `world`.

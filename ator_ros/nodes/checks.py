@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Sized
+from dataclasses import dataclass
 from typing import Any
 
 from ator_ros.geometry import yaw_from_quaternion
 from ator_ros.printable import quoted
+from ator_ros.robot import Robot
 
 FARTHEST = 1000.0
-"""Greatest coordinate in m that is believed."""
+"""Greatest coordinate in m that is believed of any robot."""
 FASTEST = 100.0
-"""Greatest velocity in m/s or rad/s that is believed."""
+"""Greatest velocity in m/s or rad/s that is believed of any robot."""
+FASTEST_OBJECT = 10.0
+"""Greatest velocity in m/s that is believed of an object on a robot's field."""
 LONGEST_NAME = 200
 """Greatest number of characters of a name that is looked at."""
 _UNIT_TOLERANCE = 1e-3
@@ -21,6 +25,43 @@ _TILT_TOLERANCE = 0.02
 
 class MessageError(ValueError):
     """A message that cannot be used; the text says which field, what was expected and what came."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Up to what messages are believed, in each direction.
+
+    Attributes
+    ----------
+    x, y : float
+        Coordinates in m.
+    v, w : float
+        The robot's velocities in m/s and rad/s.
+    object_speed : float
+        An object's velocity along x and y in m/s.
+    """
+
+    x: float = FARTHEST
+    y: float = FARTHEST
+    v: float = FASTEST
+    w: float = FASTEST
+    object_speed: float = FASTEST
+
+
+WIDEST = Bounds()
+"""For messages that may be about any robot."""
+
+
+def bounds_of(robot: Robot) -> Bounds:
+    """Return what is believed of `robot` and its field: twice the floor, three times its limits."""
+    field, limits = robot.field, robot.limits
+    return Bounds(
+        field.length + 2.0 * field.margin,
+        field.width + 2.0 * field.margin,
+        3.0 * limits.v,
+        3.0 * limits.w,
+        FASTEST_OBJECT,
+    )
 
 
 def number(value: float, where: str, *, low: float, high: float, unit: str = "") -> float:
@@ -37,14 +78,14 @@ def number(value: float, where: str, *, low: float, high: float, unit: str = "")
     return float(value)
 
 
-def position(value: float, where: str) -> float:
-    """Give a coordinate in m if it is finite and not farther than `FARTHEST`; raises MessageError."""
-    return number(value, where, low=-FARTHEST, high=FARTHEST, unit="m")
+def position(value: float, where: str, *, most: float = FARTHEST) -> float:
+    """Return a coordinate in m if it is finite and not farther than `most`; raises MessageError."""
+    return number(value, where, low=-most, high=most, unit="m")
 
 
-def velocity(value: float, where: str, unit: str = "m/s") -> float:
-    """Give a velocity if it is finite and not faster than `FASTEST`; raises MessageError."""
-    return number(value, where, low=-FASTEST, high=FASTEST, unit=unit)
+def velocity(value: float, where: str, unit: str = "m/s", *, most: float = FASTEST) -> float:
+    """Return a velocity if it is finite and not faster than `most`; raises MessageError."""
+    return number(value, where, low=-most, high=most, unit=unit)
 
 
 def zero(values: Iterable[float], where: str) -> None:

@@ -18,7 +18,7 @@ import ator_interfaces.msg as msg
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes import checks
-from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.checks import WIDEST, Bounds, MessageError
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
@@ -44,11 +44,11 @@ def stamp_of(seconds: float) -> Time:
     return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
 
-def pose_from(pose: PoseMessage, where: str) -> Pose:
+def pose_from(pose: PoseMessage, where: str, bounds: Bounds = WIDEST) -> Pose:
     """Read a planar pose."""
     return Pose(
-        checks.position(pose.position.x, f"{where}.position.x"),
-        checks.position(pose.position.y, f"{where}.position.y"),
+        checks.position(pose.position.x, f"{where}.position.x", most=bounds.x),
+        checks.position(pose.position.y, f"{where}.position.y", most=bounds.y),
         checks.planar_yaw(pose.orientation, f"{where}.orientation"),
     )
 
@@ -83,32 +83,37 @@ def twist_of(command: Command) -> Twist:
 # The state of the world
 
 
-def robot_from(odometry: Odometry, *, frame: str, where: str = "odom") -> tuple[float, RobotState]:
+def robot_from(
+    odometry: Odometry, *, frame: str, where: str = "odom", bounds: Bounds = WIDEST
+) -> tuple[float, RobotState]:
     """Read time in s and state of the robot from its odometry, whose twist is in the robot's own frame."""
     checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
     twist = odometry.twist.twist
     state = RobotState(
-        pose_from(odometry.pose.pose, f"{where}.pose.pose"),
-        checks.velocity(twist.linear.x, f"{where}.twist.twist.linear.x"),
-        checks.velocity(twist.angular.z, f"{where}.twist.twist.angular.z", "rad/s"),
+        pose_from(odometry.pose.pose, f"{where}.pose.pose", bounds),
+        checks.velocity(twist.linear.x, f"{where}.twist.twist.linear.x", most=bounds.v),
+        checks.velocity(twist.angular.z, f"{where}.twist.twist.angular.z", "rad/s", most=bounds.w),
     )
     return seconds_from(odometry.header.stamp), state
 
 
-def ball_from(odometry: Odometry, *, frame: str, where: str = "ball") -> tuple[float, BallState]:
+def ball_from(
+    odometry: Odometry, *, frame: str, where: str = "ball", bounds: Bounds = WIDEST
+) -> tuple[float, BallState]:
     """Read time in s and state of the ball, whose twist is in the header's frame, as child_frame_id says."""
     checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
     checks.frame(odometry.child_frame_id, f"{where}.child_frame_id", expected=frame)
     position, linear = odometry.pose.pose.position, odometry.twist.twist.linear
-    return seconds_from(odometry.header.stamp), _ball(position, linear, f"{where}.pose", f"{where}.twist")
+    ball = _ball(position, linear, f"{where}.pose", f"{where}.twist", bounds)
+    return seconds_from(odometry.header.stamp), ball
 
 
-def _ball(position: Any, linear: Any, place: str, motion: str) -> BallState:
+def _ball(position: Any, linear: Any, place: str, motion: str, bounds: Bounds) -> BallState:
     return BallState(
-        checks.position(position.x, f"{place}: x"),
-        checks.position(position.y, f"{place}: y"),
-        checks.velocity(linear.x, f"{motion}: x"),
-        checks.velocity(linear.y, f"{motion}: y"),
+        checks.position(position.x, f"{place}: x", most=bounds.x),
+        checks.position(position.y, f"{place}: y", most=bounds.y),
+        checks.velocity(linear.x, f"{motion}: x", most=bounds.object_speed),
+        checks.velocity(linear.y, f"{motion}: y", most=bounds.object_speed),
     )
 
 
@@ -131,17 +136,20 @@ def ball_odometry_of(time: float, ball: BallState, *, frame: str, height: float)
     return message
 
 
-def world_from(situation: msg.Situation, *, frame: str, where: str = "situation") -> World:
+def world_from(
+    situation: msg.Situation, *, frame: str, where: str = "situation", bounds: Bounds = WIDEST
+) -> World:
     """Read a situation."""
     checks.frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
     robot = RobotState(
-        pose_from(situation.robot, f"{where}.robot"),
-        checks.velocity(situation.v, f"{where}.v"),
-        checks.velocity(situation.w, f"{where}.w", "rad/s"),
+        pose_from(situation.robot, f"{where}.robot", bounds),
+        checks.velocity(situation.v, f"{where}.v", most=bounds.v),
+        checks.velocity(situation.w, f"{where}.w", "rad/s", most=bounds.w),
     )
     ball = None
     if situation.ball_known:
-        ball = _ball(situation.ball, situation.ball_velocity, f"{where}.ball", f"{where}.ball_velocity")
+        motion = f"{where}.ball_velocity"
+        ball = _ball(situation.ball, situation.ball_velocity, f"{where}.ball", motion, bounds)
     return World(seconds_from(situation.header.stamp), robot, ball)
 
 
@@ -196,8 +204,9 @@ def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: s
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:
     top = library[checks.name(call.top, f"{where}.top", allowed=library)]
     checks.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
-    speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=checks.FASTEST, unit="m/s")
-    goal = Goal(pose_from(call.goal.pose, f"{where}.goal.pose"), speed, top.point)
+    bounds = checks.bounds_of(library.robot)
+    speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=bounds.v, unit="m/s")
+    goal = Goal(pose_from(call.goal.pose, f"{where}.goal.pose", bounds), speed, top.point)
     opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, EVERYTHING))
     return TopCall(top, goal, opened)
 

@@ -18,7 +18,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.foresight import Foresight
 from ator_ros.nodes import conversions
-from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
 from ator_ros.nodes.goal_run import GoalRun, unstarted
@@ -82,6 +82,7 @@ class ExecutorNode(Node):
         super().__init__("executor")
         self._settings = declare_parameters(self, PARAMETERS)
         robot = robot_of(self._settings)
+        self._bounds = bounds_of(robot)
         self._libraries = {name: TopLibrary(robot, name) for name in ACTION_SETS}
         folder = self._settings["models"]
         self._models = {name: read_models(self, robot, name, folder) for name in ACTION_SETS}
@@ -127,14 +128,16 @@ class ExecutorNode(Node):
 
     def _take_ball(self, message: Odometry) -> None:
         try:
-            self._inputs.ball(*conversions.ball_from(message, frame=self._settings["frame"]))
+            read = conversions.ball_from(message, frame=self._settings["frame"], bounds=self._bounds)
+            self._inputs.ball(*read)
         except (MessageError, BallAheadError) as error:
             self._note(f"ignored: {error}")
 
     def _take_odom(self, message: Odometry) -> None:
         now = time.monotonic()
         try:
-            world = self._inputs.robot(*conversions.robot_from(message, frame=self._settings["frame"]))
+            read = conversions.robot_from(message, frame=self._settings["frame"], bounds=self._bounds)
+            world = self._inputs.robot(*read)
         except MessageError as error:
             self._note(f"ignored: {error}")
             return

@@ -12,7 +12,7 @@ from visualization_msgs.msg import MarkerArray
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
-from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
@@ -185,7 +185,7 @@ def refining_of(
     MessageError, RefinementError
         It cannot be read, or not be evaluated: the chain is no valid plan from its situation.
     """
-    world = conversions.world_from(request.situation, frame=frame)
+    world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
     chain = conversions.chain_from(request.chain, library, frame=frame)
     objective = conversions.objective_from(request.objective)
     yield

@@ -13,7 +13,6 @@ from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.simulation.sensors import Sensors
 from ator_ros.world import STOP, Command, RobotState, World
 
-_FASTEST_BALL = 10.0
 _STANDING_V, _STANDING_W = 0.02, 0.05
 
 
@@ -132,7 +131,9 @@ class SimulatedWorld:
         """
         self._check_inside(x, y, "position.point")
         for name, value in (("x", vx), ("y", vy)):
-            checks.number(value, f"velocity.{name}", low=-_FASTEST_BALL, high=_FASTEST_BALL, unit="m/s")
+            checks.number(
+                value, f"velocity.{name}", low=-checks.FASTEST_OBJECT, high=checks.FASTEST_OBJECT, unit="m/s"
+            )
         self._simulation.place_ball(x, y, vx=vx, vy=vy)
         self._changed()
 

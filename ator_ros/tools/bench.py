@@ -1,6 +1,6 @@
 """Measure speeds and learners against what they must be.
 
-The parts: simulation, refinement (the core's), service, collection (of experience), and learners: our model
+The parts: simulation, planning, refinement (the core's), service, collection (of experience), and learners: our model
 tree beside others on the same rows.
 """
 
@@ -18,7 +18,13 @@ from typing import Any
 
 from ator_ros.experience.table import library_versions
 from ator_ros.files import UnreadableError, read_json, write_text
-from ator_ros.tools import bench_collection, bench_learners, bench_refinement, bench_simulation
+from ator_ros.tools import (
+    bench_collection,
+    bench_learners,
+    bench_planning,
+    bench_refinement,
+    bench_simulation,
+)
 from ator_ros.tools.command_line import destination
 
 
@@ -40,6 +46,7 @@ def _learners(options: argparse.Namespace) -> dict[str, Any]:
 
 PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, Any]]] = {
     "simulation": lambda _: bench_simulation.measure(),
+    "planning": lambda _: bench_planning.measure(),
     "refinement": lambda _: bench_refinement.measure(),
     "service": _service,
     "collection": lambda _: bench_collection.measure(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Status, Step
@@ -18,7 +19,7 @@ from ator_ros.tops.ball import (
 )
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.step_run import ActionRecord, Predict, StepRun
+from ator_ros.tops.step_run import STOPPING, ActionRecord, Predict, StepRun
 from ator_ros.world import STOP, Command, World
 
 
@@ -66,25 +67,37 @@ class ChainExecutor:
         self._predict = predict
         self._fetches = fetches
         self._began: float | None = None
+        self._planned = -math.inf  # when a step was last planned while another was driven, s
         self.records: list[ActionRecord] = []
         self.fetched = 0
         self._index = 0
         self._run = self._new_run(chain, 0)
 
     def step(self, world: World) -> ChainStep:
-        """Give the command of this tick; an action that ends hands over to the next in the same tick."""
+        """Return the command of this tick; an action that ends hands over to the next in the same tick.
+
+        In one tick at most one action begins, since each plans.
+        """
         if self._began is None:
             self._began = world.time
-        while True:
-            self._follow_ball(world)
+        step = self._follow_ball(world)
+        while step is None:
+            waiting = not self._run.begun
             step = self._run.step(world)
             if step.status is Status.RUNNING:
-                return self._told(world, step)
+                break
             self.records.append(self._run.record(world, step))
             following = self._after(world, step.status)
             if following is None:
                 return self._told(world, Step(STOP, step.status, step.message))
             self._enter(*following)
+            if self._run.stopping:
+                step = Step(STOP, Status.RUNNING, STOPPING)
+            elif waiting or self._planned == world.time:
+                step = Step(step.command, Status.RUNNING, step.message)
+            else:
+                step = self._follow_ball(world)
+        return self._told(world, step)
 
     @property
     def chain(self) -> TopChain:
@@ -109,26 +122,35 @@ class ChainExecutor:
         Returns
         -------
         bool
-            False, and nothing has changed: there is no way from here to the present step's new goal.
+            False, and nothing has changed: there is no way from here to the present step's new goal, or none
+            that is found at once.
         """
         if chain.calls[self._index] != self._run.call:
             run = self._changed_run(chain, standing_first=self._run.stopping)
-            if self._run.begun and (self._is_blocked(world) or run.begin(world) is not None):
+            if self._run.begun and (self._is_blocked(world) or not self._begins(world, run)):
                 return False
             self._replace_run(world, run)
         self._chain = chain
         return True
 
-    def _follow_ball(self, world: World) -> None:
-        """Move the goal of an approach with a ball that has left it; stop where no way leads on."""
+    def _begins(self, world: World, run: StepRun) -> bool:
+        """Begin `run` while the robot drives; tell whether its way is known."""
+        self._planned = world.time
+        return run.begin(world) is None and not run.planning
+
+    def _follow_ball(self, world: World) -> Step | None:
+        """Move the goal of an approach with a ball that has left it; return a stop where no way leads on."""
         robot, call, resting = self._library.robot, self._run.call, at_rest(world, self._library.robot)
         pushed = self._run.begun and is_at_front(world, robot)
-        if not drives_to_ball(call.top) or pushed or not has_left(resting, call, robot):
-            return
+        left = drives_to_ball(call.top) and not pushed and has_left(resting, call, robot)
+        if not left or self._planned == world.time:
+            return None
         chain = self._chain.with_goal(self._index, at_ball(call.goal, resting))
-        if not self.head_for(world, chain):
-            self._replace_run(world, self._changed_run(chain, standing_first=True))
-            self._chain = chain
+        if self.head_for(world, chain):
+            return None
+        self._replace_run(world, self._changed_run(chain, standing_first=True))
+        self._chain = chain
+        return Step(STOP, Status.RUNNING, STOPPING)
 
     def _is_blocked(self, world: World) -> bool:
         """Say whether the ball that is driven to lies where the robot can only stop."""

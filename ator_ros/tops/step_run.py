@@ -21,6 +21,8 @@ from ator_ros.world import STOP, RobotState, World
 
 Predict = Callable[[World, TopCall], Any]
 
+STOPPING = "stopping, to drive to the ball from there"
+"""What is said of a step that waits until the robot stands."""
 _STANDING_V = 0.02
 _STANDING_W = 0.05
 
@@ -113,6 +115,11 @@ class StepRun:
         """Whether its action has started."""
         return self._action is not None
 
+    @property
+    def planning(self) -> bool:
+        """Whether its action has started, and has not found its way yet."""
+        return self._action is not None and self._action.planning
+
     def begin(self, world: World) -> str | None:
         """Start the action; give a sentence where that is impossible."""
         call, robot = self.call, self._library.robot
@@ -140,7 +147,7 @@ class StepRun:
     def _next(self, world: World) -> Step:
         self.stopping = self.stopping and not is_standing(world.robot)
         if self.stopping:
-            return Step(STOP, Status.RUNNING, "stopping, to drive to the ball from there")
+            return Step(STOP, Status.RUNNING, STOPPING)
         fault = None if self.begun else self.begin(world)
         if fault is not None:
             return Step(STOP, Status.FAILED, fault)

@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry
 from ator_interfaces.msg import Objective, Situation, TopCall, TopChain
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import checks, conversions
-from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError
+from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError, bounds_of
 from ator_ros.robot import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
@@ -25,8 +25,10 @@ FRAME = "odom"
 
 places = st.floats(-FARTHEST, FARTHEST)
 speeds = st.floats(-FASTEST, FASTEST)
+BOUNDS = bounds_of(LIBRARY.robot)
 angles = st.floats(-math.pi, math.pi, exclude_max=True)
 poses = st.builds(Pose, places, places, angles)
+goals = st.builds(Pose, st.floats(-BOUNDS.x, BOUNDS.x), st.floats(-BOUNDS.y, BOUNDS.y), angles)
 balls = st.builds(BallState, places, places, speeds, speeds)
 worlds = st.builds(
     World, st.floats(0.0, 1e6), st.builds(RobotState, poses, speeds, speeds), st.none() | balls
@@ -59,7 +61,7 @@ def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: Ba
 
 
 @given(
-    st.lists(st.tuples(st.sampled_from(list(LIBRARY)), poses, st.floats(0.0, 2.0)), min_size=1, max_size=5)
+    st.lists(st.tuples(st.sampled_from(list(LIBRARY)), goals, st.floats(0.0, 2.0)), min_size=1, max_size=5)
 )
 def test_a_chain_survives_the_way_through_a_message(steps: list[tuple[str, Pose, float]]) -> None:
     message = TopChain(calls=[TopCall(top=top, speed=speed, open=["yaw", "*"]) for top, _, speed in steps])
@@ -75,6 +77,21 @@ def test_a_chain_survives_the_way_through_a_message(steps: list[tuple[str, Pose,
         assert first.goal.speed == second.goal.speed == speed
         assert first.goal.point is LIBRARY[top].point
         assert first.open == second.open == {"yaw", "*"}
+
+
+def test_what_no_robot_on_this_field_can_meet_is_refused() -> None:
+    far = conversions.pose_of(Pose(BOUNDS.x + 0.1, 0.0, 0.0))
+    chain = TopChain(calls=[TopCall(top="goToPose")])
+    chain.calls[0].goal.pose = far
+    with pytest.raises(MessageError, match=r"goal\.pose\.position\.x: .* from -10 to 10 m, got 10\.1"):
+        conversions.chain_from(chain, LIBRARY, frame=FRAME)
+    ball = conversions.ball_odometry_of(0.0, BallState(0.0, 0.0, 99.0, 0.0), frame=FRAME, height=0.1)
+    with pytest.raises(MessageError, match=r"ball\.twist: x: .* from -10 to 10 m/s, got 99"):
+        conversions.ball_from(ball, frame=FRAME, bounds=BOUNDS)
+    robot = RobotState(Pose(0.0, 0.0, 0.0), 0.0, 3.1 * LIBRARY.robot.limits.w)
+    odometry = conversions.odometry_of(0.0, robot, frame=FRAME, child="base_link")
+    with pytest.raises(MessageError, match=r"twist\.angular\.z: expected a finite number from -7\.2 to"):
+        conversions.robot_from(odometry, frame=FRAME, bounds=BOUNDS)
 
 
 @given(st.floats(0.0, 2e9))

@@ -13,7 +13,8 @@ from ator_ros.goals import touches_goals
 from ator_ros.robot import Robot
 from ator_ros.world import BallState
 
-_STRIDE = 5  # every 50 ms of a trajectory: 6 cm at full speed
+STRIDE = 5
+"""Every how many samples of a trajectory are looked at: every 50 ms, 6 cm at full speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ class Obstacles:
 def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
     """Say whether the robot touches no obstacle on the way."""
     poses = Trajectory(manoeuvre).poses()
-    if touches_goals(poses[::_STRIDE], robot):
+    if touches_goals(poses[::STRIDE], robot):
         return False
     ball = obstacles.ball
     if ball is None:
@@ -48,7 +49,7 @@ def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
         far = np.hypot(poses[:, 0] - manoeuvre.goal.x, poses[:, 1] - manoeuvre.goal.y) > obstacles.run
         last = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
         poses = poses[:last]
-    return not bool(np.any(ball_distances(poses[::_STRIDE], ball, robot) < obstacles.ball_margin))
+    return not bool(np.any(ball_distances(poses[::STRIDE], ball, robot) < obstacles.ball_margin))
 
 
 def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool:

@@ -7,6 +7,7 @@ from ator_ros.actions.planned.holding import entry_sides, exit_sides
 from ator_ros.actions.planned.holding_action import HoldingAction
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.planner import fastest
+from ator_ros.actions.planned.planning import Planning
 from ator_ros.world import World
 
 
@@ -16,11 +17,13 @@ class DribbleBall(HoldingAction):
     name = "dribbleBall"
     verb = "dribbling"
 
-    def plan(self, world: World) -> Manoeuvre:
+    def plan(self, world: World) -> Planning[Manoeuvre]:
         """Plan forward turns and drives that keep the ball pressed to the front."""
         entries = entry_sides(self.robot, self.plan_limits, round(max(0.0, world.robot.v), 3))
         exits = exit_sides(self.robot, self.plan_limits, self.goal.speed)
         start, goal = world.robot.pose, self.target()
-        return fastest(
-            self.robot, start, goal, entries, exits, self.plan_limits, Obstacles(), forward_only=True
+        return (
+            yield from fastest(
+                self.robot, start, goal, entries, exits, self.plan_limits, Obstacles(), forward_only=True
+            )
         )

@@ -10,6 +10,7 @@ from ator_ros.actions.planned.clearance import Obstacles
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.planned_action import PlannedAction
 from ator_ros.actions.planned.planner import fastest, free_sides, run_sides
+from ator_ros.actions.planned.planning import Planning
 from ator_ros.geometry import Pose
 from ator_ros.robot import Robot
 from ator_ros.world import BallState, World
@@ -40,7 +41,7 @@ class GoToPose(PlannedAction):
         self._approach = goal.point is Point.HOLD and at_goal
         super().start(world, goal)
 
-    def plan(self, world: World) -> Manoeuvre:
+    def plan(self, world: World) -> Planning[Manoeuvre]:
         """Plan an approach or a plain drive; see `PlannedAction.plan`."""
         rest = self._rest(world)
         if self._approach and rest is not None:
@@ -50,8 +51,10 @@ class GoToPose(PlannedAction):
         exits = (run_sides if run else free_sides)(self.plan_limits, self.goal.speed, run)
         entries = free_sides(self.plan_limits, world.robot.v, 0.0)
         obstacles = Obstacles(rest, BALL_MARGIN, run)
-        return fastest(
-            self.robot, world.robot.pose, self.target(), entries, exits, self.plan_limits, obstacles
+        return (
+            yield from fastest(
+                self.robot, world.robot.pose, self.target(), entries, exits, self.plan_limits, obstacles
+            )
         )
 
     def outdated(self, world: World) -> bool:

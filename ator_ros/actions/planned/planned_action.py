@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from abc import abstractmethod
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.opening import opening_of
+from ator_ros.actions.planned.pause import Pause
+from ator_ros.actions.planned.planning import Planning, Search
 from ator_ros.actions.planned.tracker import Tracker
 from ator_ros.actions.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
@@ -48,10 +51,18 @@ class PlannedAction(Action):
             )
         self.goal = goal
         self._replans = 0
-        self._commit(world, waits=True)
+        self._tracker: Tracker | None = None
+        self._pause = Pause(world, self.plan_limits)
+        self._search: Search | None = self._searched(world)
+        self._commit(world, self._search, waits=True)
+
+    @property
+    def planning(self) -> bool:
+        """Whether there is no plan yet; see `Action.planning`."""
+        return self._tracker is None
 
     @abstractmethod
-    def plan(self, world: World) -> Manoeuvre:
+    def plan(self, world: World) -> Planning[Manoeuvre]:
         """Plan from the state `world`, in which the robot does not turn; ActionError where impossible."""
 
     def check(self, world: World) -> str | None:  # noqa: ARG002
@@ -73,42 +84,103 @@ class PlannedAction(Action):
         return self.replan(world, f"missed: {told}")
 
     def step(self, world: World) -> Step:
-        """Follow the plan for one tick; see `Action.step`."""
+        """Follow the plan for one tick, or plan on; see `Action.step`."""
         failure = self.check(world)
         if failure is not None:
             return finished(Status.FAILED, failure)
-        self._tracker.wait_for_start(world)
-        disturbed = self._tracker.disturbed(world)
+        tracker = self._tracker
+        if tracker is None:
+            return self._plan_on(world)
+        tracker.wait_for_start(world)
+        disturbed = tracker.disturbed(world)
         if disturbed or self.outdated(world):
             return self.replan(world, "disturbed" if disturbed else "the goal has moved")
-        left = self._tracker.left(world)
+        left = tracker.left(world)
         if left <= 0.0:
             return self.arrive(world)
-        return Step(self._tracker.command(world), Status.RUNNING, f"{self.verb}, {left:.1f} s to go")
+        if self._search is not None:
+            return self._look_on(world, self._search)
+        return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {left:.1f} s to go")
 
     def replan(self, world: World, why: str) -> Step:
         """Plan anew from here, or fail when that does not help any more."""
         self._replans += 1
         if self._replans > _REPLANS:
             return finished(Status.FAILED, f"{why}; gave up after {_REPLANS} new plans")
-        try:
-            self._commit(world)
-        except ActionError as error:
-            if self._tracker.left(world) <= 0.0 or self._tracker.disturbed(world):
-                return finished(Status.FAILED, f"{why}; {error}")
-            # A ball that is seen to jump about may block every way for a moment.
-            return Step(self._tracker.command(world), Status.RUNNING, f"{why}; keeping to the plan: {error}")
-        return Step(self._tracker.command(world), Status.RUNNING, f"{why}: planned anew")
+        assert self._tracker is not None
+        self._search = self._searched(world)
+        return self._replanned(world, self._tracker, self._search, why)
 
     def left(self, world: World) -> float:
-        """Give how long the plan still takes, in s."""
-        return self._tracker.left(world)
+        """Return how long the plan still takes, in s; NaN before there is one."""
+        return math.nan if self._tracker is None else self._tracker.left(world)
 
     def target(self) -> Pose:
         """Give the pose of the axle at the goal."""
         return self.goal.robot_pose(self.robot)
 
-    def _commit(self, world: World, *, waits: bool = False) -> None:
+    # Plans in the making
+
+    def _searched(self, world: World) -> Search:
         opening = opening_of(world.robot, self.plan_limits.aw)
-        manoeuvre = self.plan(dataclasses.replace(world, robot=opening.end))
-        self._tracker = Tracker(self.robot, Trajectory(manoeuvre, opening), world.time, waits=waits)
+        return Search(world, opening, self.plan(dataclasses.replace(world, robot=opening.end)))
+
+    def _commit(self, world: World, search: Search, *, waits: bool = False) -> bool:
+        """Search for a slice; where that finds the plan, follow it from now on."""
+        manoeuvre = search.advance(world.time)
+        if manoeuvre is None:
+            return False
+        trajectory = Trajectory(manoeuvre, search.opening)
+        self._tracker = Tracker(self.robot, trajectory, world.time, waits=waits)
+        self._search = None
+        return True
+
+    def _replanned(self, world: World, tracker: Tracker, search: Search, why: str) -> Step:
+        """Begin to plan while the robot follows `tracker`."""
+        able = tracker.left(world) > 0.0 and not tracker.disturbed(world)
+        try:
+            if self._commit(world, search):
+                return self._following(world, f"{why}: planned anew")
+        except ActionError as error:
+            self._search = None
+            if not able:
+                return finished(Status.FAILED, f"{why}; {error}")
+            # A ball that is seen to jump about may block every way for a moment.
+            return self._following(world, f"{why}; keeping to the plan: {error}")
+        if able:
+            return self._following(world, f"{why}; keeping to the plan while planning")
+        return self._paused(world, why)
+
+    def _look_on(self, world: World, search: Search) -> Step:
+        """Find out, while the robot keeps to its plan, whether there is another, worth a stop."""
+        try:
+            found = search.advance(world.time)
+        except ActionError as error:
+            self._search = None
+            return self._following(world, f"keeping to the plan: {error}")
+        if found is None:
+            return self._following(world, "keeping to the plan while planning")
+        return self._paused(world, "there is another way")
+
+    def _following(self, world: World, message: str) -> Step:
+        assert self._tracker is not None
+        return Step(self._tracker.command(world), Status.RUNNING, message)
+
+    def _paused(self, world: World, why: str) -> Step:
+        """Stop, to plan from where the robot then stands."""
+        self._tracker, self._search = None, None
+        self._pause = Pause(world, self.plan_limits)
+        return Step(self._pause.command(world), Status.RUNNING, f"{why}; planning")
+
+    def _plan_on(self, world: World) -> Step:
+        """Stand still, and plan from here for a slice."""
+        search = self._search
+        if self._pause.over(world):
+            if search is None or not search.holds(world) or self.outdated(world):
+                search = self._search = self._searched(world)
+            try:
+                if self._commit(world, search, waits=True):
+                    return self._following(world, "planned")
+            except ActionError as error:
+                return finished(Status.FAILED, str(error))
+        return Step(self._pause.command(world), Status.RUNNING, "planning")

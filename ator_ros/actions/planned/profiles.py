@@ -34,7 +34,7 @@ def turn_times(angles: Any, w: Any, aw: float) -> FloatArray:
     return np.asarray(np.where(size <= w * w / aw, 2.0 * np.sqrt(size / aw), size / w + w / aw))
 
 
-def turn_progress(fractions: FloatArray, angles: FloatArray, w: float, aw: float) -> FloatArray:
+def turn_progress(fractions: FloatArray, angles: FloatArray, w: Any, aw: float) -> FloatArray:
     """Give the share of each turn that is done after each fraction of its time.
 
     Parameters
@@ -43,6 +43,10 @@ def turn_progress(fractions: FloatArray, angles: FloatArray, w: float, aw: float
         Fractions of the turn's duration in [0, 1].
     angles : ndarray, shape (n,)
         Signed angles in rad.
+    w : float or ndarray of shape (n, 1)
+        Greatest turn rates in rad/s.
+    aw : float
+        Greatest turn acceleration in rad/s^2.
 
     Returns
     -------
@@ -90,14 +94,20 @@ def straight_times(distances: Any, v1: Any, v2: Any, limits: Limits) -> FloatArr
 
 
 def straight_pieces(distance: float, v1: float, v2: float, limits: Limits) -> list[Piece]:
-    """Give the velocity over time of the fastest drive by `distance`; see `straight_times`."""
-    sign, u1, u2, peak, cruise = (float(value) for value in _straight(distance, v1, v2, limits))
-    top = sign * peak
-    return [
-        Piece((peak - u1) / limits.a, v1, top),
-        Piece(cruise, top, top),
-        Piece((peak - u2) / limits.brake, top, v2),
-    ]
+    """Return the velocity over time of the fastest drive by `distance`; see `straight_times`."""
+    gaining, steady, losing, top = map(float, straight_pieces_of(distance, v1, v2, limits))
+    return [Piece(gaining, v1, top), Piece(steady, top, top), Piece(losing, top, v2)]
+
+
+def straight_pieces_of(
+    distances: Any, v1: Any, v2: Any, limits: Limits
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Compute how long fastest drives gain speed, hold it and lose it, in s, and that speed in m/s.
+
+    All arguments broadcast; see `straight_times`.
+    """
+    sign, u1, u2, peak, cruise = _straight(distances, v1, v2, limits)
+    return (peak - u1) / limits.a, cruise, (peak - u2) / limits.brake, sign * peak
 
 
 def _straight(distances: Any, v1: Any, v2: Any, limits: Limits) -> tuple[Any, Any, Any, Any, Any]:

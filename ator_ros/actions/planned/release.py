@@ -31,7 +31,7 @@ class Release(NamedTuple):
     allowed : ndarray of bool
         The ball rolls between the posts, and the robot brakes without touching the goal.
     distance : ndarray
-        How far the robot still drives straight on, in m.
+        How far the robot still drives straight on, in m; NaN, as speed and time, where the mouth is missed.
     speed : ndarray
         Speed in m/s at which it then lets go.
     time : ndarray
@@ -47,7 +47,7 @@ class Release(NamedTuple):
 def release(
     robot: Robot, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray, limits: Limits
 ) -> Release:
-    """Give when to let go of a ball that is pushed straight at a goal, for many ways to push it.
+    """Compute when to let go of a ball that is pushed straight at a goal, for many ways to push it.
 
     Parameters
     ----------
@@ -66,6 +66,10 @@ def release(
     way = (robot.ball.radius - ball_x) / c
     crossing = ball_y - ball_x * s / c
     room = (robot.field.goal_width / 2.0 - np.abs(crossing)) * c - robot.reach
+    allowed = np.asarray((way >= 0.0) & (room >= _ROOM) & (np.abs(heading) <= SLANT))
+    result = Release(allowed, *(np.full(allowed.shape, np.nan) for _ in range(3)))
+    # Most ways to push miss the mouth: the rest is computed for those that do not.
+    x, y, c, s, way, speed = (each[allowed] for each in np.broadcast_arrays(x, y, c, s, way, speed))
     roll = _roll(robot)
     gaining = (way - roll * speed * speed) / (1.0 + 2.0 * roll * limits.a)
     pushed = np.maximum(np.maximum(gaining, way - roll * limits.v * limits.v), 0.0)
@@ -75,13 +79,12 @@ def release(
     stop = pushed + released * released / (2.0 * robot.limits.brake)
     inside = robot.field.goal_depth - robot.reach - (x + stop * c)
     beside = robot.field.goal_width / 2.0 - robot.reach - np.abs(y + stop * s)
-    room = np.minimum(np.minimum(room, inside), beside)
-    return Release(
-        (way >= 0.0) & (room >= _ROOM) & (np.abs(heading) <= SLANT),
-        pushed,
-        released,
-        straight_times(pushed, speed, released, limits) + _rolling_time(robot, released, way - pushed),
+    result.distance[allowed], result.speed[allowed] = pushed, released
+    result.time[allowed] = straight_times(pushed, speed, released, limits) + _rolling_time(
+        robot, released, way - pushed
     )
+    allowed[allowed] = np.minimum(inside, beside) >= _ROOM
+    return result
 
 
 def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
@@ -102,10 +105,15 @@ def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
 
 
 def scoring_time(robot: Robot, mouth: Pose, plan: Manoeuvre) -> float:
-    """Give the time in s from the start of a run-up until the ball is wholly behind the line."""
-    ball = mouth.relative(plan.goal).ahead(robot.hold)
+    """Compute the time in s from the start of a run-up until the ball is wholly behind the line."""
+    return plan.duration + rolling_time(robot, mouth, plan.goal, plan.exit.outer_speed)
+
+
+def rolling_time(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
+    """Compute the time in s from the release, there at `speed` (m/s), until the ball is behind the line."""
+    ball = mouth.relative(released).ahead(robot.hold)
     way = (robot.ball.radius - ball.x) / math.cos(ball.yaw)
-    return plan.duration + float(_rolling_time(robot, plan.exit.outer_speed, way))
+    return float(_rolling_time(robot, speed, way))
 
 
 def _rolling_time(robot: Robot, speed: Any, way: Any) -> FloatArray:

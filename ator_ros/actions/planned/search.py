@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ator_ros.actions.planned.bundle import Bundle, side_table
 from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side
 from ator_ros.actions.planned.profiles import speed_change_distances, straight_times, turn_times
 from ator_ros.actions.planned.turns import displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot import Limits
 
+_Parts: TypeAlias = tuple[FloatArray, FloatArray]
 _STEP = math.radians(5.0)
 _HALF = 54  # turns of up to 270 degrees either way
 _GRID: FloatArray = _STEP * np.arange(-_HALF, _HALF + 1, dtype=float)
@@ -33,6 +36,8 @@ class Candidates:
         Which sides they combine.
     first, last, distance, times : ndarray, shape (n,)
         Turns in rad, straight drive in m, durations in s (to the grid's accuracy).
+    entry_table, exit_table : ndarray, shape (5, sides)
+        The numbers of the sides, as in `Bundle`.
     slack : ndarray, shape (n,)
         How much longer the drive is than its change of speed needs, in m; negative: it overshoots.
     """
@@ -49,6 +54,8 @@ class Candidates:
     distance: FloatArray
     times: FloatArray
     slack: FloatArray
+    entry_table: FloatArray
+    exit_table: FloatArray
 
     def __len__(self) -> int:
         return len(self.times)
@@ -65,37 +72,61 @@ class Candidates:
             self.limits,
         )
 
+    def bundle(self, which: NDArray[np.intp]) -> Bundle:
+        """Return the manoeuvres of the indices `which`, shape (n,)."""
+        return Bundle(
+            self.start,
+            np.repeat(np.array(self.goal)[:, None], len(which), axis=1),
+            self.entry_table[:, self.entries[which]],
+            self.exit_table[:, self.exits[which]],
+            self.first[which],
+            self.last[which],
+            self.distance[which],
+            self.limits,
+        )
+
 
 def find_candidates(
-    start: Pose, goal: Pose, entry_sides: Sequence[Side], exit_sides: Sequence[Side], limits: Limits
+    start: Pose,
+    goal: Pose,
+    entry_sides: Sequence[Side],
+    exit_sides: Sequence[Side],
+    limits: Limits,
+    least_slack: float = -math.inf,
 ) -> Candidates:
     """Find all manoeuvres from `start` to `goal` that the sides allow.
 
     For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the
     last turn. Its roots are bracketed on a grid of first turns, where the parts of both sides just add.
+    Those with less slack than `least_slack` (m) are left out.
     """
     offset = start.relative(goal)
-    along, across = _entry_parts(entry_sides, limits)
+    along, across = _entry_parts(tuple(entry_sides), limits)
     lanes = np.stack((offset.x * np.cos(_GRID) + offset.y * np.sin(_GRID),
                       offset.y * np.cos(_GRID) - offset.x * np.sin(_GRID)))  # fmt: skip
     found = []
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
         window, exit_along, exit_across = _exit_parts(exit_sides, turn, limits)
-        gaps = (lanes[1, window] - across[:, window])[:, None] - exit_across
-        drive = (lanes[0, window] - along[:, window])[:, None] - exit_along
-        found.append(_roots(gaps, drive, _GRID[window], turn))
+        sideways = lanes[1, window] - across[:, window], exit_across
+        drive = lanes[0, window] - along[:, window], exit_along
+        found.append(_roots(sideways, drive, _GRID[window], turn))
     return _ranked(
-        start, goal, entry_sides, exit_sides, limits, [np.concatenate(x) for x in zip(*found, strict=True)]
-    )
+        start, goal, entry_sides, exit_sides, limits, least_slack,
+        [np.concatenate(x) for x in zip(*found, strict=True)],
+    )  # fmt: skip
 
 
-def _entry_parts(sides: Sequence[Side], limits: Limits) -> tuple[FloatArray, FloatArray]:
-    """Give the entry's displacement along and across the straight drive, shapes (sides, grid)."""
+@lru_cache(maxsize=16)
+def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, FloatArray]:
+    """Compute the entry's displacement along and across the straight drive, shapes (sides, grid)."""
     table = displacement_table(_GRID, tuple(side.turn for side in sides), limits)
     x = table[:, 0] + np.array([[side.length] for side in sides])
     y = table[:, 1]
     c, s = np.cos(_GRID), np.sin(_GRID)
-    return c * x + s * y, c * y - s * x
+    along, across = c * x + s * y, c * y - s * x
+    along.setflags(write=False)
+    across.setflags(write=False)
+    return along, across
 
 
 def _exit_parts(sides: Sequence[Side], turn: float, limits: Limits) -> tuple[slice, FloatArray, FloatArray]:
@@ -120,36 +151,55 @@ def _exit_parts(sides: Sequence[Side], turn: float, limits: Limits) -> tuple[sli
     return window, c * x + s * y, c * y - s * x
 
 
-def _roots(gaps: FloatArray, drive: FloatArray, grid: FloatArray, turn: float) -> tuple[NDArray[Any], ...]:
-    """Bracket the zeros of `gaps` along its last axis and interpolate."""
-    entries, exits, index = np.nonzero((gaps[..., :-1] <= 0.0) != (gaps[..., 1:] <= 0.0))
-    left, right = gaps[entries, exits, index], gaps[entries, exits, index + 1]
+def _roots(sideways: _Parts, drive: _Parts, grid: FloatArray, turn: float) -> tuple[NDArray[Any], ...]:
+    """Bracket the first turns at which both sides agree on the drive's lane, and interpolate.
+
+    Parameters
+    ----------
+    sideways, drive : pair of ndarray, shapes (entries, grid) and (exits, grid)
+        Where the drive lies and how long it is, each the entry's part minus the exit's, in m.
+    """
+    # The sign of each difference is all that most pairs need: no array of the differences is made.
+    right_of = sideways[0][:, None] <= sideways[1]
+    changes = right_of[..., :-1] != right_of[..., 1:]
+    pairs, index = np.divmod(np.flatnonzero(changes), changes.shape[2])
+    entries, exits = np.divmod(pairs, changes.shape[1])
+
+    def differences(parts: _Parts, at: NDArray[np.intp]) -> FloatArray:
+        return np.asarray(parts[0][entries, at] - parts[1][exits, at])
+
+    left, right = differences(sideways, index), differences(sideways, index + 1)
     share = left / (left - right)
     first = grid[index] + share * _STEP
-    distance = (1.0 - share) * drive[entries, exits, index] + share * drive[entries, exits, index + 1]
+    distance = (1.0 - share) * differences(drive, index) + share * differences(drive, index + 1)
     return entries, exits, first, turn - first, distance
 
 
 def _ranked(
     start: Pose, goal: Pose, entry_sides: Sequence[Side], exit_sides: Sequence[Side], limits: Limits,
-    found: list[NDArray[Any]],
+    least_slack: float, found: list[NDArray[Any]],
 ) -> Candidates:  # fmt: skip
-    entries, exits, first, last, distance = found
-    ends = [np.array([(side.length, side.outer_speed, *side.turn) for side in sides]).T
-            for sides in (entry_sides, exit_sides)]  # fmt: skip
-    speeds, times = [], np.zeros(len(first))
-    for (length, outer, speed, acceleration, rate), picked, angles, (begin, end) in zip(
-        ends, (entries, exits), (first, last), ((1, 2), (2, 1)), strict=True
-    ):
-        turning = turn_times(angles, rate[picked], limits.aw)
-        speeds.append(speeds_after(speed[picked], acceleration[picked], turning, limits.v))
-        stretch = (length, outer, speed)
-        times += turning + straight_times(length, stretch[begin], stretch[end], limits)[picked]
+    sides = side_table(entry_sides), side_table(exit_sides)
+
+    def turning(side: int) -> tuple[FloatArray, FloatArray]:
+        _, _, speed, acceleration, rate = sides[side][:, found[side]]
+        times = turn_times(found[2 + side], rate, limits.aw)
+        return times, speeds_after(speed, acceleration, times, limits.v)
+
+    slack = found[4] - speed_change_distances(turning(0)[1], turning(1)[1], limits)
+    kept = slack >= least_slack
+    found, slack = [column[kept] for column in found], slack[kept]
+    times, speeds = np.zeros(len(slack)), []
+    for side, (begin, end) in enumerate(((1, 2), (2, 1))):
+        turn, speed = turning(side)
+        speeds.append(speed)
+        stretch = sides[side]
+        times += turn + straight_times(stretch[0], stretch[begin], stretch[end], limits)[found[side]]
     opening, closing = speeds
-    times += straight_times(distance, opening, closing, limits)
-    slack = distance - speed_change_distances(opening, closing, limits)
+    times += straight_times(found[4], opening, closing, limits)
     order = np.argsort(times, kind="stable")
+    entries, exits, first, last, distance = (column[order] for column in found)
     return Candidates(
-        start, goal, limits, entry_sides, exit_sides, entries[order], exits[order],
-        first[order], last[order], distance[order], times[order], slack[order],
+        start, goal, limits, entry_sides, exit_sides, entries, exits,
+        first, last, distance, times[order], slack[order], *sides,
     )  # fmt: skip

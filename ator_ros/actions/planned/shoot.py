@@ -11,7 +11,8 @@ from ator_ros.actions.planned.holding import release_sides, run_up_sides
 from ator_ros.actions.planned.holding_action import HoldingAction
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.planner import fastest
-from ator_ros.actions.planned.release import release_poses, scoring_time
+from ator_ros.actions.planned.planning import Planning
+from ator_ros.actions.planned.release import release_poses, rolling_time, scoring_time
 from ator_ros.actions.planned.run_up import run_up
 from ator_ros.world import World
 
@@ -35,24 +36,32 @@ class Shoot(HoldingAction):
         self._released: float | None = None
         super().start(world, Goal(goal.pose, 0.0, goal.point))
 
-    def plan(self, world: World) -> Manoeuvre:
+    def plan(self, world: World) -> Planning[Manoeuvre]:
         """Plan the run-up that brings the ball behind the line first."""
         robot, limits, start = self.robot, self.plan_limits, world.robot.pose
         mouth = self.goal.pose._replace(yaw=0.0 if self.goal.pose.x > 0.0 else math.pi)
         speed = round(max(0.0, world.robot.v), 3)
         entries = run_up_sides(robot, limits, speed)
-        one_turn = run_up(robot, start, mouth, entries, limits)
+        one_turn = yield from run_up(robot, start, mouth, entries, limits)
         if one_turn is not None and abs(one_turn.first) < _LARGE:
             return one_turn
-        plans = [] if one_turn is None else [one_turn]
+        best, soonest = one_turn, math.inf
+        if one_turn is not None:
+            soonest = scoring_time(robot, mouth, one_turn)
+            yield one_turn
         exits = release_sides(robot, limits)
         for pose in release_poses(robot, mouth, limits):
+            longest = soonest - rolling_time(robot, mouth, pose, limits.v)
             with suppress(ActionError):
-                plans.append(fastest(robot, start, pose, entries, exits, limits, Obstacles(),
-                                     forward_only=True, tries=_TRIES))  # fmt: skip
-        if not plans:
+                plan = yield from fastest(robot, start, pose, entries, exits, limits, Obstacles(),
+                                          forward_only=True, tries=_TRIES, longest=longest)  # fmt: skip
+                time = scoring_time(robot, mouth, plan)
+                if time < soonest:
+                    best, soonest = plan, time
+                    yield plan
+        if best is None:
             raise ActionError(f"{self.name}: expected room for a run-up to the goal, found none")
-        return min(plans, key=lambda plan: scoring_time(robot, mouth, plan))
+        return best
 
     def step(self, world: World) -> Step:
         """Follow the run-up, then brake until the ball is in the goal."""

@@ -10,7 +10,8 @@ from ator_ros.actions.planned.profiles import Piece
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.world import RobotState
 
-_DT = 0.01
+DT = 0.01
+"""Time in s between two samples."""
 
 
 class Trajectory:
@@ -38,7 +39,7 @@ class Trajectory:
             turns.insert(0, Piece(opening.duration, before.w, 0.0))
             start = before.pose
         self.duration = sum(piece.duration for piece in speeds)
-        times = np.append(np.arange(0.0, self.duration, _DT), self.duration)
+        times = np.append(np.arange(0.0, self.duration, DT), self.duration)
         self._v, self._w = _sample(speeds, times), _sample(turns, times)
         steps = np.diff(times)
         yaw = start.yaw + _integral(self._w, steps)
@@ -46,7 +47,7 @@ class Trajectory:
         travelled = 0.5 * (self._v[:-1] + self._v[1:]) * steps
         x = start.x + np.concatenate(([0.0], np.cumsum(travelled * np.cos(middle))))
         y = start.y + np.concatenate(([0.0], np.cumsum(travelled * np.sin(middle))))
-        share = times / max(self.duration, _DT)
+        share = times / max(self.duration, DT)
         self._times = times
         self._x = x + share * (goal.x - x[-1])
         self._y = y + share * (goal.y - y[-1])
@@ -55,7 +56,7 @@ class Trajectory:
 
     def at(self, time: float) -> RobotState:
         """Give the planned state at `time` s after the start; it stays at the last one afterwards."""
-        index = min(max(time, 0.0), self.duration) / _DT
+        index = min(max(time, 0.0), self.duration) / DT
         low = min(int(index), len(self._times) - 1)
         high = min(low + 1, len(self._times) - 1)
         span = self._times[high] - self._times[low]

@@ -6,6 +6,7 @@ up to the limit. The same displacement, taken backward in time, belongs to a tur
 
 from __future__ import annotations
 
+import itertools
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -51,7 +52,7 @@ def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> Float
     angles : ndarray, shape (n,)
         Signed angles in rad.
     driving : Driving
-        How the turn is driven.
+        How the turns are driven: numbers, or arrays of shape (n, 1) where each turn is driven in its own way.
     limits : Limits
         Greatest speed and turn acceleration.
 
@@ -60,14 +61,14 @@ def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> Float
     ndarray, shape (2, n)
         Forward and leftward displacement in m in the frame of the start.
     """
-    times = turn_times(angles, driving.turn_rate, limits.aw)
+    times = turn_times(angles[:, None], driving.turn_rate, limits.aw)
     headings = angles[:, None] * turn_progress(_NODES, angles, driving.turn_rate, limits.aw)
-    speed = speeds_after(driving.speed, driving.acceleration, times[:, None] * _NODES, limits.v)
-    weighted = speed * _WEIGHTS * times[:, None]
+    speed = speeds_after(driving.speed, driving.acceleration, times * _NODES, limits.v)
+    weighted = speed * _WEIGHTS * times
     return np.stack(((weighted * np.cos(headings)).sum(axis=1), (weighted * np.sin(headings)).sum(axis=1)))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def _table(angles: bytes, ways: tuple[Driving, ...], limits: Limits) -> FloatArray:
     grid = np.frombuffer(angles)
     table = np.stack([displacements(grid, driving, limits) for driving in ways])
@@ -76,5 +77,10 @@ def _table(angles: bytes, ways: tuple[Driving, ...], limits: Limits) -> FloatArr
 
 
 def displacement_table(angles: FloatArray, ways: tuple[Driving, ...], limits: Limits) -> FloatArray:
-    """Give `displacements` for several ways to drive, shape (ways, 2, n); cached."""
-    return _table(angles.tobytes(), ways, limits)
+    """Compute `displacements` for several ways to drive, shape (ways, 2, n); cached.
+
+    Ways of one speed are kept together: of a start in motion, whose speed is new, only those are computed.
+    """
+    groups = itertools.groupby(ways, key=lambda way: way.speed)
+    grid = angles.tobytes()
+    return np.concatenate([_table(grid, tuple(group), limits) for _, group in groups])
