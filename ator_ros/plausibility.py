@@ -10,7 +10,7 @@ from ator_ros.world import BallState
 _BASELINE = 0.2
 """Time in s over which positions tell a velocity; so long a kick is believed before they do."""
 _FORGET = 1.0
-"""Time in s without a sight after which the past counts no more, and between two kicks that are believed."""
+"""Time in s without a sight, or without a contradiction, after which the past counts no more."""
 _SLACK = 0.3
 """Difference in m/s that stamps, and cameras' own filters, may make at any speed."""
 _SHARE = 0.1
@@ -43,7 +43,7 @@ class VelocityCheck:
     def reset(self) -> None:
         """Forget the object, and what was said of it."""
         self._sights: deque[tuple[float, float, float]] = deque()
-        self._doubted = -math.inf
+        self._doubted = self._contradicted = -math.inf
         self._said = False
 
     def check(self, time: float, ball: BallState) -> tuple[BallState, str | None]:
@@ -68,8 +68,9 @@ class VelocityCheck:
         most = self._tolerance(baseline, ball.speed, math.hypot(vx, vy))
         if math.hypot(ball.vx - vx, ball.vy - vy) <= most:
             return ball, None
-        if time - self._doubted > _FORGET:
+        if time - self._contradicted > _FORGET:
             self._doubted = time
+        self._contradicted = time
         if time - self._doubted < _BASELINE - _ROUNDING:
             return ball, None
         seen = BallState(ball.x, ball.y, vx, vy)

@@ -156,7 +156,7 @@ class Execution:
             self._heard = self._accepted
 
     def misbehaved(self, reason: str) -> None:
-        """End because the base does not move as it is told; so ends also what has succeeded, until it stands."""
+        """End because the base does not move as it is told, also where only its standing is awaited."""
         if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
             self.ending, self.reason = Ending.BASE_FAULT, reason
         self.end(Ending.BASE_FAULT, reason)
@@ -259,6 +259,12 @@ class Execution:
         if self._blind or (ball_overdue and needs_ball(self.top)):
             self.reason = f"{self.top.name} pauses: no word of the ball"
             return STOP
+        fault = self._fence.fault(world, self.chain.calls[self.step])
+        if fault is not None:
+            return self._stop(Ending.OUT_OF_BOUNDS, fault)
+        if self._fence.pausing:
+            self.reason = f"{self.top.name} pauses: the ball leads out of the fence"
+            return STOP
         self._take_answer(world, self._executor)
         step = self._executor.step(world)
         self.chain = self._executor.chain
@@ -266,9 +272,6 @@ class Execution:
         self.elapsed = step.elapsed
         self.reason = step.message
         if step.status is Status.RUNNING:
-            fault = self._fence.fault(world, self.chain.calls[self.step])
-            if fault is not None:
-                return self._stop(Ending.OUT_OF_BOUNDS, fault)
             self.refining.ask_again(world, self.chain, now, step=self.step)
             return step.command
         if self._lacks_ball(world):  # for the step that was just handed over to

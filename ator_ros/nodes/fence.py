@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Point
 from ator_ros.robot import Robot
-from ator_ros.tops.ball import drives_to_ball
+from ator_ros.tops.ball import at_ball, at_rest, drives_to_ball, has_left, is_at_front
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world import RobotState, World
 
@@ -83,8 +84,8 @@ class Fence:
 class FenceWatch:
     """Looks, during one goal, whether the robot is about to leave the area.
 
-    A robot that starts outside may drive in: never farther away than it was, plus its own reach, in which it
-    can turn round. Once inside it must stay there.
+    A robot that starts outside may drive in: never farther away than it was, plus twice its own reach, in
+    which it can turn round. Once inside it must stay there.
 
     Parameters
     ----------
@@ -100,14 +101,19 @@ class FenceWatch:
         self._time: float | None = None
         self._leads_out_since = math.inf
 
+    @property
+    def pausing(self) -> bool:
+        """Whether the ball leads out, so that the robot should rather stand than follow it."""
+        return self._leads_out_since < math.inf
+
     def fault(self, world: World, call: TopCall) -> str | None:
-        """Take a state in which `call` is executed; return in words why the robot must stop, or None."""
-        return self._leaving(world) or self._following(call, world.time)
+        """Take a state in which `call` is executed; return in words why the goal must end, or None."""
+        return self._leaving(world) or self._following(world, call)
 
     def _leaving(self, world: World) -> str | None:
         pose = world.robot.pose
         here = self._fence.outside(pose.x, pose.y)
-        self._allowed = min(self._allowed, here + self._robot.reach if here > 0.0 else 0.0)
+        self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
         x, y = self._stands_at(world.robot, world.time)
         if self._fence.outside(x, y) <= self._allowed:
             return None
@@ -124,11 +130,17 @@ class FenceWatch:
         way = robot.v * reaction + math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake), robot.v)
         return robot.pose.x + way * math.cos(robot.pose.yaw), robot.pose.y + way * math.sin(robot.pose.yaw)
 
-    def _following(self, call: TopCall, time: float) -> str | None:
-        """Return why not to follow the ball."""
-        out = drives_to_ball(call.top) and self._fence.leads_out(call, self._robot)
-        self._leads_out_since = min(self._leads_out_since, time) if out else math.inf
-        if time - self._leads_out_since < _DOUBT:
+    def _following(self, world: World, call: TopCall) -> str | None:
+        """Return why not to follow the ball, once it has led out for long enough to be believed."""
+        resting = at_rest(world, self._robot)
+        followed = drives_to_ball(call.top) and not is_at_front(world, self._robot)
+        if not (followed and has_left(resting, call, self._robot)):
+            self._leads_out_since = math.inf
             return None
-        x, y, _ = call.goal.pose
+        goal = at_ball(call.goal, resting)
+        out = self._fence.leads_out(dataclasses.replace(call, goal=goal), self._robot)
+        self._leads_out_since = min(self._leads_out_since, world.time) if out else math.inf
+        if world.time - self._leads_out_since < _DOUBT:
+            return None
+        x, y, _ = goal.pose
         return f"the ball leaves the {self._fence}: {call.top.name} would lead to x {x:.2f} m, y {y:.2f} m"

@@ -153,8 +153,8 @@ class Inputs:
                 back=False,
             )
         raise ClockJumpError(
-            f"time went back {last - time:.2f} s: expected odometry after {last:.2f} s, got {time:.2f} s: was "
-            "there a reset, or do two nodes publish it?",
+            f"time went back {last - time:.2f} s: expected odometry after {last:.2f} s, got {time:.2f} s: "
+            "was there a reset, or do two nodes publish it?",
             back=True,
         )
 

@@ -24,7 +24,7 @@ class Bounds:
     Attributes
     ----------
     asked : float
-        Speed of the faster wheel in m/s from which a command must be answered: 5 % of the greatest speed. The
+        Speed of the faster wheel in m/s from which a command must be answered: 4 % of the greatest speed. The
         dead zone of a base lies below.
     patience : float
         Time in s without an answer, or with motion that nobody asked for: 0.2 s and three time constants of
@@ -50,7 +50,7 @@ class Bounds:
         """Derive the bounds from the description of a robot."""
         limits = robot.limits
         return cls(
-            asked=0.05 * limits.v,
+            asked=0.04 * limits.v,
             patience=0.2 + 3.0 * robot.motor_time_constant,
             frozen=0.15,
             v=_TENTH * limits.v,
@@ -144,8 +144,8 @@ class MotionWatch:
             return None
         return (
             f"the base does not move: told to go at {command.v:.2f} m/s and {command.w:.2f} rad/s, odometry "
-            f"has shown no motion for {self._unanswered.seconds:.2f} s: blocked wheels, motors off, or frozen "
-            "odometry"
+            f"has shown no motion for {self._unanswered.seconds:.2f} s: blocked wheels, motors off, or "
+            "frozen odometry"
         )
 
     def _excess(self, time: float, robot: RobotState, elapsed: float, now: float) -> str | None:
