@@ -37,6 +37,8 @@ from ator_ros.world import STOP, Command, World
 
 _WATCH_PERIOD = 0.05
 _WARNING_PERIOD = 2.0
+_RESET_PERIOD = 1.0
+"""Real s within which nobody resets twice: then two nodes publish odometry."""
 _LAST_SPINS = 30
 
 
@@ -50,12 +52,13 @@ class ExecutorNode(Node):
         A result can be asked for in the minute after the goal.
         The robot stands before a goal ends (with `latency`, as foreseen), or is told to for 2 s; where a
         newer goal takes over, odometry is lost or the node ends, the goal ends once the robot is told. The
-        result says in words why it ended.
+        result says in words why it ended. Goals outside the fence are refused; a base that does not move as
+        it is told, and a way that leads out of the fence, end a goal.
     Subscribes to
         odom, ball (nav_msgs/Odometry): their stamps, `latency` later, are the time of the control programs.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active.
-        performance/action (ator_interfaces/ActionPerformance): after each action.
+        performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Calls
@@ -140,7 +143,7 @@ class ExecutorNode(Node):
     def _take_jump(self, jump: ClockJumpError) -> None:
         """Begin anew after odometry's clock has jumped. One reset is no cause for a warning."""
         now = time.monotonic()
-        if jump.back and now - self._jumped > _WARNING_PERIOD:
+        if jump.back and now - self._jumped > _RESET_PERIOD:
             self.get_logger().info(str(jump))
         else:
             self._note(str(jump))
