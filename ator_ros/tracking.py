@@ -32,6 +32,7 @@ class BallTracker:
     """
 
     def __init__(self, noise: float, velocity_noise: float) -> None:
+        self.noise, self.velocity_noise = noise, velocity_noise
         self._seen = np.diag([noise**2, velocity_noise**2])
         self._exact = noise == 0.0
         self.reset()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.execution import Execution
+from ator_ros.nodes.fence import Fence
 from ator_ros.nodes.phases import Deadlines
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.refining import Refining
@@ -35,6 +36,7 @@ def execution(plan: TopChain, *, refine: bool = False, fetches: int = 0) -> Exec
         now=100.0,
         predictor=Predictor(ROBOT, {}),
         deadlines=Deadlines(),
+        fence=Fence.around(ROBOT),
         fetches=fetches,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import pytest
 from executions import FORWARD, FORWARD_LEFT, LIBRARY, chain, execution, world
 
 from ator_ros.geometry import Pose
@@ -155,3 +156,38 @@ def test_without_models_nothing_is_predicted() -> None:
     run.tick(world(), 100.0)
     assert run.predicted is None
     assert math.isnan(run.predicted_remaining(1.0))
+
+
+@pytest.mark.parametrize("ending", [Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.INPUT_LOST])
+def test_an_action_that_is_broken_off_leaves_its_record(ending: Ending) -> None:
+    run = execution(FORWARD)
+    run.tick(world(), 100.0)
+    run.tick(world(1.05), 100.05)
+    run.tick(world(1.1, v=0.05), 100.1)
+    assert run.records == []
+    run.end(ending, "for some reason")
+    run.end(Ending.CANCELED, "too late")
+    [(record, end, how)] = run.records
+    assert (record.top, record.reason, how, end.time) == ("goToPose", "for some reason", ending, 1.1)
+    assert record.duration == pytest.approx(0.05)
+
+
+def test_a_goal_that_ends_before_its_first_action_has_no_record() -> None:
+    run = execution(FORWARD, refine=True)
+    run.tick(world(), 100.0)
+    run.end(Ending.CANCELED, "canceled by the client")
+    assert run.records == []
+
+
+def test_an_action_that_has_ended_is_recorded_once() -> None:
+    run = execution(chain(("goToPose", Pose(0.0, 0.0, 0.0))))
+    for tick in range(4):
+        run.tick(world(1.0 + 0.05 * tick), 100.0)
+    assert (run.ending, [how for *_, how in run.records]) == (Ending.SUCCEEDED, [Ending.SUCCEEDED])
+
+
+def test_nothing_remains_of_a_goal_that_has_ended() -> None:
+    run = execution(FORWARD)
+    run.tick(world(), 100.0)
+    run.end(Ending.CANCELED, "canceled by the client")
+    assert run.predicted_remaining(1.0) == 0.0

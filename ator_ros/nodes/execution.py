@@ -7,11 +7,12 @@ import math
 from collections.abc import Callable
 
 from ator_ros.actions.base import Status
+from ator_ros.nodes.fence import Fence, FenceWatch
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
-from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.predictions import Predictor, remaining
 from ator_ros.nodes.refining import Question, Refining, refined_chain
 from ator_ros.refinement.chain_model import ChainPrediction
-from ator_ros.tops.ball import at_rest, needs_ball
+from ator_ros.tops.ball import at_rest, ball_user, needs_ball
 from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.executor import ChainExecutor
 from ator_ros.tops.library import TopLibrary
@@ -20,6 +21,7 @@ from ator_ros.tops.top import Top
 from ator_ros.world import STOP, Command, World
 
 _LONGEST_STOP = 2.0
+_ENDINGS = {Status.SUCCEEDED: Ending.SUCCEEDED, Status.FAILED: Ending.FAILED}
 
 
 class Execution:
@@ -35,10 +37,8 @@ class Execution:
         What is asked of refinement; the start waits for the first answer.
     now : float
         The real time in s, as everywhere here: the state has a clock of its own.
-    predictor : Predictor
-        For predictions beside what happens.
-    deadlines : Deadlines
-        When to give up waiting.
+    predictor, deadlines, fence
+        Predict what happens; say when to give up waiting, and where the robot may drive.
     fetches : int
         How many times a lost ball may be fetched again.
     """
@@ -52,6 +52,7 @@ class Execution:
         now: float,
         predictor: Predictor,
         deadlines: Deadlines,
+        fence: Fence,
         fetches: int = 0,
     ) -> None:
         self.chain = chain
@@ -60,10 +61,11 @@ class Execution:
         self.reason = Phase.WAITING.value
         self.refining = refining
         self.start: World | None = None
-        self.records: list[tuple[ActionRecord, World]] = []
+        self.records: list[tuple[ActionRecord, World, Ending]] = []
         self.elapsed = 0.0
         self._library, self._predictor, self._deadlines = library, predictor, deadlines
-        self._fetches = fetches
+        self._fence, self._fetches = FenceWatch(fence, library.robot), fetches
+        self._seen: World | None = None
         self._accepted, self._heard = now, math.inf
         self._stopped_at = math.inf
         self._blind = False
@@ -97,33 +99,34 @@ class Execution:
         return self.refining.question if self.phase in (Phase.REFINING, Phase.EXECUTING) else None
 
     def predicted_remaining(self, now: float) -> float:
-        """Give the predicted time in s from `now`, on the odometry's clock, to the end; NaN if not known."""
+        """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if not known."""
+        if self.ending is not None:
+            return 0.0
         if self.predicted is None or self.start is None:
             return math.nan
         began = self.records[-1][1].time if self.records else self.start.time
-        current, *rest = (action.get("duration", math.nan) for action in self.predicted.actions[self.step :])
-        return max(0.0, current - (now - began)) + sum(rest)
-
-    # What happens
+        return remaining(self.predicted, self.step, now - began)
 
     def silent(self, now: float) -> bool:
         """Say whether no odometry has come for half its deadline: the robot should stand until it comes."""
         return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom / 2.0
 
     def tick(self, world: World, now: float, *, ball_overdue: bool = False) -> Command:
-        """Take a newer state of the world and give the command for it.
+        """Take a newer state of the world and return the command for it.
 
         Where the ball is overdue, a step that needs it pauses; it ends when twice in a row no recent ball is
         known, or when it is to begin without one.
         """
-        self._heard = now
+        self._heard, self._seen = now, world
         # Planning takes time, for which a simulation waits that has heard from us.
         if self.phase is Phase.WAITING and self._begin(world, now) and is_standing(world.robot):
             return STOP
         if self.phase is Phase.EXECUTING:
             return self._execute(world, now, ball_overdue=ball_overdue)
         if self.phase is Phase.STOPPING:
-            self._settle(world)
+            self._stopped_at = min(self._stopped_at, world.time)
+            stood = is_standing(world.robot) or world.time - self._stopped_at > _LONGEST_STOP
+            self.phase = Phase.ENDED if stood else Phase.STOPPING
         return STOP
 
     def listening(self, now: float) -> None:
@@ -142,12 +145,21 @@ class Execution:
             self.phase = Phase.ENDED  # nothing will tell when the robot stands
 
     def end(self, ending: Ending, reason: str) -> None:
-        """End for a reason from outside, or from within; the first one counts."""
+        """End for some reason, of which the first counts; an action that is under way leaves its record."""
         if self.ending is not None:
             return
+        if self._executor is not None and self._seen is not None:
+            self._executor.break_off(self._seen, reason)
+            self._keep_records(self._executor, self._seen, ending)
         self.ending, self.reason, self.phase = ending, reason, Phase.STOPPING
         if math.isinf(self._heard):  # then odometry that never came counts as missing since the acceptance
             self._heard = self._accepted
+
+    def misbehaved(self, reason: str) -> None:
+        """End because the base does not move as it is told, also where only its standing is awaited."""
+        if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
+            self.ending, self.reason = Ending.BASE_FAULT, reason
+        self.end(Ending.BASE_FAULT, reason)
 
     def refined_to(self, chain: TopChain, refined: bool, reason: str) -> None:
         """Take the answer to `question`; when the robot drives, with the next state.
@@ -202,15 +214,13 @@ class Execution:
         else:
             self.unrefined("there is no way from here to the refined subgoal")
 
-    # Phases
-
     def _begin(self, world: World, now: float) -> bool:
         """Start with the first state in which the chain can be judged: with a ball where one is needed.
 
         Says whether the chain is to be executed now.
         """
         self.start = world
-        if world.ball is None and self._ball_user() is not None:
+        if world.ball is None and ball_user(self.chain.calls) is not None:
             self.reason = "waiting for a ball"
             return False
         violations = self.chain.violations(world, self._library.robot)
@@ -229,11 +239,7 @@ class Execution:
             self.end(Ending.INPUT_LOST, f"odom is missing: {limit}")
             self.phase = Phase.ENDED  # nothing will tell when the robot stands
         else:
-            self.end(Ending.INPUT_LOST, f"ball is missing: {self._ball_user()} needs it, {limit}")
-
-    def _ball_user(self) -> str | None:
-        """Give the name of the chain's first TOP that needs the ball; None when none does."""
-        return next((call.top.name for call in self.chain.calls if needs_ball(call.top)), None)
+            self.end(Ending.INPUT_LOST, f"ball is missing: {ball_user(self.chain.calls)} needs it, {limit}")
 
     def _execute(self, world: World, now: float, *, ball_overdue: bool) -> Command:
         if self._executor is None:
@@ -250,38 +256,45 @@ class Execution:
         blind, self._blind = self._blind, self._lacks_ball(world)
         # Once it may happen: after a long tick, odometry may be read before a ball that has long been there.
         if self._blind and blind:
-            self._end_without_ball()
-            return STOP
+            return self._end_without_ball()
         if self._blind or (ball_overdue and needs_ball(self.top)):
             self.reason = f"{self.top.name} pauses: no word of the ball"
+            return STOP
+        fault = self._fence.fault(world, self.chain.calls[self.step])
+        if fault is not None:
+            return self._stop(Ending.OUT_OF_BOUNDS, fault)
+        if self._fence.pausing:
+            self.reason = f"{self.top.name} pauses: the ball leads out of the fence"
             return STOP
         self._take_answer(world, self._executor)
         step = self._executor.step(world)
         self.chain = self._executor.chain
-        new = self._executor.records[len(self.records) :]
-        self.records += [(record, world) for record in new]
+        self._keep_records(self._executor, world, Ending.PREEMPTED)
         self.elapsed = step.elapsed
         self.reason = step.message
         if step.status is Status.RUNNING:
             self.refining.ask_again(world, self.chain, now, step=self.step)
             return step.command
         if self._lacks_ball(world):  # for the step that was just handed over to
-            self._end_without_ball()
-        elif step.status is Status.SUCCEEDED:
-            self.end(Ending.SUCCEEDED, step.message)
-        elif self.records[-1][0].lost_ball:
-            self.end(Ending.BALL_LOST, f"ball lost in {self.top.name}: {step.message}")
-        else:
-            self.end(Ending.FAILED, step.message)
-        return STOP
+            return self._end_without_ball()
+        if step.status is Status.SUCCEEDED:
+            return self._stop(Ending.SUCCEEDED, step.message)
+        if self.records[-1][0].lost_ball:
+            return self._stop(Ending.BALL_LOST, f"ball lost in {self.top.name}: {step.message}")
+        return self._stop(Ending.FAILED, step.message)
 
-    def _settle(self, world: World) -> None:
-        self._stopped_at = min(self._stopped_at, world.time)
-        if is_standing(world.robot) or world.time - self._stopped_at > _LONGEST_STOP:
-            self.phase = Phase.ENDED
+    def _keep_records(self, executor: ChainExecutor, world: World, broken_off: Ending) -> None:
+        """Keep the records of the actions that have ended in the state `world`."""
+        new = executor.records[len(self.records) :]
+        self.records += [(record, world, _ENDINGS.get(record.outcome, broken_off)) for record in new]
 
     def _lacks_ball(self, world: World) -> bool:
         return world.ball is None and needs_ball(self.top)
 
-    def _end_without_ball(self) -> None:
-        self.end(Ending.INPUT_LOST, f"ball is missing: {self.top.name} needs it, and no recent one is known")
+    def _end_without_ball(self) -> Command:
+        reason = f"ball is missing: {self.top.name} needs it, and no recent one is known"
+        return self._stop(Ending.INPUT_LOST, reason)
+
+    def _stop(self, ending: Ending, reason: str) -> Command:
+        self.end(ending, reason)
+        return STOP

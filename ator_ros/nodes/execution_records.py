@@ -6,19 +6,12 @@ import dataclasses
 import math
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
-from ator_ros.actions.base import Status
 from ator_ros.nodes.conversions import call_of, chain_of, performance_of, situation_of
 from ator_ros.nodes.execution import Execution
 from ator_ros.nodes.phases import Ending
 from ator_ros.nodes.refinement_answers import chain_performance_of
 from ator_ros.tops.step_run import ActionRecord
 from ator_ros.world import World
-
-_ENDINGS = {
-    Status.SUCCEEDED: Ending.SUCCEEDED,
-    Status.FAILED: Ending.FAILED,
-    Status.RUNNING: Ending.PREEMPTED,
-}
 
 _BROKEN_OFF = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
 
@@ -29,10 +22,16 @@ def outcome_of(ending: Ending, reason: str) -> Outcome:
 
 
 def action_record_of(
-    record: ActionRecord, end: World, execution: Execution, *, chain_id: str, action_set: str, frame: str
+    record: ActionRecord,
+    end: World,
+    ending: Ending,
+    execution: Execution,
+    *,
+    chain_id: str,
+    action_set: str,
+    frame: str,
 ) -> ActionPerformance:
-    """Write how one action of a chain went, which ended in the state `end`."""
-    ending = _ENDINGS[record.outcome]
+    """Return how one action of a chain went, which ended in the state `end`."""
     call = dataclasses.replace(execution.chain.calls[record.index], goal=record.goal)
     message = ActionPerformance(
         chain_id=chain_id,

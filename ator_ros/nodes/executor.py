@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import math
 import time
 from typing import Any
 
@@ -16,43 +16,28 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.foresight import Foresight
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
+from ator_ros.nodes.driving import Driving
+from ator_ros.nodes.executor_settings import PARAMETERS, deadlines_of, fence_of, inputs_of
 from ator_ros.nodes.goal_run import GoalRun, unstarted
-from ator_ros.nodes.inputs import BallAheadError, Inputs, TimeWentBackError
+from ator_ros.nodes.inputs import ClockJumpError, StampError
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
-from ator_ros.nodes.parameters import ROBOT, Parameter, SetupError, declare_parameters, digest_of, robot_of
-from ator_ros.nodes.phases import Deadlines, Ending, Phase
+from ator_ros.nodes.parameters import declare_parameters, digest_of, robot_of
+from ator_ros.nodes.phases import Ending, Phase
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.rehearsal import rehearse
 from ator_ros.nodes.running import run_node
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tracking import BallTracker
 from ator_ros.world import STOP, Command, World
-
-PARAMETERS = (
-    Parameter("frame", "odom", "frame of odom, ball and the goals of chains"),
-    Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands"),
-    Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
-    ROBOT,
-    Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
-    Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),
-    Parameter("odom_timeout", 0.3, "real s without newer odometry; the robot pauses after half", 0.05, 60.0),
-    Parameter("ball_timeout", 0.3, "s that a ball may be older than odometry; pauses likewise", 0.05, 60.0),
-    Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3),
-    Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
-    Parameter("ball_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
-    Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
-    Parameter("refine_again_after", 0.15, "m that the ball must move to ask again; 0: never", 0.0, 10.0),
-    Parameter("action_timeout", 30.0, "s, by the stamps, that one action may take", 1.0, 3600.0),
-)
 
 _WATCH_PERIOD = 0.05
 _WARNING_PERIOD = 2.0
+_RESET_PERIOD = 1.0
+"""Real s within which nobody resets twice: then two nodes publish odometry."""
 _LAST_SPINS = 30
 
 
@@ -66,12 +51,13 @@ class ExecutorNode(Node):
         A result can be asked for in the minute after the goal. More goals than can be kept are rejected.
         The robot stands before a goal ends (with `latency`, as foreseen), or is told to for 2 s; where a
         newer goal takes over, odometry is lost or the node ends, the goal ends once the robot is told. The
-        result says in words why it ended.
+        result says in words why it ended. Goals outside the fence are refused; a base that does not move as
+        it is told, and a way that leads out of the fence, end a goal.
     Subscribes to
         odom, ball (nav_msgs/Odometry): their stamps, `latency` later, are the time of the control programs.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active.
-        performance/action (ator_interfaces/ActionPerformance): after each action.
+        performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Calls
@@ -89,26 +75,19 @@ class ExecutorNode(Node):
         self._predictors = {name: Predictor(robot, read.models) for name, read in self._models.items()}
         for name, library in self._libraries.items():
             rehearse(robot, library, self._predictors[name])
-        self._inputs = Inputs(self._settings["ball_timeout"], self._tracker())
-        self._foresight = Foresight(robot, self._settings["latency"])
+        self._inputs = inputs_of(self._settings)
+        self._driving = Driving(robot, self._settings["latency"])
+        self._fence = fence_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard = self._longest_tick = 0.0
+        self._jumped = -math.inf
         self._ticks = Lateness()
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals = "", 0
         self._offer()
         self._diagnostics = Diagnostics(self, self._health, {"odom": Odometry, "ball": Odometry})
         self.get_logger().info("ready for chains")
-
-    def _tracker(self) -> BallTracker:
-        noise, velocity_noise = self._settings["ball_noise"], self._settings["ball_velocity_noise"]
-        if (noise > 0.0) != (velocity_noise > 0.0):
-            raise SetupError(
-                "parameters ball_noise and ball_velocity_noise: expected both above 0 or both 0, "
-                f"got {noise:g} and {velocity_noise:g}"
-            )
-        return BallTracker(noise, velocity_noise)
 
     def _offer(self) -> None:
         kind = TwistStamped if self._settings["stamped_commands"] else Twist
@@ -129,37 +108,49 @@ class ExecutorNode(Node):
     def _take_ball(self, message: Odometry) -> None:
         try:
             read = conversions.ball_from(message, frame=self._settings["frame"], bounds=self._bounds)
-            self._inputs.ball(*read)
-        except (MessageError, BallAheadError) as error:
+            remark = self._inputs.ball(*read)
+        except (MessageError, StampError) as error:
             self._note(f"ignored: {error}")
+        else:
+            if remark is not None:
+                self._note(remark)
 
     def _take_odom(self, message: Odometry) -> None:
         now = time.monotonic()
         try:
             read = conversions.robot_from(message, frame=self._settings["frame"], bounds=self._bounds)
             world = self._inputs.robot(*read)
-        except MessageError as error:
+        except (MessageError, StampError) as error:
             self._note(f"ignored: {error}")
             return
-        except TimeWentBackError as error:
-            self._note(str(error))
-            self._foresight.reset()
-            # A goal that waits for its first state has nothing to lose, as after a restart of the simulation.
-            if self._run is not None and self._run.execution.phase is not Phase.WAITING:
-                self._end(Ending.INPUT_LOST, f"time went back: {error}")
+        except ClockJumpError as error:
+            self._take_jump(error)
             return
         if world is None:
             return
-        world = self._foresight.ahead(world)
+        world = self._driving.ahead(world, None if self._run is None else self._run.execution, now)
         self._world, self._heard = world, now
         self._ticks.came(now)
         if self._run is not None:
             command = self._run.execution.tick(world, now, ball_overdue=self._inputs.ball_overdue)
             done = time.monotonic()
-            self._send(self._foresight.punctual(world.robot, command, done - now), answers=True)
+            self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
             self._longest_tick = max(self._longest_tick, done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
+
+    def _take_jump(self, jump: ClockJumpError) -> None:
+        """Begin anew after odometry's clock has jumped. One reset is no cause for a warning."""
+        now = time.monotonic()
+        if jump.back and now - self._jumped > _RESET_PERIOD:
+            self.get_logger().info(str(jump))
+        else:
+            self._note(str(jump))
+        self._jumped = now
+        self._driving.reset()
+        # A goal that waits for its first state has nothing to lose, as after a restart of the simulation.
+        if self._run is not None and self._run.execution.phase is not Phase.WAITING:
+            self._end(Ending.INPUT_LOST, str(jump))
 
     def _watch(self) -> None:
         if self._run is None:
@@ -181,19 +172,20 @@ class ExecutorNode(Node):
             return
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run = run
+        self._driving.begin()
         # A simulation as fast as possible waits for who steers: so also while the first action plans.
         self._send(STOP)
 
     def _run_of(self, handle: ServerGoalHandle) -> GoalRun:
         action_set = conversions.action_set_from(handle.request.chain, allowed=self._libraries)
-        names = (field.name for field in dataclasses.fields(Deadlines))
         return GoalRun(
             handle,
             self._libraries[action_set],
             self._predictors[action_set],
             self._refinement,
-            deadlines=Deadlines(**{name: self._settings[f"{name}_timeout"] for name in names}),
+            deadlines=deadlines_of(self._settings),
             refine_again_after=self._settings["refine_again_after"],
+            fence=self._fence,
             frame=self._settings["frame"],
         )
 
@@ -242,7 +234,7 @@ class ExecutorNode(Node):
         """Send a command, which counts as sent now, or with the newest state where it answers that."""
         if self._inputs.time is not None:
             after = 0.0 if answers else time.monotonic() - self._heard
-            self._foresight.told(self._inputs.time + after, command)
+            self._driving.told(self._inputs.time + after, command)
         twist = conversions.twist_of(command)
         if not self._settings["stamped_commands"]:
             self._commands.publish(twist)

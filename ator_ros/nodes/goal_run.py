@@ -17,9 +17,11 @@ from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.execution import Execution
 from ator_ros.nodes.execution_records import action_record_of, actual, chain_record_of, outcome_of
+from ator_ros.nodes.fence import Fence
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.refining import Question, Refining
+from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import World
 
@@ -39,6 +41,8 @@ class GoalRun:
         Of the service refine_subgoal.
     deadlines : Deadlines
         When to give up waiting.
+    fence : Fence
+        Where the robot may drive.
     refine_again_after : float
         Distance in m by which the ball must have moved to ask refinement again; 0: never.
     frame : str
@@ -47,7 +51,7 @@ class GoalRun:
     Raises
     ------
     MessageError
-        The goal cannot be used.
+        The goal cannot be used, or leads out of the fence.
     """
 
     def __init__(
@@ -58,11 +62,13 @@ class GoalRun:
         refinement: Client,
         *,
         deadlines: Deadlines,
+        fence: Fence,
         refine_again_after: float,
         frame: str,
     ) -> None:
         goal = handle.request
         chain = conversions.chain_from(goal.chain, library, frame=frame)
+        _stay_inside(fence, chain, library)
         if goal.refine:
             conversions.objective_from(goal.objective)
         self.handle = handle
@@ -73,9 +79,10 @@ class GoalRun:
             now=time.monotonic(),
             predictor=predictor,
             deadlines=deadlines,
+            fence=fence,
             fetches=goal.fetches,
         )
-        self._library, self._refinement, self._frame = library, refinement, frame
+        self._library, self._refinement, self._frame, self._fence = library, refinement, frame, fence
         self._chain_id = id_of(handle)
         self._records: list[ActionPerformance] = []
         self._request: Future | None = None
@@ -101,12 +108,13 @@ class GoalRun:
             action_record_of(
                 record,
                 end,
+                ending,
                 self.execution,
                 chain_id=self._chain_id,
                 action_set=self._library.action_set,
                 frame=self._frame,
             )
-            for record, end in self.execution.records[len(self._records) :]
+            for record, end, ending in self.execution.records[len(self._records) :]
         ]
         self._records += new
         return new
@@ -165,6 +173,7 @@ class GoalRun:
             chain = conversions.chain_from(
                 answer.chain, self._library, frame=self._frame, where="refined chain"
             )
+            _stay_inside(self._fence, chain, self._library)
         except MessageError as error:
             self.execution.unrefined(str(error))
         else:
@@ -192,6 +201,13 @@ class GoalRun:
             frame=self._frame,
         )
         return ExecuteChain.Result(outcome=record.outcome, record=record)
+
+
+def _stay_inside(fence: Fence, chain: TopChain, library: TopLibrary) -> None:
+    """Make sure that no step leads out of the fence; raises MessageError."""
+    violation = fence.violation(chain, library.robot)
+    if violation is not None:
+        raise MessageError(violation)
 
 
 def id_of(handle: ServerGoalHandle) -> str:

@@ -17,6 +17,8 @@ class Ending(enum.Enum):
     INPUT_LOST = 6
     SHUTDOWN = 7
     BALL_LOST = 8
+    BASE_FAULT = 9
+    OUT_OF_BOUNDS = 10
 
 
 class Phase(enum.Enum):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -12,6 +13,12 @@ from ator_ros.refinement.objective import Objective
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world import World
+
+
+def remaining(prediction: ChainPrediction, step: int, since: float) -> float:
+    """Return the predicted time in s to a chain's end, `since` s after `step` (from 0) has begun."""
+    current, *rest = (action.get("duration", math.nan) for action in prediction.actions[step:])
+    return max(0.0, current - since) + sum(rest)
 
 
 class Predictor:

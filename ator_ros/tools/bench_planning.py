@@ -1,4 +1,4 @@
-"""How long ticks of the actions take at most, in situations in which a way is hard to find or there is none."""
+"""Measure the longest ticks of the actions where a way is hard to find or there is none."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
@@ -25,6 +26,11 @@ def needs_ball(top: Top) -> bool:
     """Say whether the conditions of a TOP speak of the ball."""
     terms = (*top.pre.terms, *top.post.terms)
     return any(str(name).startswith("ball.") for term in terms for name in (term.variable, term.target))
+
+
+def ball_user(calls: Iterable[TopCall]) -> str | None:
+    """Return the name of the first TOP that needs the ball; None when none does."""
+    return next((call.top.name for call in calls if needs_ball(call.top)), None)
 
 
 def starts_holding(top: Top) -> bool:

@@ -71,6 +71,7 @@ class ChainExecutor:
         self.records: list[ActionRecord] = []
         self.fetched = 0
         self._index = 0
+        self._over = False
         self._run = self._new_run(chain, 0)
 
     def step(self, world: World) -> ChainStep:
@@ -89,6 +90,7 @@ class ChainExecutor:
             self.records.append(self._run.record(world, step))
             following = self._after(world, step.status)
             if following is None:
+                self._over = True
                 return self._told(world, Step(STOP, step.status, step.message))
             self._enter(*following)
             if self._run.stopping:
@@ -98,6 +100,12 @@ class ChainExecutor:
             else:
                 step = self._follow_ball(world)
         return self._told(world, step)
+
+    def break_off(self, world: World, why: str) -> None:
+        """Record the action that is under way, if there is one, as broken off in the state `world`."""
+        if self._run.begun and not self._over:
+            self.records.append(self._run.record(world, Step(STOP, Status.RUNNING, why)))
+        self._over = True
 
     @property
     def chain(self) -> TopChain:

@@ -44,7 +44,8 @@ class ActionRecord:
     duration : float
         Time it took in s.
     outcome : Status
-        SUCCEEDED, FAILED, or RUNNING where another goal took over, since the ball had moved.
+        SUCCEEDED, FAILED, or RUNNING where it was broken off: another goal took over, since the ball had
+        moved, or the chain was ended.
     reason : str
         A sentence on how it ended.
     position_error, heading_error : float

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 import random
+import re
 import signal
 from collections import deque
 from collections.abc import Iterator
 
 import pytest
 from arena import LONGEST_STOP, Arena, arena_with
+from chain_client import call
 from nav_msgs.msg import Odometry
 from ros_client import Client, stamp
 from stages import MOVING, STAGES, Stage, approach, dribble, few, refining, waiting
 from std_srvs.srv import Trigger
 
 from ator_interfaces.msg import Outcome
+from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import SENSOR_DATA
 
 pytestmark = pytest.mark.node
@@ -31,12 +34,15 @@ class Relay:
     """Stands between the simulation and the executor, and passes on what it is not told to keep back.
 
     `silent` gives for how many seconds, of stamps, an input is kept back since its last message that passed;
-    `poor` has messages lost at random and the ball late, as a camera's.
+    `poor` has messages lost at random and the ball late, as a camera's. `frozen` repeats the last odometry
+    with new stamps, and stamps of odometry are `ahead` by so many seconds.
     """
 
     def __init__(self, client: Client) -> None:
         self.silent: dict[str, float] = {}
-        self.poor = False
+        self.poor = self.frozen = False
+        self.ahead = 0
+        self._kept: Odometry | None = None
         self.last: dict[str, float] = {}
         self.longest: dict[str, float] = {}
         self._random, self._balls = random.Random(5), deque[Odometry](maxlen=1 + LATE_TICKS)
@@ -53,6 +59,8 @@ class Relay:
         if name == "ball":
             self._balls.append(message)
             message = self._balls[0] if self.poor else message
+        if name == "odom":
+            message = self._changed(message)
         if name in self.silent and now - self.last[name] > self.silent[name]:
             self.silent.pop(name)
         if name in self.silent or (self.poor and self._random.random() < DROPOUTS):
@@ -60,6 +68,16 @@ class Relay:
         self.longest[name] = max(self.longest.get(name, 0.0), now - self.last.get(name, now))
         self.last[name] = now
         self._publishers[name].publish(message)
+
+    def _changed(self, message: Odometry) -> Odometry:
+        if not self.frozen:
+            self._kept = None
+        elif self._kept is None:
+            self._kept = message
+        told = Odometry(header=message.header, child_frame_id=message.child_frame_id)
+        told.pose, told.twist = (self._kept or message).pose, (self._kept or message).twist
+        told.header.stamp.sec += self.ahead
+        return told
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +97,8 @@ def recovery(arena: Arena, relay: Relay) -> Iterator[None]:
     """Mend what a test has broken; then a new goal works, and what must hold always has held."""
     yield
     relay.silent.clear()
-    relay.poor = False
+    relay.poor = relay.frozen = False
+    relay.ahead = 0
     for node in arena.nodes.values():
         node.send(signal.SIGCONT)
     arena.visit().succeed()
@@ -119,6 +138,34 @@ def test_a_chain_succeeds_with_lost_messages_and_a_late_ball(arena: Arena, relay
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 
+def test_odometry_freezes_with_stamps_that_advance(arena: Arena, relay: Relay) -> None:
+    visit = arena.visit()
+    sent = approach(arena, visit)
+    stops, moving = len(arena.stops()), visit.ros.time()
+    relay.frozen = True
+    outcome = visit.ended(sent).outcome
+    visit.ros.eventually(lambda: len(arena.stops()) > stops, "the robot stands")
+    assert outcome.code == Outcome.BASE_FAULT
+    assert "odometry is frozen" in outcome.reason
+    assert arena.stops()[stops][1] - moving <= 0.5 + 0.05 + 1e-6  # and a message on its way
+
+
+def test_stamps_an_hour_ahead_are_named(arena: Arena, relay: Relay) -> None:
+    visit = arena.visit()
+    sent = approach(arena, visit)
+    relay.ahead = 3600
+    outcome = visit.ended(sent).outcome
+    assert outcome.code == Outcome.INPUT_LOST
+    assert re.search(r"time jumped 360\d\.\d\d s ahead", outcome.reason), outcome.reason
+
+
+def test_a_goal_outside_the_fence_is_refused(arena: Arena) -> None:
+    visit = arena.visit()
+    outcome = visit.ended(visit.send([call("goToPose", Pose(5.1, 0.0, 0.0))])).outcome
+    assert outcome.code == Outcome.REFUSED
+    assert "expected a place for the robot inside the fence (x from -5 to 5 m" in outcome.reason
+
+
 @pytest.mark.parametrize("stage", few([refining, *MOVING], dribble))
 def test_time_jumps_back(arena: Arena, stage: Stage) -> None:
     visit = arena.visit()
@@ -128,6 +175,7 @@ def test_time_jumps_back(arena: Arena, stage: Stage) -> None:
     assert visit.ros.robot().v < 0.02
     assert outcome.code == Outcome.INPUT_LOST
     assert "time went back" in outcome.reason
+    assert not re.search(r"WARN.*time went back", arena.nodes["executor"].output)  # a reset is no fault
 
 
 def test_a_goal_that_waits_does_not_mind_that_time_jumps_back(arena: Arena) -> None:

@@ -1,0 +1,57 @@
+"""Between the execution of a goal and the base: foresight, and a watch on how it moves (without ROS)."""
+
+from __future__ import annotations
+
+from ator_ros.foresight import Foresight
+from ator_ros.nodes.execution import Execution
+from ator_ros.nodes.motion_watch import MotionWatch
+from ator_ros.robot import Robot
+from ator_ros.world import Command, World
+
+
+class Driving:
+    """Carries late states on, and ends a goal whose base does not move as it was told.
+
+    Parameters
+    ----------
+    robot : Robot
+        Limits and lags of the base.
+    latency : float
+        See `Foresight`.
+    """
+
+    def __init__(self, robot: Robot, latency: float) -> None:
+        self._watch = MotionWatch(robot, latency)
+        self._foresight = Foresight(robot, latency)
+        self.punctual = self._foresight.punctual
+
+    def reset(self) -> None:
+        """Forget everything, as time begins anew."""
+        self._foresight.reset()
+        self._watch.reset()
+
+    def begin(self) -> None:
+        """Begin to watch, for a goal: before it, anybody may have steered or pushed the base."""
+        self._watch.reset()
+
+    def told(self, time: float, command: Command) -> None:
+        """Note a command that leaves as the answer to a state of `time` (s)."""
+        self._watch.told(time, command)
+        self._foresight.told(time, command)
+
+    def ahead(self, world: World, execution: Execution | None, now: float) -> World:
+        """Return the world in which the answer to `world` will move the base.
+
+        Parameters
+        ----------
+        world : World
+            The state as the sensors tell it.
+        execution : Execution or None
+            What is executed; it ends where the base misbehaves.
+        now : float
+            Real time in s.
+        """
+        fault = None if execution is None else self._watch.fault(world.time, world.robot, now)
+        if execution is not None and fault is not None:
+            execution.misbehaved(fault)
+        return self._foresight.ahead(world)

@@ -1,0 +1,58 @@
+"""Parameters of the node `executor`, and what is made of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from ator_ros.nodes.fence import Fence
+from ator_ros.nodes.inputs import Inputs
+from ator_ros.nodes.parameters import ROBOT, Parameter, SetupError
+from ator_ros.nodes.phases import Deadlines
+from ator_ros.robot import Robot
+from ator_ros.tracking import BallTracker
+
+PARAMETERS = (
+    Parameter("frame", "odom", "frame of odom, ball and the goals of chains"),
+    Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands"),
+    Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
+    ROBOT,
+    Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
+    Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),
+    Parameter("odom_timeout", 0.3, "real s without newer odometry; the robot pauses after half", 0.05, 60.0),
+    Parameter("ball_timeout", 0.3, "s that a ball may be older than odometry; pauses likewise", 0.05, 60.0),
+    Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3),
+    Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
+    Parameter("ball_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
+    Parameter("fence", [0.0] * 4, "m: x and y from, x and y to, of the robot; all 0: field and margin"),
+    Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
+    Parameter("refine_again_after", 0.15, "m that the ball must move to ask again; 0: never", 0.0, 10.0),
+    Parameter("action_timeout", 30.0, "s, by the stamps, that one action may take", 1.0, 3600.0),
+)
+
+
+def inputs_of(settings: Mapping[str, Any]) -> Inputs:
+    """Return what joins odometry and ball; raises SetupError."""
+    noise, velocity_noise = settings["ball_noise"], settings["ball_velocity_noise"]
+    if (noise > 0.0) != (velocity_noise > 0.0):
+        raise SetupError(
+            "parameters ball_noise and ball_velocity_noise: expected both above 0 or both 0, "
+            f"got {noise:g} and {velocity_noise:g}"
+        )
+    return Inputs(settings["ball_timeout"], BallTracker(noise, velocity_noise))
+
+
+def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
+    """Return the area that the robot may drive in; raises SetupError."""
+    edges = settings["fence"]
+    try:
+        return Fence.around(robot) if not any(edges) else Fence.of(edges)
+    except ValueError as error:
+        raise SetupError(f"parameter fence: {error}") from error
+
+
+def deadlines_of(settings: Mapping[str, Any]) -> Deadlines:
+    """Return when to give up waiting."""
+    names = (field.name for field in dataclasses.fields(Deadlines))
+    return Deadlines(**{name: settings[f"{name}_timeout"] for name in names})

@@ -1,0 +1,143 @@
+"""Goals executed in a simulated world of their own, as the node executes them, on bases of many kinds."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from ator_ros.nodes.driving import Driving
+from ator_ros.nodes.execution import Execution
+from ator_ros.nodes.fence import Fence
+from ator_ros.nodes.phases import Deadlines, Ending, Phase
+from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.refining import Refining
+from ator_ros.robot import Robot
+from ator_ros.simulation.pioneer import TICK, PioneerSimulation
+from ator_ros.simulation.sensors import SensorConfig, Sensors
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tracking import BallTracker
+from ator_ros.world import STOP, Command, World
+
+_LONGEST = 60.0
+
+
+def same(world: World) -> World:
+    return world
+
+
+def obeyed(command: Command) -> Command:
+    return command
+
+
+@dataclass(frozen=True)
+class Base:
+    """How the base and its sensors differ from what the executor's description says.
+
+    Attributes
+    ----------
+    sensors : SensorConfig
+        Errors of the sensors.
+    latency : float
+        What the executor foresees in s.
+    motor_lag : float
+        Time constant of the motors in s; 0: as described.
+    dead_zone : Command
+        Speeds up to which a command does nothing.
+    scale : float
+        Speeds and accelerations that the base reaches, as a share of the described ones.
+    """
+
+    sensors: SensorConfig = field(default_factory=SensorConfig)
+    latency: float = 0.0
+    motor_lag: float = 0.0
+    dead_zone: Command = STOP
+    scale: float = 1.0
+
+    def robot(self, robot: Robot) -> Robot:
+        """Return the robot as it is."""
+        lag = self.motor_lag or robot.motor_time_constant
+        return dataclasses.replace(robot, motor_time_constant=lag, limits=robot.limits.scaled(self.scale))
+
+    def obey(self, command: Command) -> Command:
+        """Return what the base makes of a command."""
+        v = 0.0 if abs(command.v) <= self.dead_zone.v else command.v
+        w = 0.0 if abs(command.w) <= self.dead_zone.w else command.w
+        return Command(v, w)
+
+
+@dataclass
+class Drive:
+    """What came of a goal: its execution, the true states and the commands, a tick after the other."""
+
+    execution: Execution
+    worlds: list[World] = field(default_factory=list)
+    commands: list[Command] = field(default_factory=list)
+
+    @property
+    def ending(self) -> Ending | None:
+        """How it ended."""
+        return self.execution.ending
+
+    @property
+    def reason(self) -> str:
+        """Why."""
+        return self.execution.reason
+
+
+def drive(
+    library: TopLibrary,
+    start: World,
+    chain: TopChain,
+    base: Base | None = None,
+    *,
+    seed: int = 0,
+    fence: Fence | None = None,
+    odometry: Callable[[World], World] = same,
+    motors: Callable[[float, Command], Command] | None = None,
+    limit: float = _LONGEST,
+) -> Drive:
+    """Execute a goal from `start` until it has ended, or for `limit` s.
+
+    `odometry` changes what is told of the world, `motors` what the base makes of a command at a time (s).
+    """
+    base, robot = base or Base(), library.robot
+    execution = Execution(
+        library,
+        chain,
+        refining=Refining(robot, wanted=False, again_after=0.0),
+        now=0.0,
+        predictor=Predictor(robot, {}),
+        deadlines=Deadlines(),
+        fence=fence or Fence.around(robot),
+    )
+    done, driving, sensors = Drive(execution), Driving(robot, base.latency), Sensors(base.sensors, seed)
+    noise, velocity_noise = base.sensors.ball_noise, base.sensors.ball_velocity_noise
+    tracker, last = BallTracker(noise, velocity_noise), -1.0
+    with PioneerSimulation(base.robot(robot)) as simulation:
+        simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
+        if start.ball is not None:
+            simulation.place_ball(start.ball.x, start.ball.y, vx=start.ball.vx, vy=start.ball.vy)
+        while execution.phase is not Phase.ENDED and simulation.time < limit:
+            world = simulation.world()
+            seen, now = odometry(tracker.observe(sensors.observe(world))), world.time
+            if seen.time > last:
+                last = seen.time
+                command = execution.tick(driving.ahead(seen, execution, now), now)
+                driving.told(seen.time, command)
+                simulation.command(motors(now, command) if motors else base.obey(command))
+                done.commands.append(command)
+                done.worlds.append(world)
+            simulation.tick()
+    return done
+
+
+def stood_after(done: Drive, time: float) -> float:
+    """Return the time in s from `time` until the robot is told to stand for good."""
+    told = [i for i, command in enumerate(done.commands) if command != STOP]
+    return done.worlds[told[-1] + 1].time - time if told else 0.0
+
+
+SLOW = Base(motor_lag=0.15, dead_zone=Command(0.03, 0.06), scale=0.5)
+LATE = Base(SensorConfig(latency=0.1), latency=0.1 + TICK)

@@ -1,0 +1,90 @@
+"""The area that the robot may drive in."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from driving import drive
+from executions import LIBRARY, ROBOT, chain
+
+from ator_ros.geometry import Pose
+from ator_ros.nodes.fence import Fence
+from ator_ros.nodes.phases import Ending
+from ator_ros.world import STOP, BallState, RobotState, World
+
+FENCE = Fence.around(ROBOT)
+
+
+def test_the_fence_is_the_field_and_its_margin() -> None:
+    assert Fence(-5.0, -3.5, 5.0, 3.5) == FENCE
+    assert FENCE.outside(4.9, -3.4) == 0.0
+    assert FENCE.outside(8.0, 7.5) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("edges", [[1.0, 2.0, 3.0], [2.0, 0.0, 1.0, 1.0], [0.0, 0.0, math.inf, 1.0]])
+def test_edges_that_are_none_are_refused(edges: list[float]) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        Fence.of(edges)
+
+
+@pytest.mark.parametrize(
+    ("top", "pose", "fine"),
+    [
+        ("goToPose", Pose(4.9, 3.4, 0.0), True),
+        ("goToPose", Pose(5.1, 0.0, 0.0), False),
+        ("goToBall", Pose(0.0, -3.6, 0.0), False),
+        ("dribbleBall", Pose(4.9, 0.0, math.pi), False),  # the axle is behind the ball
+        ("shoot", Pose(40.0, 0.0, 0.0), True),  # nobody drives there
+    ],
+)
+def test_steps_that_lead_out_are_named(top: str, pose: Pose, fine: bool) -> None:
+    said = FENCE.violation(chain((top, pose)), ROBOT)
+    assert (said is None) is fine
+    assert fine or f"chain.calls[0].goal ({top}): expected a place for the robot inside" in (said or "")
+
+
+@pytest.mark.parametrize("velocity", [(1.5, 0.0), (40.0, 0.0)])
+def test_a_ball_is_not_followed_out(velocity: tuple[float, float]) -> None:
+    """The ball is told to roll as it does, or as no ball can."""
+    vx, vy = velocity
+
+    def told(world: World) -> World:
+        return World(world.time, world.robot, BallState(4.0 + vx * world.time, vy * world.time, vx, vy))
+
+    start = World(0.0, RobotState(Pose(2.0, 0.0, 0.0)), BallState(4.0, 0.0))
+    done = drive(LIBRARY, start, chain(("goToBall", Pose(4.0, 0.0, 0.0))), odometry=told)
+    assert done.ending is not Ending.SUCCEEDED
+    assert all(FENCE.outside(w.robot.pose.x, w.robot.pose.y) == 0.0 for w in done.worlds)
+    assert done.worlds[-1].time < 5.0
+
+
+def test_a_ball_that_leaves_ends_the_goal_by_that_name() -> None:
+    def told(world: World) -> World:
+        rolls = max(0.0, world.time - 1.0)
+        return World(world.time, world.robot, BallState(2.0, 2.0 + rolls, 0.0, 1.2 * (rolls > 0.0)))
+
+    start = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)), BallState(2.0, 2.0))
+    done = drive(LIBRARY, start, chain(("goToBall", Pose(2.0, 2.0, 0.0))), odometry=told)
+    assert done.ending is Ending.OUT_OF_BOUNDS
+    assert "the ball leaves the fence" in done.reason
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.2])
+def test_a_robot_that_would_leave_stands_before(speed: float) -> None:
+    """It comes fast, its goal beside the edge: no plan can brake in time."""
+    small = Fence(-3.0, -3.0, 1.0, 3.0)
+    x = 1.0 - 0.8 * speed**2 / (2.0 * ROBOT.limits.brake)
+    start = World(0.0, RobotState(Pose(x, 0.0, 0.0), speed))
+    done = drive(LIBRARY, start, chain(("goToPose", Pose(0.9, 2.0, math.pi / 2))), fence=small)
+    assert done.ending is Ending.OUT_OF_BOUNDS
+    assert "the robot would leave the fence" in done.reason
+    assert max(w.robot.pose.x for w in done.worlds) < 1.0
+    assert done.commands[-1] == STOP
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.5, math.pi])
+def test_a_robot_outside_may_drive_in(yaw: float) -> None:
+    start = World(0.0, RobotState(Pose(5.6, 2.4, yaw)))
+    done = drive(LIBRARY, start, chain(("goToPose", Pose(3.5, 2.4, math.pi))))
+    assert done.ending is Ending.SUCCEEDED, done.reason

@@ -1,0 +1,174 @@
+"""A base that does not move as it is told: noticed in time, and nothing else mistaken for it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import pytest
+from driving import LATE, SLOW, Base, Drive, drive
+from executions import LIBRARY, ROBOT, chain
+
+from ator_ros.experiments.noise import REALISTIC
+from ator_ros.experiments.trials import random_trial
+from ator_ros.geometry import Pose
+from ator_ros.nodes.motion_watch import Bounds, MotionWatch
+from ator_ros.nodes.phases import Ending
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.step_run import is_standing
+from ator_ros.world import STOP, Command, RobotState, World
+
+TICK = 0.05
+AHEAD = chain(("goToPose", Pose(3.0, 0.0, 0.0)))
+START = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)))
+BASES = {
+    "as described": Base(),
+    "late": LATE,
+    "noisy": Base(REALISTIC),
+    "motor lag": Base(motor_lag=0.15),
+    "dead zone": Base(dead_zone=Command(0.05, 0.1)),
+    "slow": SLOW,
+}
+
+
+class Frozen:
+    """Odometry that tells the same state over and over from some time (s) on, with stamps that advance."""
+
+    def __init__(self, since: float) -> None:
+        self._since, self._last = since, START
+
+    def __call__(self, world: World) -> World:
+        if world.time <= self._since:
+            self._last = world
+        return dataclasses.replace(self._last, time=world.time)
+
+
+def stood(done: Drive, since: float) -> float:
+    """Return for how long from `since` (s) the robot truly moved."""
+    return (
+        max([w.time for w in done.worlds if w.time >= since and not is_standing(w.robot)], default=since)
+        - since
+    )
+
+
+def blocked(since: float) -> Callable[[float, Command], Command]:
+    return lambda time, command: STOP if time >= since else command
+
+
+def runaway(since: float, speeds: Command) -> Callable[[float, Command], Command]:
+    return lambda time, command: speeds if time >= since else command
+
+
+@pytest.mark.parametrize("since", [0.0, 0.15, 0.3, 1.0, 2.0])
+def test_odometry_that_freezes_stops_the_robot_within_half_a_second(since: float) -> None:
+    done = drive(LIBRARY, START, AHEAD, odometry=Frozen(since))
+    assert done.ending is Ending.BASE_FAULT
+    assert "frozen" in done.reason
+    assert stood(done, since) <= 0.5 + 1e-6
+
+
+@pytest.mark.parametrize("since", [0.0, 1.0, 2.0])
+def test_blocked_wheels_end_the_goal_within_half_a_second(since: float) -> None:
+    done = drive(LIBRARY, START, AHEAD, motors=blocked(since))
+    assert done.ending is Ending.BASE_FAULT
+    assert "the base does not move" in done.reason
+    halted = since + stood(done, since)
+    told = max(w.time for w, c in zip(done.worlds, done.commands, strict=True) if c != STOP)
+    assert told - halted <= 0.5 + 1e-6
+
+
+@pytest.mark.parametrize("speeds", [Command(0.6, 0.0), Command(0.0, 1.0), Command(-0.6, 0.0)])
+def test_a_base_that_moves_without_being_told_ends_the_goal(speeds: Command) -> None:
+    waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # for a ball, standing
+    done = drive(LIBRARY, START, waits, motors=runaway(0.5, speeds), limit=3.0)
+    assert done.ending is Ending.BASE_FAULT
+    assert "moves without being told" in done.reason
+    ended = next(w.time for w in done.worlds if w.time > 0.5 + 0.45)
+    assert done.execution.records == []
+    assert ended < 1.5
+
+
+def test_a_base_that_drives_on_after_its_goal_spoils_the_success() -> None:
+    near = chain(("goToPose", Pose(0.0, 0.0, 0.0)))
+    plain = drive(LIBRARY, START, near)
+    assert plain.ending is Ending.SUCCEEDED
+    end = plain.worlds[-1].time
+    done = drive(LIBRARY, START, near, motors=runaway(end - 0.4, Command(0.8, 0.0)))
+    assert done.ending is not Ending.SUCCEEDED
+
+
+def test_nobody_minds_what_happened_before_the_goal() -> None:
+    watch = MotionWatch(ROBOT, 0.0)
+    for tick in range(40):  # pushed by hand
+        watch.fault(tick * TICK, RobotState(Pose(0.04 * tick, 0.0, 0.0), 0.8), tick * TICK)
+        if tick == 20:
+            watch.reset()
+    watch.reset()
+    assert watch.fault(2.0, RobotState(Pose(1.6, 0.0, 0.0), 0.8), 2.0) is None
+    assert watch.fault(2.05, RobotState(Pose(1.64, 0.0, 0.0), 0.8), 2.05) is None
+
+
+def fault_of_coasting(deceleration: float) -> str | None:
+    """Return what is said of a base at full speed that is told to stand and slows down like this (m/s^2)."""
+    watch, x, v, said = MotionWatch(ROBOT, 0.0), 0.0, ROBOT.limits.v, None
+    for tick in range(80):
+        said = said or watch.fault(tick * TICK, RobotState(Pose(x, 0.0, 0.0), v), tick * TICK)
+        watch.told(tick * TICK, STOP)
+        v = max(0.0, v - deceleration * TICK)
+        x += v * TICK
+    return said
+
+
+def test_a_base_may_coast_as_slowly_as_half_its_described_braking() -> None:
+    assert fault_of_coasting(0.5 * ROBOT.limits.brake) is None
+    assert "without being told" in (fault_of_coasting(0.0) or "")
+
+
+def test_commands_need_real_time_however_fast_simulated_time_is() -> None:
+    watch = MotionWatch(ROBOT, 0.0)
+    said = []
+    for tick in range(60):
+        said.append(watch.fault(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), 0.002 * tick))
+        watch.told(tick * TICK, Command(0.5, 0.0))
+    assert said[45] is None
+    assert said[-1] is not None
+
+
+def test_bounds_follow_from_the_robot() -> None:
+    lazy = dataclasses.replace(ROBOT, motor_time_constant=0.1, limits=ROBOT.limits.scaled(0.5))
+    assert Bounds.of(lazy).patience == pytest.approx(0.5)
+    assert Bounds.of(lazy).asked == pytest.approx(0.5 * Bounds.of(ROBOT).asked)
+    assert Bounds.of(ROBOT).patience < 0.3
+
+
+def alarms(base: Base, action_set: str, indices: range) -> list[str]:
+    """Return what the watch and the fence say of random chains; nobody does anything wrong in them."""
+    library, said = TopLibrary(ROBOT, action_set), []
+    for index in indices:
+        trial = random_trial(902, index, ("dribble", "shoot")[index % 2], ROBOT, library)
+        done = drive(library, trial.world, trial.chain, base, seed=index)
+        if done.ending in (Ending.BASE_FAULT, Ending.OUT_OF_BOUNDS):
+            said.append(f"{action_set} {index}: {done.reason}")
+    return said
+
+
+@pytest.mark.parametrize("name", ["as described", "late"])
+def test_good_bases_are_not_accused(name: str) -> None:
+    assert alarms(BASES[name], "default", range(4)) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("action_set", ["default", "bezier"])
+@pytest.mark.parametrize("name", BASES)
+def test_no_base_is_accused_in_many_chains(name: str, action_set: str) -> None:
+    assert alarms(BASES[name], action_set, range(100, 130)) == []
+
+
+def test_a_pose_in_a_bend_is_not_frozen() -> None:
+    watch = MotionWatch(ROBOT, 0.0)
+    for tick in range(100):
+        angle = tick * TICK
+        pose = Pose(math.sin(angle), 1.0 - math.cos(angle), angle)
+        watch.told(tick * TICK, Command(1.0, 1.0))
+        assert watch.fault(tick * TICK, RobotState(pose, 1.0, 1.0), tick * TICK) is None
