@@ -71,7 +71,6 @@ def test_answers_do_not_depend_on_where_the_origin_is(x: float, y: float, yaw: f
             for top, pose, names in zip(tops, here[1:], opened, strict=True)
         ]
         result = REFINER.refine(World(0.0, RobotState(here[0])), TopChain(tuple(calls)))
-        assert result.after is not None
         return result.after.cost
 
     # The grid of headings does not turn with the frame: its step of 5 degrees is what may differ.

@@ -160,7 +160,7 @@ def analyse(
     bound = bindings(tuple(call.top for call in chain.calls))
     for index, call in enumerate(chain.calls):
         for name in _opened(call):
-            reason = _why_closed(call, name) or bound.get((index, name))
+            reason = bound.get((index, name)) or _why_closed(call, name)
             if reason is None and name not in domains:
                 reason = "without a domain"
             if reason is None:
