@@ -13,6 +13,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
+from ator_ros.printable import printable, quoted
+
 
 class SetupError(Exception):
     """A node that cannot start with these parameters or files; the message is for the user."""
@@ -71,7 +73,7 @@ class Parameter:
         if isinstance(value, int | float) and not (math.isfinite(value) and self.low <= value <= self.high):
             expected = f"a finite number from {self.low:g} to {self.high:g}"
         if expected:
-            raise SetupError(f"parameter {self.name}: expected {expected}, got {value!r}")
+            raise SetupError(f"parameter {self.name}: expected {expected}, got {quoted(value)}")
 
 
 def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
@@ -104,7 +106,8 @@ def _warn_of_strange(node: Node, known: Mapping[str, Any]) -> None:
     strange = [name for name in overrides if not node.has_parameter(name)]
     if strange:
         node.get_logger().warning(
-            f"ignored: parameters {', '.join(sorted(strange))}: expected some of {', '.join(known)}"
+            f"ignored: parameters {', '.join(map(printable, sorted(strange)[:5]))}: "
+            f"expected some of {', '.join(known)}"
         )
 
 
