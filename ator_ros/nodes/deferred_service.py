@@ -34,16 +34,25 @@ class DeferredService:
         As for ``Node.create_service``.
     start : callable
         Is given each request and its `Answer`.
+    work : callable
+        Is called when all that have come are started.
     """
 
     def __init__(
-        self, node: Node, srv_type: Any, srv_name: str, start: Callable[[Any, Answer], None]
+        self,
+        node: Node,
+        srv_type: Any,
+        srv_name: str,
+        start: Callable[[Any, Answer], None],
+        *,
+        work: Callable[[], None],
     ) -> None:
-        self._node, self._request, self._start = node, srv_type.Request, start
+        self._node, self._request = node, srv_type.Request
+        self._start, self._work = start, work
         self._service: Any = node.create_service(
             srv_type, srv_name, lambda request, _: request, qos_profile=SERVICES
         )
-        self._service.send_response = self._begin
+        self._service.send_response = self._serve
         self._unsent: deque[tuple[Any, Any, int]] = deque()
         self._retrying = node.create_timer(_RETRY_PERIOD, self._retry, clock=STEADY)
         self._retrying.cancel()
@@ -56,6 +65,11 @@ class DeferredService:
             if header is None:
                 return
             self._begin(request, header)
+
+    def _serve(self, request: Any, header: Any) -> None:
+        self._begin(request, header)
+        self.take()
+        self._work()
 
     def _begin(self, request: Any, header: Any) -> None:
         self._start(request, functools.partial(self._send, header))

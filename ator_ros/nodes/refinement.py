@@ -82,7 +82,7 @@ class RefinementNode(Node):
         self._turns = Turns(
             time.monotonic, deadline=self._settings["deadline"], most=self._settings["most_requests"]
         )
-        self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin)
+        self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin, work=self._work)
         self._go_on = self.create_guard_condition(self._work)
         self._refusals: deque[Answer] = deque()
         self._pace = Pace(time.monotonic, rate=_REFUSALS_PER_SECOND, at_once=4)
@@ -111,7 +111,6 @@ class RefinementNode(Node):
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         if self._turns.add(self._serve(request), answer, size=len(request.chain.calls)):
-            self._go_on.trigger()
             return
         self._busy += 1
         self._refusals.append(answer)
@@ -122,6 +121,7 @@ class RefinementNode(Node):
         self._service.take()
         if self._turns:
             self._turns.work()
+        if self._turns:
             self._go_on.trigger()
 
     def _refuse(self) -> None:

@@ -19,15 +19,23 @@ class FakeNode:
     def __init__(self) -> None:
         self.running = True
         self.service: Any = None
+        self.queue: list[tuple[Any, Any]] = []
         self.logger = logging.getLogger("fake")
 
     def create_service(self, _: Any, __: str, callback: Any, **___: Any) -> Any:
-        self.service = SimpleNamespace(callback=callback)
+        self.service = SimpleNamespace(callback=callback, handle=self)
         return self.service
 
     def create_timer(self, _: float, callback: Any, **__: Any) -> Any:
         self.retry = callback
         return SimpleNamespace(cancel=lambda: self.switch(on=False), reset=lambda: self.switch(on=True))
+
+    def service_take_request(self, _: Any) -> tuple[Any, Any]:
+        return self.queue.pop(0) if self.queue else (None, None)
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...
 
     def switch(self, *, on: bool) -> None:
         self.running = on
@@ -52,15 +60,22 @@ def served(
 
     monkeypatch.setattr(Service, "send_response", send)
     made: Any = node
-    DeferredService(made, RefineSubgoal, "service", lambda request, answer: begun.append((request, answer)))
+    DeferredService(
+        made,
+        RefineSubgoal,
+        "service",
+        lambda request, answer: begun.append((request, answer)),
+        work=lambda: begun.append("work"),
+    )
     return node, begun, sent
 
 
 def test_requests_are_answered_in_whatever_order(monkeypatch: pytest.MonkeyPatch) -> None:
     node, begun, sent = served(monkeypatch, [])
+    node.queue = [("second", "header 2")]
     node.ask("first", "header 1")
-    node.ask("second", "header 2")
     assert sent == []
+    assert begun.pop() == "work"
     assert [request for request, _ in begun] == ["first", "second"]
     begun[1][1]("answer 2")
     begun[0][1]("answer 1")
