@@ -113,8 +113,9 @@ class RefinementNode(Node):
         if self._turns.add(self._serve(request), answer, size=len(request.chain.calls)):
             return
         self._busy += 1
+        if not self._refusals:
+            self._refusing.reset()
         self._refusals.append(answer)
-        self._refusing.reset()
 
     def _work(self) -> None:
         """Let one request have a turn; those that have come meanwhile begin."""
