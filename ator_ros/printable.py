@@ -21,6 +21,6 @@ def printable(text: object, most: int = LONGEST) -> str:
     return shown
 
 
-def quoted(text: object, most: int = LONGEST) -> str:
-    """Return a foreign text as `printable` does, in quotes."""
-    return f"'{printable(text, most)}'"
+def quoted(value: object, most: int = LONGEST) -> str:
+    """Return a foreign text as `printable` does, in quotes; anything else as Python writes it."""
+    return f"'{printable(value, most)}'" if isinstance(value, str) else printable(repr(value), most)

@@ -6,9 +6,10 @@ drives are found in ``odom`` and ``cmd_vel`` (and ``ball`` where there is one); 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from ator_ros.experience.records import ENDED, episode_of, finite, pose_of, soun
 from ator_ros.experience.table import Experience, episode_frame, join, library_versions
 from ator_ros.experience.validation import checked_rows
 from ator_ros.files import limited_memory
+from ator_ros.printable import printable
 from ator_ros.robot import Robot
 
 TOPICS = ("odom", "cmd_vel", "ball")
@@ -86,7 +88,7 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
     if not episodes:
         raise RecordingError(
             f"{file}: expected the topic {RECORDS}, or odom and cmd_vel with at least one drive of "
-            f"{SHORTEST} s between two stops; found {', '.join(by_robot) or 'no such topics'} without one"
+            f"{SHORTEST} s between two stops; found {_listed(by_robot) or 'no such topics'} without one"
         )
     numbers: dict[str, int] = defaultdict(int)
     frames: list[pd.DataFrame] = []
@@ -110,7 +112,7 @@ def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
     """Give the action set that the records tell of; odometry and commands tell of none."""
     found = sorted(set().union(*(recorded.action_sets for recorded in by_robot.values())))
     if len(found) > 1:
-        raise RecordingError(f"{file}: expected records of one action set, got {', '.join(found)}")
+        raise RecordingError(f"{file}: expected records of one action set, got {_listed(found)}")
     return found[0] if found else None
 
 
@@ -143,8 +145,13 @@ def _messages(file: Path) -> Iterator[tuple[str, Any]]:
                     raise ValueError(f"a message of {len(raw)} bytes on {connection.topic}")
                 yield connection.topic, reader.deserialize(raw, connection.msgtype)
     except Exception as error:  # a damaged file makes rosbags raise anything, MemoryError included
-        why = "it needs too much memory" if isinstance(error, MemoryError) else str(error)[:500]
+        why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
         raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Return the first of the names that a recording holds."""
+    return ", ".join(map(printable, itertools.islice(names, 5)))
 
 
 def _kind(topic: str) -> str:

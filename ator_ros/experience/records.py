@@ -12,6 +12,7 @@ from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
 from ator_ros.experience.situations import Situation
 from ator_ros.experience.validation import FARTHEST
 from ator_ros.geometry import Pose, yaw_from_quaternion
+from ator_ros.printable import printable
 from ator_ros.world import BallState, RobotState
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
@@ -38,7 +39,7 @@ def episode_of(message: Any) -> Episode:
         samples=np.empty((0, len(SAMPLE_COLUMNS))),
         duration=message.actual.duration,
         success=message.outcome.code == SUCCEEDED,
-        reason=message.outcome.reason,
+        reason=printable(message.outcome.reason, 200),
         position_error=message.actual.accuracy,
         heading_error=message.heading_error,
     )

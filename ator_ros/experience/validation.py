@@ -11,6 +11,7 @@ import pandas as pd
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.files import is_name
 from ator_ros.geometry import FloatArray
+from ator_ros.printable import quoted
 
 FARTHEST = 1e6
 """Greatest number that is believed, in m, rad, m/s, rad/s or s."""
@@ -63,13 +64,13 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
         There are no rows, or a value is not what its column holds.
     """
     if not is_name(action_set):
-        raise ExperienceError(f"{source}: action_set: expected {_NAME}, got {action_set!r}")
+        raise ExperienceError(f"{source}: action_set: expected {_NAME}, got {quoted(action_set)}")
     if frame.empty:
         raise ExperienceError(f"{source}: expected rows of experience, found none")
     names = frame["action"].astype(object)
     for name in names.unique():
         if not is_name(name):
-            raise ExperienceError(f"{source}: action: expected {_NAME}, got {name!r}")
+            raise ExperienceError(f"{source}: action: expected {_NAME}, got {quoted(name)}")
     columns: dict[str, object] = {name: _numbers(source, frame[name], rule) for name, rule in _RULES.items()}
     columns |= {"action": names, "reason": frame["reason"].astype(object)}
     plain = {"episode": np.int32, "hold": np.int8, "success": bool}

@@ -21,11 +21,13 @@ from ator_ros.nodes.fence import Fence
 from ator_ros.nodes.phases import Deadlines, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.refining import Question, Refining
+from ator_ros.printable import printable
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import World
 
 _FEEDBACK_PERIOD = 0.1
+_LONGEST_REASON = 200
 
 
 class GoalRun:
@@ -166,8 +168,9 @@ class GoalRun:
         answer = future.result()
         if answer is None or question is not self.execution.question:  # withdrawn, or late
             return
+        reason = printable(answer.reason, _LONGEST_REASON)  # of any server, in feedback, records and the log
         if not answer.accepted:
-            self.execution.unrefined(answer.reason)
+            self.execution.unrefined(reason)
             return
         try:
             chain = conversions.chain_from(
@@ -177,7 +180,7 @@ class GoalRun:
         except MessageError as error:
             self.execution.unrefined(str(error))
         else:
-            self.execution.refined_to(chain, answer.refined, answer.reason)
+            self.execution.refined_to(chain, answer.refined, reason)
 
     # The end
 

@@ -13,6 +13,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
+from ator_ros.printable import printable, quoted
 from ator_ros.robot import ConfigError, Robot, load_robot
 
 
@@ -78,7 +79,7 @@ class Parameter:
         elif isinstance(value, int | float) and 0.0 < abs(value) < self.smallest:
             expected = f"0, or a number from {self.smallest:g} to {self.high:g}"
         if expected:
-            raise SetupError(f"parameter {self.name}: expected {expected}, got {value!r}")
+            raise SetupError(f"parameter {self.name}: expected {expected}, got {quoted(value)}")
 
 
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
@@ -128,7 +129,8 @@ def _warn_of_strange(node: Node, known: Mapping[str, Any]) -> None:
     strange = [name for name in overrides if not node.has_parameter(name)]
     if strange:
         node.get_logger().warning(
-            f"ignored: parameters {', '.join(sorted(strange))}: expected some of {', '.join(known)}"
+            f"ignored: parameters {', '.join(map(printable, sorted(strange)[:5]))}: "
+            f"expected some of {', '.join(known)}"
         )
 
 

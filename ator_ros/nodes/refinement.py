@@ -80,7 +80,7 @@ class RefinementNode(Node):
         self._turns = Turns(
             time.monotonic, deadline=self._settings["deadline"], most=self._settings["most_requests"]
         )
-        self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin)
+        self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin, work=self._work)
         self._go_on = self.create_guard_condition(self._work)
         self._refusals: deque[Answer] = deque()
         self._pace = Pace(time.monotonic, rate=_REFUSALS_PER_SECOND, at_once=4)
@@ -109,17 +109,18 @@ class RefinementNode(Node):
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         if self._turns.add(self._serve(request), answer, size=len(request.chain.calls)):
-            self._go_on.trigger()
             return
         self._busy += 1
+        if not self._refusals:
+            self._refusing.reset()
         self._refusals.append(answer)
-        self._refusing.reset()
 
     def _work(self) -> None:
         """Let one request have a turn; those that have come meanwhile begin."""
         self._service.take()
         if self._turns:
             self._turns.work()
+        if self._turns:
             self._go_on.trigger()
 
     def _refuse(self) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 from rclpy.node import Node
 
+from ator_ros.printable import printable
+
 
 def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
     """Say who publishes something else than `node` listens to; empty where nobody does.
@@ -18,8 +20,8 @@ def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
         Types of the messages by the topics' names.
     """
     return "; ".join(
-        f"{topic}: expected {name}, {sender.node_namespace.rstrip('/')}/{sender.node_name} "
-        f"publishes {sender.topic_type}"
+        f"{topic}: expected {name}, {printable(sender.node_namespace.rstrip('/'))}/"
+        f"{printable(sender.node_name)} publishes {printable(sender.topic_type)}"
         for topic, kind in topics.items()
         for name in [_name_of(kind)]
         for sender in node.get_publishers_info_by_topic(topic)

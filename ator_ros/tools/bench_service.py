@@ -23,22 +23,31 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.actions.base import Goal
 from ator_ros.experiments.trials import random_trial
+from ator_ros.geometry import Pose
 from ator_ros.nodes import conversions
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.nodes.running import run_node
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.answer import Refinement
-from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.robot import load_robot
 from ator_ros.tools.processes import own_nodes
+from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world import BallState, RobotState, World
 
 SEED = 802
 LIMIT_RATIO, LIMIT_P99_MS = 1.5, 5.0
+LIMIT_DELAY_MS = 20.0
+"""By how much requests may be delayed by others."""
+WORST = "worst_requests"
 _FRAME = "odom"
 _WARM_UP = 20
 _PATIENCE = 40.0
+_UNTIL_ASKED = 10.0
+REFINE = "refine_subgoal"
 
 Answer = Callable[[RefineSubgoal.Request, RefineSubgoal.Response], RefineSubgoal.Response]
 
@@ -80,6 +89,8 @@ def yardstick(name: str) -> Node:
 def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
     """Give medians and 99th percentiles, and the refinement node's growth of memory over `requests` requests.
 
+    The last row is of requests beside which another process asks for the worst that there is.
+
     All services are asked in turn, by a thread beside the one that spins.
     """
     with own_nodes() as nodes:
@@ -88,7 +99,9 @@ def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
         program = [sys.executable, "-m", "ator_ros.tools.bench_service"]
         others = [subprocess.Popen([*program, name], env=environment) for name in YARDSTICKS]
         try:
-            return _measured(nodes.domain, nodes.pid("refinement"), requests)
+            rows = _measured(nodes.domain, nodes.pid("refinement"), requests)
+            others.append(subprocess.Popen([*program, WORST], env=environment))
+            return rows | _delayed(nodes.domain, requests, rows["round trip"]["median_ms"])
         finally:
             for other in others:
                 other.terminate()
@@ -97,7 +110,7 @@ def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
 
 
 def _measured(domain: int, pid: int, requests: int) -> dict[str, dict[str, float]]:
-    with _clients(domain, [*YARDSTICKS, "refine_subgoal"]) as clients:
+    with _clients(domain, [*YARDSTICKS, REFINE]) as clients:
         _times(clients, _WARM_UP, 0)
         before = resident_mib(pid)
         empty, messages, ours = _times(clients, requests, _WARM_UP)
@@ -114,6 +127,33 @@ def _measured(domain: int, pid: int, requests: int) -> dict[str, dict[str, float
             "memory_growth_mib": round(growth, 2),
         },
     }
+
+
+def _delayed(domain: int, requests: int, alone: float) -> dict[str, dict[str, float]]:
+    """Measure round trips while another client asks one worst-case request after the other."""
+    with _clients(domain, [REFINE]) as clients:
+        time.sleep(_UNTIL_ASKED)
+        (times,) = _times(clients, requests, _WARM_UP)
+    row = {**_row(times, times), "max_ms": round(max(times), 3)}
+    delay = {"p99_delay_ms": round(row["p99_ms"] - alone, 3), "limit_p99_delay_ms": LIMIT_DELAY_MS}
+    return {"beside worst-case requests": {"requests": requests, **row, **delay}}
+
+
+def _ask_the_worst() -> None:
+    """Ask for all that may be free in the longest chain, again and again, until the process is ended."""
+    library = TopLibrary(load_robot())
+    calls = [
+        TopCall(library[top], Goal(Pose(0.1 * i, 0.2, 0.3), 0.0, library[top].point), frozenset())
+        for i, top in enumerate(["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2))
+    ]
+    world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
+    request = RefineSubgoal.Request(
+        situation=conversions.situation_of(world, frame=_FRAME),
+        chain=conversions.chain_of(TopChain(tuple(calls)), action_set="", frame=_FRAME),
+    )
+    with _clients(int(os.environ["ROS_DOMAIN_ID"]), [REFINE]) as (client,):
+        while True:
+            client.call(request, timeout_sec=_PATIENCE)
 
 
 def _row(times: Sequence[float], empty: Sequence[float]) -> dict[str, float]:
@@ -180,6 +220,8 @@ def resident_mib(pid: int) -> float:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] == [WORST]:
+        _ask_the_worst()
     if len(sys.argv) < 2 or sys.argv[1] not in YARDSTICKS:
         sys.exit(f"bench_service: expected one of {', '.join(YARDSTICKS)}")
     run_node(functools.partial(yardstick, sys.argv.pop(1)))

@@ -123,6 +123,11 @@ class Client:
             request.position.point.x, request.position.point.y = ball
             assert self.call(PlaceBall, "place_ball", request).success
 
+    def within(self, do: Callable[[], Any]) -> Any:
+        """Do something in the thread that spins: rclpy's action client loses answers that outrun a caller."""
+        task = self._executor.create_task(do)
+        return self.eventually(task.done, "a task") and task.result()
+
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown()

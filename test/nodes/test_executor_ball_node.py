@@ -33,7 +33,7 @@ def chains(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ChainClient]:
     with domain_coordinator.domain_id() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         processes.start("simulation")
-        processes.start("refinement", gate=False)
+        processes.start("refinement", gate=False, deadline=5.0)
         processes.start(
             "executor", odom_timeout=5.0, ball_timeout=0.5, start_timeout=60.0, refinement_timeout=20.0
         )

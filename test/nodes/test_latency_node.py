@@ -44,7 +44,7 @@ def test_a_latency_that_is_foreseen_costs_little_and_the_ball_stays(start: Start
 
 def test_the_chain_of_the_paper_succeeds_with_late_states(start: Start, client: Client) -> None:
     start("simulation", real_time_factor=0.0, command_wait=SLOWLY, latency=LATENCY)
-    start("refinement")
+    start("refinement", deadline=5.0)
     start("executor", odom_timeout=5.0, refinement_timeout=20.0, latency=LATENCY)
     outcome = ChainClient(client).send(chain_of_the_paper(), refine=True).outcome()
     assert outcome.code == Outcome.SUCCEEDED, outcome

@@ -48,7 +48,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory, models: Path) -> Iterator[t
     """Give one node for the tests that need nothing special, and a client of it."""
     with domain_coordinator.domain_id() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
-        yield processes.start("refinement", models=models), client
+        yield processes.start("refinement", models=models, deadline=20.0), client
         client.close()
         processes.kill()
 
@@ -231,7 +231,7 @@ def test_nonsense_is_refused_and_the_node_goes_on(shared: tuple[Process, Client]
     assert not response.accepted
     assert not response.refined
     assert NONSENSE[change] in response.reason
-    assert len(response.chain.calls) == len(request.chain.calls)
+    assert len(response.chain.calls) == (0 if change is enormous_chain else len(request.chain.calls))
     assert refine(client, request_of_the_paper(yaw=3.0)).accepted
     assert "Traceback" not in node.output
 

@@ -1,0 +1,164 @@
+"""The nodes under more than they can take: every request and goal is answered or refused."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import domain_coordinator
+import pytest
+from load import heavy_request, short_request
+from process import PATIENCE, Process, Processes
+from rclpy.action import ActionClient
+from ros_client import Client
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import Outcome
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.nodes.deferred_action import GOALS_AT_ONCE
+from ator_ros.nodes.qos import SERVICES
+from ator_ros.tools.bench_service import resident_mib
+
+pytestmark = pytest.mark.node
+
+Nodes = tuple[Processes, Process, Process, Client]
+
+
+@pytest.fixture(scope="module")
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    """Give processes, one of refinement and one of executor, and a client of them."""
+    with domain_coordinator.domain_id() as domain:
+        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
+        yield processes, processes.start("refinement"), processes.start("executor"), client
+        client.close()
+        processes.kill()
+
+
+@pytest.fixture
+def asker(nodes: Nodes) -> Any:
+    """Give a client of refine_subgoal with room for many answers."""
+    client = nodes[-1].node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
+    assert client.wait_for_service(timeout_sec=PATIENCE)
+    return client
+
+
+def answers(futures: Sequence[Any], patience: float = PATIENCE) -> list[Any]:
+    """Give the answers that come in time."""
+    end = time.monotonic() + patience
+    while time.monotonic() < end and not all(future.done() for future in futures):
+        time.sleep(0.01)
+    return [future.result() for future in futures if future.done()]
+
+
+def burst(asker: Any, nodes: Nodes, requests: int) -> None:
+    """Send many requests at once: all are answered, some as busy, and memory stays as it is."""
+    pid = nodes[1].pid
+    answers([asker.call_async(short_request()) for _ in range(requests)])
+    before = resident_mib(pid)
+    told = answers([asker.call_async(short_request()) for _ in range(requests)])
+    assert len(told) == requests
+    assert all(answer.reason.startswith("busy: ") for answer in told if not answer.accepted)
+    assert any(answer.accepted for answer in told)
+    assert not all(answer.accepted for answer in told)
+    assert resident_mib(pid) - before < 20.0
+
+
+def test_each_of_many_requests_is_answered_or_refused_as_busy(asker: Any, nodes: Nodes) -> None:
+    burst(asker, nodes, 100)
+
+
+def test_a_long_chain_is_answered_at_its_deadline_and_says_so(asker: Any) -> None:
+    answer = asker.call(heavy_request(), timeout_sec=PATIENCE)
+    assert answer.accepted
+    assert answer.cut_short
+    assert "deadline" in answer.reason
+    assert answer.cost_after <= answer.cost_before
+    assert answer.computation_time < 2.0  # 9 s without a deadline; the machine may be busy
+
+
+def test_ten_megabytes_are_refused_in_a_short_line(asker: Any) -> None:
+    request = short_request()
+    request.chain.calls[0].top = "\x1b" * 10_000_000
+    answer = asker.call(request, timeout_sec=PATIENCE)
+    assert not answer.accepted
+    assert len(answer.reason) <= 200
+    assert not answer.chain.calls
+
+
+def goals(nodes: Nodes, number: int) -> None:
+    """Send many goals at once: each is accepted or rejected, and each accepted one has a result."""
+    client, services = nodes[-1], ("goal", "result", "cancel")
+    depths = {f"{name}_service_qos_profile": SERVICES for name in services}
+    server = ActionClient(client.node, ExecuteChain, "execute_chain", **depths)
+    assert server.wait_for_server(timeout_sec=PATIENCE)
+    goal = ExecuteChain.Goal(chain=short_request().chain)
+    handles = answers(client.within(lambda: [server.send_goal_async(goal) for _ in range(number)]))
+    assert len(handles) == number
+    accepted = [handle for handle in handles if handle.accepted]
+    assert min(number, GOALS_AT_ONCE) <= len(accepted) < number
+    canceled = answers(client.within(lambda: [handle.cancel_goal_async() for handle in accepted]))
+    assert len(canceled) == len(accepted)
+    results = answers(client.within(lambda: [handle.get_result_async() for handle in accepted]))
+    codes = [result.result.outcome.code for result in results]
+    assert len(codes) == len(accepted)
+    assert codes.count(Outcome.PREEMPTED) >= len(accepted) - 1  # the last may be canceled, or lacks odom
+    server.destroy()
+
+
+def test_each_of_many_goals_is_accepted_or_rejected_and_has_its_result(nodes: Nodes) -> None:
+    goals(nodes, 100)
+
+
+@pytest.mark.long
+def test_a_burst_of_five_hundred(asker: Any, nodes: Nodes) -> None:
+    burst(asker, nodes, 500)
+    time.sleep(5.0)  # until as many goals may be sent again
+    goals(nodes, 500)
+
+
+@pytest.mark.long
+def test_a_thousand_requests_a_second_for_four_seconds(asker: Any, nodes: Nodes) -> None:
+    before, began, sent = resident_mib(nodes[1].pid), time.monotonic(), []
+    for number in range(4000):
+        time.sleep(max(0.0, began + number / 1000.0 - time.monotonic()))
+        sent.append(asker.call_async(short_request()))
+    assert len(answers(sent)) == len(sent)
+    assert resident_mib(nodes[1].pid) - before < 20.0
+
+
+@pytest.mark.long
+def test_twenty_clients_at_once_are_all_answered(nodes: Nodes) -> None:
+    clients = [Client(nodes[-1].domain) for _ in range(20)]
+    try:
+        askers = [client.node.create_client(RefineSubgoal, "refine_subgoal") for client in clients]
+        assert all(asker.wait_for_service(timeout_sec=PATIENCE) for asker in askers)
+        time.sleep(2.0)
+        for _ in range(10):
+            told = answers([asker.call_async(short_request()) for asker in askers])
+            assert len(told) == len(askers)
+            assert all(answer.accepted for answer in told)
+    finally:
+        for client in clients:
+            client.close()
+
+
+@pytest.mark.long
+def test_clients_that_die_delay_nobody(asker: Any, nodes: Nodes) -> None:
+    def times() -> list[float]:
+        taken = []
+        for _ in range(50):
+            began = time.monotonic()
+            assert asker.call(short_request(), timeout_sec=PATIENCE).accepted
+            taken.append(time.monotonic() - began)
+        return taken
+
+    alone = statistics.median(times())
+    floods = [nodes[0].program("load.py", "500") for _ in range(3)]
+    time.sleep(5.0)
+    for flood in floods:
+        flood.kill()
+    assert statistics.median(times()) < 3.0 * alone + 0.02
+    assert nodes[1].running
+    assert "Traceback" not in nodes[1].output
