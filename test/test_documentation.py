@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import re
@@ -9,7 +10,6 @@ import shlex
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -72,6 +72,7 @@ NOT_HERE = {
 """Commands, as regular expressions, that no test executes, and why."""
 
 
+@functools.cache
 def made_again() -> list[set[str]]:
     """Return the words of each command of scripts/reproduce at its full size, paths by their last part."""
     text = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8").replace("\\\n", " ")
@@ -97,20 +98,23 @@ def tool_words(text: str) -> list[str] | None:
     return words if words[0] in TOOLS else None
 
 
-def runnable() -> Iterator[str]:
-    """Yield the commands of our tools that are to be executed as they are printed, with `SMALL` words."""
+@functools.cache
+def runnable() -> list[str]:
+    """Return the commands of our tools that are to be executed as they are printed, with `SMALL` words."""
+    found = set()
     for printed in commands():
         named = " " not in printed.text and printed.page != "README.md"  # elsewhere a name in a sentence
         other = any(re.fullmatch(key, printed.text) for key in BY_TEST)
         if tool_words(printed.text) and not (named or other or "…" in printed.text):
-            yield printed.text
+            found.add(printed.text)
+    return sorted(found)
 
 
 def ways(printed: Printed) -> list[str]:
     """Return how a command is executed, or why not; empty if nothing is said about it."""
     found = [way for key, way in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
     found += ["scripts/reproduce"] * is_made_again(printed.text)
-    found += ["test_a_printed_tool_runs"] * (printed.text in set(runnable()))
+    found += ["test_a_printed_tool_runs"] * (printed.text in runnable())
     found += ["a name in a sentence"] * (printed.text in TOOLS)
     return found
 
@@ -151,7 +155,7 @@ def run(words: list[str], cwd: Path, allowed: tuple[int, ...] = (0,)) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("text", sorted(set(runnable())))
+@pytest.mark.parametrize("text", runnable())
 def test_a_printed_tool_runs(text: str, workshop: Path) -> None:
     words = tool_words(text)
     assert words is not None
