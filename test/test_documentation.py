@@ -17,9 +17,9 @@ from documentation import ROOT, TOOLS, Printed, commands
 
 BIN = ROOT / "install" / "lib" / "ator_ros"
 SMALL = {
-    "collect": "--episodes 60 --jobs 1",
+    "collect": "--episodes 30 --jobs 1",
     "train": "",
-    "gate": "--situations 8 --models models --experience experience.parquet --work work --jobs 1",
+    "gate": "--situations 10 --models models --experience experience.parquet --work work --jobs 1",
     "evaluate": "--situations 2 --oracle 2 --out results --jobs 1",
     "qualify": "--situations 4 --turned 4 --pairs 2 --out actions.json --jobs 1",
     "bench": "--parts simulation refinement --out benchmarks.json",
@@ -142,7 +142,7 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(ROOT / "models", folder / "models")
     shutil.copytree(ROOT / "docs" / "ruler", folder / "ruler")
     for seed, name in (("101", "experience"), ("211", "fresh")):
-        run(["collect", "--seed", seed, "--episodes", "60", "--out", f"{name}.parquet"], folder)
+        run(["collect", "--seed", seed, "--episodes", "30", "--out", f"{name}.parquet"], folder)
     run(["train", "experience.parquet", "--models", "my_models"], folder)
     return folder
 
