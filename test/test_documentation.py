@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import re
@@ -9,7 +10,6 @@ import shlex
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,9 +17,9 @@ from documentation import ROOT, TOOLS, Printed, commands
 
 BIN = ROOT / "install" / "lib" / "ator_ros"
 SMALL = {
-    "collect": "--episodes 60 --jobs 1",
+    "collect": "--episodes 30 --jobs 1",
     "train": "",
-    "gate": "--situations 8 --models models --experience experience.parquet --work work --jobs 1",
+    "gate": "--situations 10 --models models --experience experience.parquet --work work --jobs 1",
     "evaluate": "--situations 2 --oracle 2 --out results --jobs 1",
     "qualify": "--situations 4 --turned 4 --pairs 2 --out actions.json --jobs 1",
     "bench": "--parts simulation refinement --out benchmarks.json",
@@ -44,7 +44,9 @@ BY_TEST = {
     r"scripts/run python test/nodes/fuzz_refinement\.py .*": "test_documentation.py::test_the_fuzz_runs",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
     r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",
-    r"ros2 (service|action|topic) .*": f"{_ROS}::test_the_printed_requests",
+    r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
+    r"ros2 action send_goal .*": f"{_ROS}::test_the_printed_requests",
+    r"ros2 topic echo .*/performance/(action|chain) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*real_time_factor.*": f"{_ROS}::test_the_printed_requests",
     r"(cp -rL|ros2 launch ator_ros) .*my_config": f"{_ROS}::test_a_copy_of_the_configuration_is_honoured",
     r"cd ~/ws && git clone .*": f"{_ROS}::test_a_workspace_is_built",
@@ -72,6 +74,7 @@ NOT_HERE = {
 """Commands, as regular expressions, that no test executes, and why."""
 
 
+@functools.cache
 def made_again() -> list[set[str]]:
     """Return the words of each command of scripts/reproduce at its full size, paths by their last part."""
     text = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8").replace("\\\n", " ")
@@ -97,20 +100,23 @@ def tool_words(text: str) -> list[str] | None:
     return words if words[0] in TOOLS else None
 
 
-def runnable() -> Iterator[str]:
-    """Yield the commands of our tools that are to be executed as they are printed, with `SMALL` words."""
+@functools.cache
+def runnable() -> list[str]:
+    """Return the commands of our tools that are to be executed as they are printed, with `SMALL` words."""
+    found = set()
     for printed in commands():
         named = " " not in printed.text and printed.page != "README.md"  # elsewhere a name in a sentence
         other = any(re.fullmatch(key, printed.text) for key in BY_TEST)
         if tool_words(printed.text) and not (named or other or "…" in printed.text):
-            yield printed.text
+            found.add(printed.text)
+    return sorted(found)
 
 
 def ways(printed: Printed) -> list[str]:
     """Return how a command is executed, or why not; empty if nothing is said about it."""
     found = [way for key, way in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
     found += ["scripts/reproduce"] * is_made_again(printed.text)
-    found += ["test_a_printed_tool_runs"] * (printed.text in set(runnable()))
+    found += ["test_a_printed_tool_runs"] * (printed.text in runnable())
     found += ["a name in a sentence"] * (printed.text in TOOLS)
     return found
 
@@ -136,7 +142,7 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(ROOT / "models", folder / "models")
     shutil.copytree(ROOT / "docs" / "ruler", folder / "ruler")
     for seed, name in (("101", "experience"), ("211", "fresh")):
-        run(["collect", "--seed", seed, "--episodes", "60", "--out", f"{name}.parquet"], folder)
+        run(["collect", "--seed", seed, "--episodes", "30", "--out", f"{name}.parquet"], folder)
     run(["train", "experience.parquet", "--models", "my_models"], folder)
     return folder
 
@@ -151,7 +157,7 @@ def run(words: list[str], cwd: Path, allowed: tuple[int, ...] = (0,)) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("text", sorted(set(runnable())))
+@pytest.mark.parametrize("text", runnable())
 def test_a_printed_tool_runs(text: str, workshop: Path) -> None:
     words = tool_words(text)
     assert words is not None
