@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from ator_ros.actions.base import ActionError, Goal, Point, Status
+from ator_ros.actions.base import ActionError, Goal, Status
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.actions.planned import planning
 from ator_ros.actions.planned.clearance import Obstacles, is_clear
@@ -61,7 +61,7 @@ def test_many_manoeuvres_are_judged_as_single_ones_are(forward_only: bool) -> No
                 assert not is_clear(one, obstacles, ROBOT)
             elif one is not None and allowed:  # nearly all that are left open are free
                 seen[Verdict.OPEN] -= not is_clear(one, obstacles, ROBOT)
-    assert seen.min() > 5, "expected some of each verdict"
+    assert seen.min() > 2, "expected some of each verdict"
 
 
 def test_no_tick_plans_for_more_than_a_slice(monkeypatch: pytest.MonkeyPatch) -> None:
