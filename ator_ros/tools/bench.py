@@ -1,7 +1,7 @@
 """Measure speeds and learners against what they must be.
 
-The parts: simulation, planning, refinement (the core's), service, collection (of experience), and learners:
-our model tree beside others on the same rows.
+The parts: simulation, planning (the longest ticks), refinement (the core's), service, collection (of
+experience), and learners: our model tree beside others on the same rows.
 """
 
 from __future__ import annotations

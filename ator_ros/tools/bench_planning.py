@@ -25,6 +25,8 @@ def measure(situations: int = 120) -> dict[str, dict[str, float]]:
     robot, results = load_robot(), {}
     for name, actions in ACTION_SETS.items():
         longest = []
+        for action, world, goal in hard_situations(robot, 8, seed=16):  # as nodes do before they are ready
+            tick_times(actions[action](robot), world, goal)
         for action, world, goal in hard_situations(robot, situations, seed=17):
             longest.append(max(tick_times(actions[action](robot), world, goal)))
         results[f"longest executor tick, {name}"] = {
@@ -91,11 +93,8 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
             world = World(0.0, RobotState(pose, v), BallState(ball.x, ball.y))
             side = 1 if rng.random() < 0.5 else -1
             mouth = Goal(Pose(*field.goal_centre(side), 0.0), 0.0, Point.HOLD)
-            yield (
-                ("shoot", world, mouth)
-                if kind == 2
-                else ("dribbleBall", world, Goal(at_post(), 0.0, Point.HOLD))
-            )
+            post = Goal(at_post(), 0.0, Point.HOLD)
+            yield ("shoot", world, mouth) if kind == 2 else ("dribbleBall", world, post)
 
 
 def _after(robot: Robot, world: World, command: Command) -> World:

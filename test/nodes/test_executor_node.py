@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+import time
 from collections.abc import Callable, Iterator
 
 import domain_coordinator
@@ -125,6 +126,16 @@ def test_cancel_stops_the_robot(chains: ChainClient) -> None:
     assert chains.ros.robot().pose.distance(pose) < 0.03
 
 
+def test_cancel_is_answered_while_a_way_is_looked_for(chains: ChainClient) -> None:
+    sent = chains.send([call("goToPose", Pose(4.0, 1.0, 0.0))])  # a post: every way touches it
+    time.sleep(0.15)
+    began = time.monotonic()
+    future = sent.handle.cancel_goal_async()
+    chains.ros.eventually(future.done, "an answer to cancel")
+    assert time.monotonic() - began < 1.0  # it takes some 0.02 s, but machines are busy
+    assert sent.outcome().code in {Outcome.CANCELED, Outcome.FAILED}
+
+
 @pytest.mark.parametrize(
     ("calls", "expected"),
     [
@@ -133,6 +144,7 @@ def test_cancel_stops_the_robot(chains: ChainClient) -> None:
         ([], "chain.calls: expected 1 to 32 items, got 0"),
         ([call("fly", Pose(0.0, 0.0, 0.0))], "chain.calls[0].top: expected one of"),
         ([call("goToPose", Pose(math.nan, 0.0, 0.0))], "expected a finite number"),
+        ([call("goToPose", Pose(1000.0, 0.0, 0.0))], "expected a finite number from -10 to 10 m, got 1000"),
     ],
 )
 def test_an_impossible_chain_is_refused_in_words(chains: ChainClient, calls: list, expected: str) -> None:

@@ -26,7 +26,7 @@ _DOUBT = 1e-8  # m, s or m/s within which the exact look decides
 
 _SAMPLES = 32_000  # of trajectories, in a portion of work
 _LARGEST = 64  # manoeuvres in a portion
-PORTION_POINTS = 3
+PORTION_POINTS = 4
 """What a portion costs in points of planning, see `planning`."""
 
 
@@ -48,7 +48,7 @@ def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.
         yield order[:size]
         order = order[size:]
         if len(order):
-            size = max(2, min(4 * size, _LARGEST, int(_SAMPLES * DT / max(times[order[0]], DT))))
+            size = max(2, min(16 * size, _LARGEST, int(_SAMPLES * DT / max(times[order[0]], DT))))
 
 
 def look_points(duration: float) -> int:

@@ -1,0 +1,196 @@
+"""Planning in portions: many manoeuvres are judged as single ones are, and no tick plans for long."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from ator_ros.actions.base import ActionError, Goal, Status
+from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.actions.planned import planning
+from ator_ros.actions.planned.clearance import Obstacles, is_clear
+from ator_ros.actions.planned.go_to_pose import GoToPose
+from ator_ros.actions.planned.manoeuvre import closed
+from ator_ros.actions.planned.planned_action import PlannedAction
+from ator_ros.actions.planned.planner import free_sides, run_sides
+from ator_ros.actions.planned.screening import Verdict, screened
+from ator_ros.actions.planned.search import find_candidates
+from ator_ros.geometry import Pose
+from ator_ros.robot import load_robot
+from ator_ros.tools.bench_planning import hard_situations
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.executor import ChainExecutor
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world import STOP, BallState, RobotState, World
+
+ROBOT = load_robot()
+LIMITS = GoToPose(ROBOT).plan_limits
+LARGEST_PORTION = 12  # points
+
+
+def hard_worlds(count: int, seed: int) -> list[tuple[World, Goal]]:
+    found = hard_situations(ROBOT, 4 * count, seed)
+    return [(world, goal) for action, world, goal in found if action == "goToPose"]
+
+
+@pytest.mark.parametrize("forward_only", [False, True])
+def test_many_manoeuvres_are_judged_as_single_ones_are(forward_only: bool) -> None:
+    rng, seen = np.random.default_rng(5), np.zeros(3, dtype=int)
+    free = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0))), Goal(Pose(1.5, -1.0, 0.0))
+    for world, goal in (*hard_worlds(6, seed=41), free):
+        run = 0.25 * float(rng.integers(2))
+        sides = run_sides(LIMITS, 0.3, run) if run else free_sides(LIMITS, 0.0, 0.0)
+        start = world.robot.pose
+        candidates = find_candidates(start, goal.pose, free_sides(LIMITS, world.robot.v, 0.0), sides, LIMITS)
+        which = rng.permutation(min(400, len(candidates)))[:30]
+        obstacles = Obstacles(world.ball, 0.04, run)
+        longest = candidates.times[which] + 0.03
+        verdicts = screened(candidates.bundle(which), longest, obstacles, ROBOT, forward_only=forward_only)
+        for index, most, verdict in zip(which, longest, verdicts, strict=True):
+            seen[verdict] += 1
+            one = closed(candidates[int(index)])
+            allowed = one is not None and one.duration <= most and (one.is_forward() or not forward_only)
+            if verdict == Verdict.IMPOSSIBLE:
+                assert not allowed
+            elif verdict == Verdict.TOUCHES:
+                assert one is not None
+                assert allowed
+                assert not is_clear(one, obstacles, ROBOT)
+            elif one is not None and allowed:  # nearly all that are left open are free
+                seen[Verdict.OPEN] -= not is_clear(one, obstacles, ROBOT)
+    assert seen.min() > 2, "expected some of each verdict"
+
+
+def test_no_tick_plans_for_more_than_a_slice(monkeypatch: pytest.MonkeyPatch) -> None:
+    spent = {0.0: 0}
+    original = planning.Search.advance
+
+    def counted(self: planning.Search, time: float):  # type: ignore[no-untyped-def]
+        inner = self._planning
+
+        def watched():  # type: ignore[no-untyped-def]
+            while True:
+                try:
+                    portion = next(inner)
+                except StopIteration as done:
+                    return done.value
+                if isinstance(portion, int):
+                    assert portion <= LARGEST_PORTION
+                    spent[time] = spent.get(time, 0) + portion
+                yield portion
+
+        self._planning = watched()
+        try:
+            return original(self, time)
+        finally:
+            self._planning = inner
+
+    monkeypatch.setattr(planning.Search, "advance", counted)
+    long = 0
+    for name, world, goal in hard_situations(ROBOT, 8, seed=3):
+        spent.clear()
+        action = ACTION_SETS["default"][name](ROBOT)
+        try:
+            action.start(world, goal)
+            for tick in range(1, 60):
+                if action.step(world).status is not Status.RUNNING or not action.planning:
+                    break
+                world = World(0.05 * tick, RobotState(world.robot.pose), world.ball)
+        except ActionError:
+            pass
+        assert max(spent.values(), default=0) < planning.SLICE + LARGEST_PORTION
+        long += len(spent) > 1
+    assert long > 1, "expected plans that take several ticks"
+
+
+def planned_at_once(world: World, goal: Goal, monkeypatch: pytest.MonkeyPatch) -> PlannedAction:
+    with monkeypatch.context() as patch:
+        patch.setattr(planning, "SLICE", 10**9)
+        action = GoToPose(ROBOT)
+        action.start(world, goal)
+    return action
+
+
+def hard_way(monkeypatch: pytest.MonkeyPatch) -> tuple[World, Goal, PlannedAction]:
+    """Find a situation at rest with a way that takes several slices to find."""
+    for drawn, goal in hard_worlds(60, seed=6):
+        world = dataclasses.replace(
+            drawn,
+            robot=RobotState(drawn.robot.pose),
+            ball=drawn.ball and BallState(drawn.ball.x, drawn.ball.y),
+        )
+        action = GoToPose(ROBOT)
+        try:
+            action.start(world, goal)
+            if action.planning:
+                return world, goal, planned_at_once(world, goal, monkeypatch)
+        except ActionError:
+            continue
+    raise AssertionError("expected such a situation")
+
+
+def test_a_robot_at_rest_waits_for_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, goal, at_once = hard_way(monkeypatch)
+    action = GoToPose(ROBOT)
+    action.start(world, goal)
+    first = action.step(world)
+    assert (first.command, first.status, first.message) == (STOP, Status.RUNNING, "planning")
+    ticks = 0
+    while action.planning:
+        ticks += 1
+        step = action.step(World(0.05 * ticks, world.robot, world.ball))
+    assert ticks > 1
+    assert step.message == "planned"
+    poses = [each._tracker.trajectory.poses() for each in (action, at_once)]
+    assert np.array_equal(*poses)
+
+
+def test_a_robot_in_motion_brakes_and_plans_from_where_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, goal, _ = hard_way(monkeypatch)
+    monkeypatch.setattr(planning, "SLICE", 1)
+    action, speed, time = GoToPose(ROBOT), 0.4, 0.0
+    pose = world.robot.pose.ahead(-(speed**2) / (2.0 * LIMITS.brake))
+    action.start(World(0.0, RobotState(pose, speed), world.ball), goal)
+    speeds = []
+    while speed > 0.0:
+        step = action.step(World(time, RobotState(pose, speed), world.ball))
+        assert step.message == "planning"
+        assert 0.0 < speed - step.command.v <= LIMITS.brake * 0.05 + 1e-9 or step.command.v == 0.0
+        speed, time = step.command.v, time + 0.05
+        pose = pose.ahead(0.05 * speed)
+        speeds.append(speed)
+    assert len(speeds) == pytest.approx(0.4 / LIMITS.brake / 0.05, abs=1)
+    monkeypatch.setattr(planning, "SLICE", 10**9)
+    action.step(World(time, RobotState(pose), world.ball))
+    assert not action.planning
+    assert action._tracker.trajectory.at(0.0).pose.distance(pose) < 1e-9
+
+
+def test_a_robot_keeps_to_its_plan_while_another_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    action = GoToPose(ROBOT)
+    action.start(World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), BallState(2.0, 0.0)), Goal(Pose(3.0, 1.5, 0.0)))
+    monkeypatch.setattr(planning, "SLICE", 1)
+    moved = BallState(2.2, 0.0)
+    planned = action._tracker.trajectory.at(0.5)
+    step = action.step(World(0.5, planned, moved))
+    assert "keeping to the plan while planning" in step.message
+    assert step.command.v > 0.1
+    monkeypatch.setattr(planning, "SLICE", 10**9)
+    step = action.step(World(0.55, action._tracker.trajectory.at(0.55), moved))
+    assert step.message == "there is another way; planning"
+    assert action.planning
+
+
+def test_a_tick_begins_one_action_at_most() -> None:
+    library = TopLibrary(ROBOT)
+    here = Pose(1.0, 0.5, 0.3)
+    call = TopCall(library["goToPose"], Goal(here), frozenset({"x", "y", "yaw", "speed"}))
+    executor = ChainExecutor(library, TopChain((call,) * 5))
+    for tick in range(1, 5):
+        step = executor.step(World(0.05 * tick, RobotState(here)))
+        assert step.status is Status.RUNNING
+        assert len(executor.records) <= tick
+    assert math.isclose(step.elapsed, 0.15)
