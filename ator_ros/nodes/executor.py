@@ -120,7 +120,7 @@ class ExecutorNode(Node):
     def _take_odom(self, message: Odometry) -> None:
         now = time.monotonic()
         try:
-            world = self._inputs.robot(*conversions.robot_from(message, frame=self._settings["frame"]))
+            world = self._inputs.robot(*conversions.robot_from(message, frame=self._settings["frame"]), now)
         except (MessageError, StampError) as error:
             self._note(f"ignored: {error}")
             return

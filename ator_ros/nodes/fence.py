@@ -133,7 +133,7 @@ class FenceWatch:
         return period + self._robot.motor_time_constant
 
     def _outside(self, robot: RobotState, way: float, *, bend: bool = False) -> float:
-        """Return how far outside in m the robot is `way` m on, straight ahead or in the bend that it drives."""
+        """Return how far outside in m the robot is `way` m on, straight ahead or in the bend it drives."""
         turned = clip(way * robot.w / robot.v, math.pi) if bend and robot.v != 0.0 else 0.0
         chord = way * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
         yaw = robot.pose.yaw + turned / 2.0
