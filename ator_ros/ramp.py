@@ -23,6 +23,11 @@ def ramped(speeds: Command, target: Command, dt: float, limits: Limits) -> Comma
     )
 
 
+def stopping_way(v: float) -> float:
+    """Return the way in m, with the sign of `v` (m/s), until the base stands once it is told to stop."""
+    return v * abs(v) / (2.0 * (_STOP_BACKWARD if v < 0.0 else _STOP_FORWARD).v)
+
+
 def clip(value: float, bound: float) -> float:
     """Give `value`, brought into [-bound, bound]."""
     return max(-bound, min(bound, value))

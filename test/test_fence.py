@@ -74,7 +74,7 @@ def test_a_ball_that_leaves_ends_the_goal_by_that_name() -> None:
 def test_a_robot_that_would_leave_stands_before(speed: float) -> None:
     """It comes fast, its goal beside the edge: no plan can brake in time."""
     small = Fence(-3.0, -3.0, 1.0, 3.0)
-    x = 1.0 - 0.8 * speed**2 / (2.0 * ROBOT.limits.brake)
+    x = 1.0 - 0.4 * speed**2 / (2.0 * ROBOT.limits.brake)
     start = World(0.0, RobotState(Pose(x, 0.0, 0.0), speed))
     done = drive(LIBRARY, start, chain(("goToPose", Pose(0.9, 2.0, math.pi / 2))), fence=small)
     assert done.ending is Ending.OUT_OF_BOUNDS

@@ -190,3 +190,9 @@ def test_a_velocity_that_contradicts_the_positions_is_replaced_and_named_once() 
     assert world is not None
     assert world.ball == BallState(1.0, 0.0)
     assert len([words for words in said if words]) == 1
+
+
+def test_a_simulation_that_runs_far_ahead_of_real_time_is_no_jump() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    for tick in range(20):  # 300 times as fast as real time, and we are busy with other things
+        assert both.robot(1.0 + 60.0 * tick, robot, 0.2 * tick) is not None

@@ -119,7 +119,7 @@ class ExecutorNode(Node):
         now = time.monotonic()
         try:
             read = conversions.robot_from(message, frame=self._settings["frame"], bounds=self._bounds)
-            world = self._inputs.robot(*read)
+            world = self._inputs.robot(*read, now)
         except (MessageError, StampError) as error:
             self._note(f"ignored: {error}")
             return

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Point
+from ator_ros.ramp import clip, stopping_way
 from ator_ros.robot import Robot
 from ator_ros.tops.ball import at_ball, at_rest, drives_to_ball, has_left, is_at_front
 from ator_ros.tops.chain import TopCall, TopChain
@@ -114,21 +115,29 @@ class FenceWatch:
         pose = world.robot.pose
         here = self._fence.outside(pose.x, pose.y)
         self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
-        x, y = self._stands_at(world.robot, world.time)
-        if self._fence.outside(x, y) <= self._allowed:
+        robot, reach = world.robot, self._reaction(world.time) * abs(world.robot.v)
+        stop = math.copysign(abs(stopping_way(robot.v)) + reach, robot.v)
+        brake = math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake) + reach, robot.v)
+        curved = max(self._outside(robot, share * brake, bend=True) for share in (0.5, 1.0))
+        if max(self._outside(robot, stop), min(self._outside(robot, brake), curved)) <= self._allowed:
             return None
         return (
-            f"the robot would leave the {self._fence}: at x {pose.x:.2f} m, y {pose.y:.2f} m with "
-            f"{world.robot.v:.2f} m/s it would stand only at x {x:.2f} m, y {y:.2f} m"
+            f"the robot would leave the {self._fence}: it drives at {robot.v:.2f} m/s from x {pose.x:.2f} m, "
+            f"y {pose.y:.2f} m, {math.degrees(pose.yaw):.0f} degrees, and could not stand inside"
         )
 
-    def _stands_at(self, robot: RobotState, time: float) -> tuple[float, float]:
-        """Return where the robot would stand if it began to brake with the next state, straight ahead."""
+    def _reaction(self, time: float) -> float:
+        """Return the time in s from this state until a command that answers the next one is followed."""
         period = 0.0 if self._time is None else min(time - self._time, 0.1)
         self._time = time
-        reaction = period + self._robot.motor_time_constant
-        way = robot.v * reaction + math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake), robot.v)
-        return robot.pose.x + way * math.cos(robot.pose.yaw), robot.pose.y + way * math.sin(robot.pose.yaw)
+        return period + self._robot.motor_time_constant
+
+    def _outside(self, robot: RobotState, way: float, *, bend: bool = False) -> float:
+        """Return how far outside in m the robot is `way` m on, straight ahead or in the bend it drives."""
+        turned = clip(way * robot.w / robot.v, math.pi) if bend and robot.v != 0.0 else 0.0
+        chord = way * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
+        yaw = robot.pose.yaw + turned / 2.0
+        return self._fence.outside(robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw))
 
     def _following(self, world: World, call: TopCall) -> str | None:
         """Return why not to follow the ball, once it has led out for long enough to be believed."""

@@ -12,7 +12,9 @@ from ator_ros.world import BallState, RobotState, World
 _BALLS_KEPT = 256
 _ROUNDING = 1e-6
 _JUMP = 20.0
-"""Time in s between two stamps that is another clock's: even simulations skip less while nothing is heard."""
+"""Time in s between two stamps that is another clock's, if it came at once."""
+_FASTEST = 1000.0
+"""Simulated seconds in a real one that are believed besides: simulations run at a few hundred."""
 _STALE = 1.0
 """Time in s for which all sights must be old before their clock is blamed: after a reset some are."""
 
@@ -54,6 +56,7 @@ class Inputs:
         self._balls: deque[tuple[float, BallState]] = deque(maxlen=_BALLS_KEPT)
         self._time: float | None = None
         self._ahead: float | None = None
+        self._came = 0.0
         self._forget()
 
     def _forget(self) -> None:
@@ -113,8 +116,10 @@ class Inputs:
                 f"{odometry - time:.2f} s behind: another clock"
             )
 
-    def robot(self, time: float, robot: RobotState) -> World | None:
+    def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
         """Take the robot's state with its stamp in s; return the world, or None if no time has passed.
+
+        `now` is the real time in s: between messages that come late, the stamps may advance far.
 
         Raises
         ------
@@ -124,8 +129,9 @@ class Inputs:
             The stamp is older than the one before, or the second one far ahead. What was known is forgotten:
             the next stamp counts.
         """
-        last = self._time
-        self._check_stamp(time, last)
+        last, most = self._time, _JUMP + _FASTEST * (now - self._came)
+        self._came = now
+        self._check_stamp(time, last, most)
         self._time, self._ahead = time, None
         # A ball that came before odometry of its time was heard at that time.
         self._ball_heard = max([self._ball_heard, *(stamp for stamp, _ in self._balls if stamp <= time)])
@@ -133,11 +139,11 @@ class Inputs:
             self._balls.popleft()
         return None if time == last else World(time, robot, self._ball_at(time))
 
-    def _check_stamp(self, time: float, last: float | None) -> None:
-        """Make sure that odometry's clock goes on from `last`."""
-        if last is None or 0.0 <= time - last <= _JUMP:
+    def _check_stamp(self, time: float, last: float | None, most: float) -> None:
+        """Make sure that odometry's clock goes on from `last`, by at most `most` s."""
+        if last is None or 0.0 <= time - last <= most:
             return
-        confirmed = self._ahead is not None and 0.0 <= time - self._ahead <= _JUMP
+        confirmed = self._ahead is not None and 0.0 <= time - self._ahead <= most
         if time > last and not confirmed:
             self._ahead = time
             raise StampError(
