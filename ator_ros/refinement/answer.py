@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_model import ChainPrediction
@@ -50,9 +51,12 @@ class Refinement:
     free : tuple of FreeVariable
         The variables that were free.
     before, after : ChainPrediction or None
-        Predictions for the chain of the request and for the best one found; None where nothing was free.
+        Predictions for `original` and `best`, corrected by the calibration; None where nothing was free.
     curves : tuple of SubgoalCurve
         What was searched.
+    features : mapping
+        What the gate decided from, see `ator_ros.refinement.gate.FEATURES`: of the predictions as they were
+        before they were corrected. Empty where nothing was free.
     """
 
     chain: TopChain
@@ -64,3 +68,4 @@ class Refinement:
     before: ChainPrediction | None = None
     after: ChainPrediction | None = None
     curves: tuple[SubgoalCurve, ...] = ()
+    features: Mapping[str, float] = field(default_factory=dict)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -10,6 +11,7 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.answer import Refinement, SubgoalCurve
+from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import (
@@ -46,6 +48,8 @@ class Refiner:
         Decides from the predictions whether refinement pays; by default it always does.
     domains : mapping, optional
         Goal variable to its domain.
+    calibration : Calibration, optional
+        What the models' predictions miss; it is added to what is reported, after everything is decided.
     """
 
     def __init__(
@@ -55,11 +59,13 @@ class Refiner:
         gate: Gate | None = None,
         *,
         domains: Mapping[str, Callable[[Robot, Goal], Domain]] = DOMAINS,
+        calibration: Calibration | None = None,
     ) -> None:
         self.robot = robot
         self.models = models
         self.gate = gate if gate is not None else OpenGate()
         self._domains = domains
+        self._calibration = (calibration or Calibration()).matching(models)
 
     def refine(self, world: World, chain: TopChain, objective: Objective | None = None) -> Refinement:
         """Find the best free variables of `chain` from the state `world`, and change it where that pays.
@@ -89,7 +95,17 @@ class Refiner:
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        return self._answer(world, chain, analysis.free, model, optimum, before, after)
+        answer = self._answer(world, chain, analysis.free, model, optimum, before, after)
+        return self._calibrated(world, answer, objective)
+
+    def _calibrated(self, world: World, answer: Refinement, objective: Objective) -> Refinement:
+        """Return the answer with predictions from which what they are known to miss is not missing."""
+
+        def corrected(prediction: ChainPrediction | None, chain: TopChain) -> ChainPrediction | None:
+            return self._calibration.corrected(prediction, world, chain, self.models, self.robot, objective)
+
+        before, after = corrected(answer.before, answer.original), corrected(answer.after, answer.best)
+        return dataclasses.replace(answer, before=before, after=after)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Give the chain that the paper compares with: each subgoal suits the action that leads to it alone.
@@ -184,12 +200,13 @@ class Refiner:
         for index, names in enumerate(model.names):
             if names:
                 best = _replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        pays, reason = self.gate.decide(gate_features(world, chain, best, before, after))
+        features = gate_features(world, chain, best, before, after)
+        pays, reason = self.gate.decide(features)
         changed = pays and best != chain
         if pays and not changed:
             reason = "the chain is the best already"
         answer = best if changed else chain
-        return Refinement(answer, changed, reason, chain, best, free, before, after, curves)
+        return Refinement(answer, changed, reason, chain, best, free, before, after, curves, features)
 
 
 def _replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:

@@ -1,0 +1,207 @@
+"""What predictions of actions in chains miss, and predictions without it.
+
+The models are learned from random starts. A chain that was chosen for its prediction is no random one: the
+search finds the situations in which the models predict too little, mostly those in which a leaf's linear
+model undercuts the time that is possible at the robot's limits. By how much actions of executed chains took
+longer than predicted is therefore learned by itself (`ator_ros.experiments.calibration_learning`), and added
+to what is reported. Which chain is best, and whether the gate lets it pass, is decided without it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ator_ros.performance.features import feature_table
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.projection import Columns, chain_situations
+from ator_ros.robot import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.world import World
+
+IDEAL_TIMES = ("drive_time", "dribble_time", "shot_time")
+"""Features that are the time in s of an action's ideal motion."""
+BEYOND = 1.0
+"""Difference in s between prediction and ideal time beyond which it means nothing more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One action of a chain, as its prediction is judged.
+
+    Attributes
+    ----------
+    direct : mapping
+        Direct variables.
+    predicted, spread : float
+        Its predicted duration and the standard deviation of actual ones about it, in s.
+    ideal : float
+        Time in s of the ideal motion; `predicted` where the model's features have none.
+    dist : float
+        Distance in m from the start to the destination.
+    """
+
+    direct: Columns
+    predicted: float
+    spread: float
+    ideal: float
+    dist: float
+
+
+def _below_ideal(step: Step) -> float:
+    return min(max(step.ideal - step.predicted, 0.0), BEYOND)
+
+
+#: What the shortfall is linear in, with units.
+TERMS: Mapping[str, tuple[Callable[[Step], float], str]] = MappingProxyType(
+    {
+        "below_ideal": (_below_ideal, "s"),
+        "below_ideal_v": (lambda step: _below_ideal(step) * float(step.direct["v"]), "m"),
+        "below_ideal_speedg": (lambda step: _below_ideal(step) * float(step.direct["speedg"]), "m"),
+        "above_ideal": (lambda step: min(max(step.predicted - step.ideal, 0.0), BEYOND), "s"),
+        "v": (lambda step: float(step.direct["v"]), "m/s"),
+        "speedg": (lambda step: float(step.direct["speedg"]), "m/s"),
+        "predicted": (lambda step: step.predicted, "s"),
+        "dist": (lambda step: step.dist, "m"),
+        "spread": (lambda step: step.spread, "s"),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Shortfall:
+    """By how much an action in a chain takes longer than predicted, on average: linear in `TERMS`.
+
+    Attributes
+    ----------
+    constant : float
+        In s.
+    slopes : mapping
+        Term to its coefficient, in s per unit of the term; terms that are not named count nothing.
+    low, high : float
+        Bounds in s of what is added.
+    model : str
+        Digest of the performance model whose predictions it belongs to, see `model_digest`.
+    """
+
+    constant: float
+    slopes: Mapping[str, float]
+    low: float
+    high: float
+    model: str
+
+    def of(self, step: Step) -> float:
+        """Return the expected shortfall of the prediction of `step` in s."""
+        value = self.constant + sum(slope * TERMS[name][0](step) for name, slope in self.slopes.items())
+        return min(max(value, self.low), self.high)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The shortfalls of the predictions of a set of performance models.
+
+    Attributes
+    ----------
+    shortfalls : mapping
+        Action name to shortfall; predictions of other actions stay as they are, and so do those of other
+        models than the shortfall was learned for.
+    """
+
+    shortfalls: Mapping[str, Shortfall] = field(default_factory=dict)
+
+    def matching(self, models: Mapping[str, Any]) -> Calibration:
+        """Return the part that belongs to `models` (action name to performance model)."""
+        return Calibration(
+            {
+                action: shortfall
+                for action, shortfall in self.shortfalls.items()
+                if model_digest(models.get(action)) == shortfall.model
+            }
+        )
+
+    def corrected(
+        self,
+        prediction: ChainPrediction | None,
+        world: World,
+        chain: TopChain,
+        models: Mapping[str, Any],
+        robot: Robot,
+        objective: Objective | None = None,
+    ) -> ChainPrediction | None:
+        """Return the prediction of a chain with what it is expected to miss added.
+
+        Parameters
+        ----------
+        prediction : ChainPrediction or None
+            Of `chain` from `world`; None stays None.
+        world, chain, models, robot
+            What was predicted, and with which models.
+        objective : Objective, optional
+            What its cost is of; by default the duration.
+        """
+        if prediction is None or not self.shortfalls:
+            return prediction
+        objective = objective if objective is not None else Objective()
+        actions = [dict(action) for action in prediction.actions]
+        added = 0.0
+        for step, call, values in zip(
+            chain_steps(world, chain, prediction, models, robot), chain.calls, actions, strict=True
+        ):
+            shortfall = self.shortfalls.get(call.top.action)
+            if shortfall is not None and step is not None:
+                missing = max(shortfall.of(step), -step.predicted)
+                values["duration"] = step.predicted + missing
+                added += missing
+        cost = prediction.cost + objective.weights.get("duration", 0.0) * added
+        return dataclasses.replace(prediction, actions=tuple(actions), cost=cost)
+
+
+def chain_steps(
+    world: World,
+    chain: TopChain,
+    prediction: ChainPrediction,
+    models: Mapping[str, Any],
+    robot: Robot,
+) -> list[Step | None]:
+    """Return the steps of a predicted chain; None where a step has no model of ours or no predicted time."""
+    situations = chain_situations(world, chain, robot)
+    return [
+        _step(direct, models.get(call.top.action), action, robot)
+        for direct, call, action in zip(situations, chain.calls, prediction.actions, strict=True)
+    ]
+
+
+def _step(direct: Columns, model: Any, action: Mapping[str, float], robot: Robot) -> Step | None:
+    predicted = action.get("duration")
+    if predicted is None or not np.isfinite(predicted) or not isinstance(model, PerformanceModel):
+        return None
+    ideal_name = _ideal_of(model.trees["duration"].names)
+    names = ("dist",) if ideal_name is None else ("dist", ideal_name)
+    dist, *ideal = feature_table(direct, robot, names)[0].tolist()
+    return Step(direct, predicted, action.get("spread", 0.0), ideal[0] if ideal else predicted, dist)
+
+
+def _ideal_of(names: Sequence[str]) -> str | None:
+    """Return the ideal time among a model's features: the duration of an action has at most one."""
+    return next((name for name in IDEAL_TIMES if name in names), None)
+
+
+def model_digest(model: Any) -> str:
+    """Return a short digest of what a performance model predicts durations with; empty for other models."""
+    if not isinstance(model, PerformanceModel):
+        return ""
+    tree = model.trees["duration"]
+    sha = hashlib.sha256(",".join(tree.names).encode())
+    for part in (tree.feature, tree.threshold, tree.children, tree.intercept, tree.coefficients):
+        sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
+    for part in (tree.lower, tree.upper, tree.spread):
+        sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
+    return sha.hexdigest()[:16]
