@@ -1,4 +1,4 @@
-"""Learn what predictions of actions in chains miss, from the chains that `evaluate` has executed."""
+"""Learn, or report, what predictions of actions in chains miss, from the chains that `evaluate` executed."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from ator_ros.experiments.calibration_learning import (
     step_examples,
 )
 from ator_ros.experiments.errors import EvaluationError
+from ator_ros.experiments.prediction_report import prediction_report
 from ator_ros.experiments.storage import RESULT, read_result, to_records
 from ator_ros.experiments.toolset import ToolsetSource, make_library, make_toolset
-from ator_ros.files import portable_command
+from ator_ros.files import portable_command, write_text
 from ator_ros.refinement.calibration_file import CALIBRATION, save_calibration
-from ator_ros.tools.command_line import guarded
+from ator_ros.tools.command_line import destination, guarded
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -36,6 +37,12 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--models", default="", metavar="DIR", help="folder of the models (default: as shipped)"
     )
+    parser.add_argument(
+        "--report",
+        type=destination,
+        metavar="FILE.md",
+        help="write how far the predictions in these evaluations were off, and learn nothing",
+    )
     return parser
 
 
@@ -49,6 +56,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _calibrate(options: argparse.Namespace, command: str) -> int:
     results = [(folder, read_result(folder / RESULT)) for folder in options.evaluations]
+    if options.report:
+        write_text(options.report, prediction_report([result for _, result in results], command))
+        print(f"wrote {options.report}")
+        return 0
     sets = {result["settings"]["source"]["action_set"] for _, result in results}
     if len(sets) != 1:
         raise EvaluationError(f"expected evaluations of one action set, got {', '.join(sorted(sets))}")
