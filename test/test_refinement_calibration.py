@@ -117,6 +117,17 @@ def test_a_prediction_never_falls_below_zero() -> None:
     assert corrected.actions[0]["duration"] == 0.0
 
 
+def test_places_beyond_reason_stay_uncorrected() -> None:
+    far = world(x=1e200, ball=(0.0, 0.0))
+    refinement = Refiner(ROBOT, LEARNED, calibration=ALWAYS).refine(far, two_steps())
+    plain = Refiner(ROBOT, LEARNED).refine(far, two_steps())
+    assert refinement.after is not None
+    assert plain.after is not None
+    assert refinement.after.actions[0]["duration"] == plain.after.actions[0]["duration"]
+    shift = refinement.after.actions[1]["duration"] - plain.after.actions[1]["duration"]
+    assert shift == pytest.approx(ADDED["dribbleBall"])
+
+
 def test_the_shipped_one_belongs_to_the_shipped_models() -> None:
     calibration = load_calibration(resource_path("models") / CALIBRATION)
     assert set(calibration.shortfalls) == set(LEARNED)

@@ -75,7 +75,7 @@ def step_examples(
             if not isinstance(actual, list) or len(actual) != len(chosen.calls):
                 raise EvaluationError("expected records with the durations of all actions: evaluate again")
             prediction = predict_chain(trial.world, chosen, models, tools.robot)
-            steps = chain_steps(trial.world, chosen, prediction, models, tools.robot)
+            (steps,) = chain_steps([(chosen, prediction)], trial.world, models, tools.robot)
             examples += [
                 StepExample(chain, policy, record["index"], call.top.action, step, float(took))
                 for call, step, took in zip(chosen.calls, steps, actual, strict=True)

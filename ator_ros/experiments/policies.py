@@ -51,12 +51,12 @@ class Toolset:
         gate = self.gate if gated else OpenGate()
         return Refiner(self.robot, self.models[models], gate, calibration=self.calibration)
 
-    def predict(self, world: World, chain: TopChain) -> ChainPrediction | None:
+    def predict(self, world: World, chain: TopChain) -> ChainPrediction:
         """Return what the learned models predict of a chain as it is, corrected by the calibration."""
         models = self.models["learned"]
         prediction = predict_chain(world, chain, models, self.robot)
         calibration = self.calibration.matching(models)
-        return calibration.corrected(prediction, world, chain, models, self.robot)
+        return calibration.corrected([(chain, prediction)], world, models, self.robot)[0]
 
 
 @dataclass(frozen=True, slots=True)

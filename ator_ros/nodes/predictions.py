@@ -40,7 +40,7 @@ class Predictor:
         if any(call.top.action not in self._models for call in chain.calls):
             return None
         prediction = predict_chain(world, chain, self._models, self._robot)
-        return self._calibration.corrected(prediction, world, chain, self._models, self._robot)
+        return self._calibration.corrected([(chain, prediction)], world, self._models, self._robot)[0]
 
     def action(self, world: World, call: TopCall) -> Mapping[str, float] | None:
         """Predict one action from the state `world`; None where it has no model."""

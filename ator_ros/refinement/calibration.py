@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -129,64 +130,84 @@ class Calibration:
 
     def corrected(
         self,
-        prediction: ChainPrediction | None,
+        predictions: Sequence[tuple[TopChain, ChainPrediction]],
         world: World,
-        chain: TopChain,
         models: Mapping[str, Any],
         robot: Robot,
         objective: Objective | None = None,
-    ) -> ChainPrediction | None:
-        """Return the prediction of a chain with what it is expected to miss added.
+    ) -> list[ChainPrediction]:
+        """Return predictions of chains with what they are expected to miss added.
 
         Parameters
         ----------
-        prediction : ChainPrediction or None
-            Of `chain` from `world`; None stays None.
-        world, chain, models, robot
-            What was predicted, and with which models.
+        predictions : sequence of (TopChain, ChainPrediction)
+            Chains of the same TOPs, and what was predicted of each from `world`.
+        world, models, robot
+            The state from which, the models with which, and the robot for which it was predicted.
         objective : Objective, optional
-            What its cost is of; by default the duration.
+            What the costs are of; by default the duration.
         """
-        if prediction is None or not self.shortfalls:
-            return prediction
-        objective = objective if objective is not None else Objective()
-        actions = [dict(action) for action in prediction.actions]
-        added = 0.0
-        for step, call, values in zip(
-            chain_steps(world, chain, prediction, models, robot), chain.calls, actions, strict=True
-        ):
+        if not self.shortfalls:
+            return [prediction for _, prediction in predictions]
+        weight = (objective if objective is not None else Objective()).weights.get("duration", 0.0)
+        steps = chain_steps(predictions, world, models, robot)
+        return [
+            self._corrected(chain, prediction, of_chain, weight)
+            for (chain, prediction), of_chain in zip(predictions, steps, strict=True)
+        ]
+
+    def _corrected(
+        self, chain: TopChain, prediction: ChainPrediction, steps: Sequence[Step | None], weight: float
+    ) -> ChainPrediction:
+        actions, added = [dict(action) for action in prediction.actions], 0.0
+        for call, step, action in zip(chain.calls, steps, actions, strict=True):
             shortfall = self.shortfalls.get(call.top.action)
             if shortfall is not None and step is not None:
                 missing = max(shortfall.of(step), -step.predicted)
-                values["duration"] = step.predicted + missing
+                action["duration"] = step.predicted + missing
                 added += missing
-        cost = prediction.cost + objective.weights.get("duration", 0.0) * added
-        return dataclasses.replace(prediction, actions=tuple(actions), cost=cost)
+        return dataclasses.replace(prediction, actions=tuple(actions), cost=prediction.cost + weight * added)
 
 
 def chain_steps(
+    predictions: Sequence[tuple[TopChain, ChainPrediction]],
     world: World,
-    chain: TopChain,
-    prediction: ChainPrediction,
     models: Mapping[str, Any],
     robot: Robot,
+) -> list[list[Step | None]]:
+    """Return the steps of each predicted chain, all of the same TOPs.
+
+    A step is None where it has no model of ours or no finite prediction.
+    """
+    steps: list[list[Step | None]] = [[] for _ in predictions]
+    situations = [chain_situations(world, chain, robot) for chain, _ in predictions]
+    for index, direct in enumerate(zip(*situations, strict=True)):
+        model = models.get(predictions[0][0].calls[index].top.action)
+        actions = [prediction.actions[index] for _, prediction in predictions]
+        for made, step in zip(steps, _steps(direct, actions, model, robot), strict=True):
+            made.append(step)
+    return steps
+
+
+def _steps(
+    situations: Sequence[Columns], actions: Sequence[Mapping[str, float]], model: Any, robot: Robot
 ) -> list[Step | None]:
-    """Return the steps of a predicted chain; None where a step has no model of ours or no predicted time."""
-    situations = chain_situations(world, chain, robot)
-    return [
-        _step(direct, models.get(call.top.action), action, robot)
-        for direct, call, action in zip(situations, chain.calls, prediction.actions, strict=True)
-    ]
+    """Return one action of several chains; the features of all are computed at once."""
+    if not isinstance(model, PerformanceModel):
+        return [None] * len(actions)
+    ideal = _ideal_of(model.trees["duration"].names)
+    columns = {name: np.array([direct[name] for direct in situations], dtype=float) for name in situations[0]}
+    with np.errstate(all="ignore"):
+        table = feature_table(columns, robot, ("dist",) if ideal is None else ("dist", ideal)).tolist()
+    return [_step(*row) for row in zip(situations, actions, table, strict=True)]
 
 
-def _step(direct: Columns, model: Any, action: Mapping[str, float], robot: Robot) -> Step | None:
-    predicted = action.get("duration")
-    if predicted is None or not np.isfinite(predicted) or not isinstance(model, PerformanceModel):
+def _step(direct: Columns, action: Mapping[str, float], features: Sequence[float]) -> Step | None:
+    predicted = action.get("duration", math.nan)
+    # Squares of places that are far away overflow.
+    if not all(map(math.isfinite, (predicted, *features))):
         return None
-    ideal_name = _ideal_of(model.trees["duration"].names)
-    names = ("dist",) if ideal_name is None else ("dist", ideal_name)
-    dist, *ideal = feature_table(direct, robot, names)[0].tolist()
-    return Step(direct, predicted, action.get("spread", 0.0), ideal[0] if ideal else predicted, dist)
+    return Step(direct, predicted, action.get("spread", 0.0), [predicted, *features[1:]][-1], features[0])
 
 
 def _ideal_of(names: Sequence[str]) -> str | None:

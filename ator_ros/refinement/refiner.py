@@ -99,12 +99,11 @@ class Refiner:
         return self._calibrated(world, answer, objective)
 
     def _calibrated(self, world: World, answer: Refinement, objective: Objective) -> Refinement:
-        """Return the answer with predictions from which what they are known to miss is not missing."""
-
-        def corrected(prediction: ChainPrediction | None, chain: TopChain) -> ChainPrediction | None:
-            return self._calibration.corrected(prediction, world, chain, self.models, self.robot, objective)
-
-        before, after = corrected(answer.before, answer.original), corrected(answer.after, answer.best)
+        """Return the answer with what its predictions are expected to miss added."""
+        if answer.before is None or answer.after is None:
+            return answer
+        told = [(answer.original, answer.before), (answer.best, answer.after)]
+        before, after = self._calibration.corrected(told, world, self.models, self.robot, objective)
         return dataclasses.replace(answer, before=before, after=after)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
