@@ -22,7 +22,7 @@ from ator_ros.experiments.policies import Toolset, naive
 from ator_ros.experiments.trials import random_trial
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall, Step, model_digest
+from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall, Step, chain_steps, model_digest
 from ator_ros.refinement.calibration_file import (
     CALIBRATION,
     load_calibration,
@@ -60,6 +60,17 @@ def test_it_is_linear_in_its_terms_between_its_bounds() -> None:
     assert shortfall.of(step(ideal=3.2, v=0.1)) == pytest.approx(0.1 + 0.1 + 0.1 + 2.0 * 0.2 * 0.1)
     assert shortfall.of(step(ideal=9.0, v=0.8)) == 0.8
     assert shortfall.of(step(ideal=0.0)) == pytest.approx(0.1 - 0.25)  # beyond 1 s it means no more
+
+
+def test_a_heading_that_was_chosen_costs_something_of_its_own() -> None:
+    slopes = {"heading_open": 0.05, "below_ideal_heading_open": 0.5}
+    chosen = dataclasses.replace(step(ideal=3.4), heading_open=True)
+    assert Shortfall(0.1, slopes, 0.0, 1.0, "").of(step(ideal=3.4)) == pytest.approx(0.1)
+    assert Shortfall(0.1, slopes, 0.0, 1.0, "").of(chosen) == pytest.approx(0.1 + 0.05 + 0.5 * 0.4)
+    chain = two_steps(ANGLE_OPEN)
+    prediction = predict_chain(world(), chain, LEARNED, ROBOT)
+    (steps,) = chain_steps([(chain, prediction)], world(), LEARNED, ROBOT)
+    assert [made is not None and made.heading_open for made in steps] == [True, False]
 
 
 @pytest.mark.parametrize("bound", [ANGLE_OPEN, BOTH_OPEN])

@@ -48,6 +48,8 @@ class Step:
         Time in s of the ideal motion; `predicted` where the model's features have none.
     dist : float
         Distance in m from the start to the destination.
+    heading_open : bool
+        The plan leaves the heading at the goal open: it was chosen, and for this prediction.
     """
 
     direct: Columns
@@ -55,6 +57,7 @@ class Step:
     spread: float
     ideal: float
     dist: float
+    heading_open: bool = False
 
 
 def _below_ideal(step: Step) -> float:
@@ -72,6 +75,8 @@ TERMS: Mapping[str, tuple[Callable[[Step], float], str]] = MappingProxyType(
         "speedg": (lambda step: float(step.direct["speedg"]), "m/s"),
         "predicted": (lambda step: step.predicted, "s"),
         "dist": (lambda step: step.dist, "m"),
+        "heading_open": (lambda step: float(step.heading_open), ""),
+        "below_ideal_heading_open": (lambda step: _below_ideal(step) * step.heading_open, "s"),
         "spread": (lambda step: step.spread, "s"),
     }
 )
@@ -182,10 +187,12 @@ def chain_steps(
     steps: list[list[Step | None]] = [[] for _ in predictions]
     situations = [chain_situations(world, chain, robot) for chain, _ in predictions]
     for index, direct in enumerate(zip(*situations, strict=True)):
-        model = models.get(predictions[0][0].calls[index].top.action)
+        call = predictions[0][0].calls[index]
         actions = [prediction.actions[index] for _, prediction in predictions]
-        for made, step in zip(steps, _steps(direct, actions, model, robot), strict=True):
-            made.append(step)
+        found = _steps(direct, actions, models.get(call.top.action), robot)
+        for made, step in zip(steps, found, strict=True):
+            heading_open = "yaw" not in call.bound
+            made.append(None if step is None else dataclasses.replace(step, heading_open=heading_open))
     return steps
 
 
