@@ -144,7 +144,7 @@ def test_the_shipped_one_belongs_to_the_shipped_models() -> None:
     assert set(calibration.shortfalls) == set(LEARNED)
     assert calibration.matching(LEARNED) == calibration
     training = json.loads((resource_path("models") / CALIBRATION).read_text())["training"]
-    assert {row["seed"] // 100 for row in training["chains"]} == {3}
+    assert "3108" not in {str(row["seed"]) for row in training["chains"]}  # what it is measured on
     for row in training["cross_validation"].values():
         assert abs(row["corrected_s"]) < abs(row["raw_s"])
         assert abs(row["corrected_s"]) <= 0.05
@@ -192,7 +192,11 @@ def examples(count: int, noise: float) -> list[StepExample]:
         predicted, gap, v = rng.uniform(2.0, 6.0), rng.uniform(-0.3, 0.5), rng.uniform(0.0, 0.8)
         made = step(float(predicted), float(predicted + gap), v=float(v))
         actual = predicted + 0.1 + 0.6 * max(gap, 0.0) + noise * rng.standard_normal()
-        rows.append(StepExample("dribble", "refined", number, "goToPose", made, float(actual)))
+        rows.append(
+            StepExample(
+                "dribble", "refined", (301 + number % 2, number // 2), "goToPose", made, float(actual)
+            )
+        )
     return rows
 
 
@@ -206,6 +210,7 @@ def test_the_shortfall_is_learned() -> None:
 
 def test_what_is_learned_holds_for_situations_left_out() -> None:
     row = cross_validated(examples(200, 0.05), LEARNED)["dribble refined"]
+    assert row["chains"] == 200
     assert row["raw_s"] < -0.15
     low, high = row["corrected_ci95"]
     assert low < 0.0 < high

@@ -34,8 +34,8 @@ class StepExample:
     ----------
     chain, policy : str
         Names of the chain and of the policy that chose it.
-    situation : int
-        Number of the situation; the same number is the same in all chains.
+    situation : (int, int)
+        Seed and number of the situation; start and ball are the same in all chains.
     action : str
         Name of the action.
     step : Step
@@ -46,7 +46,7 @@ class StepExample:
 
     chain: str
     policy: str
-    situation: int
+    situation: tuple[int, int]
     action: str
     step: Step
     actual: float
@@ -77,7 +77,7 @@ def step_examples(
             prediction = predict_chain(trial.world, chosen, models, tools.robot)
             (steps,) = chain_steps([(chosen, prediction)], trial.world, models, tools.robot)
             examples += [
-                StepExample(chain, policy, record["index"], call.top.action, step, float(took))
+                StepExample(chain, policy, (seed, record["index"]), call.top.action, step, float(took))
                 for call, step, took in zip(chosen.calls, steps, actual, strict=True)
                 if step is not None
             ]
@@ -137,11 +137,12 @@ def cross_validated(examples: Sequence[StepExample], models: Models) -> dict[str
         By "chain policy": chains; "raw" and "corrected": mean of predicted minus actual in s, and its 95 %
         interval; "raw_mae_s" and "corrected_mae_s".
     """
-    situations = np.random.default_rng(0).permutation(np.unique([example.situation for example in examples]))
-    raw: dict[tuple[str, str, int], float] = {}
-    corrected: dict[tuple[str, str, int], float] = {}
+    situations = sorted({example.situation for example in examples})
+    order = np.random.default_rng(0).permutation(len(situations))
+    raw: dict[tuple[str, str, tuple[int, int]], float] = {}
+    corrected: dict[tuple[str, str, tuple[int, int]], float] = {}
     for fold in range(FOLDS):
-        held_out = {int(number) for number in situations[fold::FOLDS]}
+        held_out = {situations[number] for number in order[fold::FOLDS]}
         rest = [example for example in examples if example.situation not in held_out]
         calibration = fit_calibration(rest, models)
         for example in examples:
@@ -159,7 +160,7 @@ def cross_validated(examples: Sequence[StepExample], models: Models) -> dict[str
     }
 
 
-def _of(errors: Mapping[tuple[str, str, int], float], chain: str, policy: str) -> FloatArray:
+def _of(errors: Mapping[tuple[str, str, tuple[int, int]], float], chain: str, policy: str) -> FloatArray:
     return np.array([error for key, error in errors.items() if key[:2] == (chain, policy)])
 
 

@@ -35,7 +35,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "9xx": "quality of the actions, effect of the sensors",
         "2005": "the evaluations of before, looked at while the gate was made",
         "2026": "the final evaluation",
-        "3107": "the errors of calibrated predictions, looked at while the calibration was made",
+        "3107": "situations that the calibration is learned from, too",
         "3108": "the final errors of calibrated predictions",
     }
 )
