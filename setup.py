@@ -8,7 +8,10 @@ PACKAGE = "ator_ros"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
     "nodes": ("simulation", "executor", "refinement"),
-    "tools": ("collect", "train", "gate", "evaluate", "qualify", "demo", "bench", "soak", "noise", "compare"),
+    "tools": (
+        *("collect", "train", "gate", "calibrate_predictions", "evaluate"),
+        *("qualify", "demo", "bench", "soak", "noise", "compare"),
+    ),
 }
 
 

@@ -23,6 +23,7 @@ from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import read_experience
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.training import train
+from ator_ros.refinement.calibration_file import load_calibration
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.resources import resource_path
@@ -33,6 +34,7 @@ LOADERS: dict[str, tuple[Callable[[Path], Any], type[Exception]]] = {
     "pioneer.yaml": (load_robot, ConfigError),
     "model.json": (lambda file: load_model(file, ROBOT), ModelFileError),
     "gate.json": (load_gate, RefinementError),
+    "calibration.json": (load_calibration, RefinementError),
     "table.parquet": (read_experience, ExperienceError),
     "drive.mcap": (lambda file: read_recording(file, ROBOT), ExperienceError),
 }
@@ -40,6 +42,7 @@ STRUCTURED: dict[str, tuple[Callable[[str], Any], Callable[[Any], str]]] = {
     "pioneer.yaml": (yaml.safe_load, yaml.safe_dump),
     "model.json": (json.loads, json.dumps),
     "gate.json": (json.loads, json.dumps),
+    "calibration.json": (json.loads, json.dumps),
 }
 ANYTHING = st.recursive(
     st.none()
@@ -69,6 +72,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     shutil.copy(resource_path("config", "pioneer.yaml"), folder)
     shutil.copy(resource_path("models", "gate.json"), folder)
+    shutil.copy(resource_path("models", "calibration.json"), folder)
     rows = made_up_experience("goToPose")
     save_model(folder / "model.json", train("goToPose", rows, ROBOT))
     write_experience(folder / "table.parquet", Experience(rows, {"robot_digest": ROBOT.digest()}))
@@ -164,6 +168,7 @@ def test_values_that_parsers_stumble_over_are_refused(
     whole: Path, tmp_path: Path, name: str, oddity: str
 ) -> None:
     places = {"pioneer.yaml": "mass: ", "model.json": '"schema_version": ', "gate.json": '"gain": '}
+    places["calibration.json"] = '"constant": '
     before, found, after = (whole / name).read_text(encoding="utf-8").partition(places[name])
     assert found
     damaged = tmp_path / name

@@ -51,6 +51,7 @@ def test_no_jobs_are_refused(command: str, text: str, capsys: pytest.CaptureFixt
 
 DESTINATIONS = {
     "bench": ["--out"],
+    "calibrate_predictions": ["--report"],
     "collect": ["--out"],
     "compare": ["--out"],
     "demo": ["--out"],

@@ -19,7 +19,7 @@ from ator_ros.experiments.gate_learning import (
     fit_tree,
     gate_examples,
 )
-from ator_ros.experiments.statistics import labels, outcomes, summarise
+from ator_ros.experiments.statistics import labels, mean_interval, outcomes, prediction_errors, summarise
 from ator_ros.experiments.storage import PartialResults, read_result, to_columns, to_records, write_result
 from ator_ros.refinement.gate import FEATURES, ThresholdGate
 
@@ -48,6 +48,23 @@ def test_table_of_known_runs() -> None:
     assert row["mean_loss_lower_percent"] == pytest.approx(10.0)
     assert row["oracle_captured_percent"] == pytest.approx(100.0 * 0.9 / 4.0)
     assert row["failures"] == 0
+
+
+def test_errors_of_predictions_are_predicted_minus_actual() -> None:
+    failed = record(3, 10.0, 30.0, 9.0)
+    row = prediction_errors([*RECORDS, failed], "refined")
+    assert row["chains"] == 3
+    assert row["mean_error_s"] == pytest.approx(-0.1)
+    assert row["mean_error_ci95"] == pytest.approx([-0.1, -0.1])
+    assert row["mae_s"] == pytest.approx(0.1)
+    assert prediction_errors(RECORDS, "naive") == {"chains": 0}
+
+
+def test_the_interval_of_a_mean_shrinks_with_the_root_of_the_number() -> None:
+    values = np.random.default_rng(1).standard_normal(400)
+    low, high = mean_interval(values)
+    assert low < values.mean() < high
+    assert high - low == pytest.approx(2.0 * 1.96 / 20.0, rel=0.1)
 
 
 def test_percent_of_sums_and_mean_of_ratios_differ() -> None:

@@ -18,8 +18,10 @@ from ator_ros.experiments.storage import PARTIAL, to_records
 from ator_ros.experiments.toolset import ACTIONS, BASELINES, GATE, ToolsetSource
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
+from ator_ros.refinement.calibration_file import CALIBRATION
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.gate_file import load_gate, save_gate
+from ator_ros.tools.calibrate_predictions import main as calibrate_main
 from ator_ros.tools.evaluate import main
 from ator_ros.tools.gate import main as gate_main
 
@@ -154,3 +156,36 @@ def test_oracle_leaves_out_only_what_is_predicted_far_behind(
     pruned = evaluate_trial((settings, 0))["oracle"]["durations"]
     assert [a for a, b in zip(pruned, whole, strict=True) if a != b] == [None] * pruned.count(None)
     assert 0 < pruned.count(None) < 4
+
+
+def test_durations_of_actions_add_up_to_the_chains_and_all_of_ours_are_predicted(
+    finished: tuple[Path, dict[str, Any]],
+) -> None:
+    for record in to_records(finished[1]["runs"], 3):
+        for name in ("naive", "refined", "gated"):
+            row = record["policies"][name]
+            assert row["predicted"] > 0.0
+            if row["success"]:
+                assert sum(row["actions"]) == pytest.approx(row["duration"], abs=0.01)
+        assert "predicted" not in record["policies"]["face_goal"]  # no model chose it
+    for name in ("naive", "refined", "gated"):
+        assert finished[1]["summary"][name]["prediction"]["chains"] > 0
+    assert "predicted minus actual" in (finished[0] / "report.html").read_text()
+
+
+def test_errors_of_predictions_are_reported_and_too_few_learn_nothing(
+    finished: tuple[Path, dict[str, Any]],
+    models: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out, data = finished
+    report = tmp_path / "predictions.md"
+    assert calibrate_main([str(out), "--models", str(models), "--report", str(report)]) == 0
+    row = data["summary"]["refined"]["prediction"]
+    told = report.read_text(encoding="utf-8")
+    assert f"| dribble | 405 | refined | {row['chains']} | {row['mean_error_s']:+.3f} |" in told
+    assert data["summary"]["command"] in told
+    assert calibrate_main([str(out), "--models", str(models)]) == 1
+    assert "expected chains of at least 20 situations" in capsys.readouterr().err
+    assert not (models / CALIBRATION).exists()

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
-
-import numpy as np
 
 from ator_ros.experiments.execution import Run, run_chain
 from ator_ros.experiments.policies import POLICIES, Choice, Toolset, naive
 from ator_ros.experiments.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.experiments.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import wrap_angle
-from ator_ros.refinement.chain_model import ChainModel
-from ator_ros.refinement.gate import gate_features
-from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 
@@ -97,8 +93,9 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     dict
         "index"; "start": robot x, y, yaw, ball x, y, goal x, y, yaw (m, rad); "policies": by name "duration"
         (s), "success", "reason", "error" (m), "chosen": heading and speed of each intermediate subgoal,
-        "predicted" (s); "features": what the gate decides from; "oracle": "headings" (rad), "durations" (s),
-        "best" (s) and "success"; "oracle_speed": "best" and "success"; "executed": how many chains were.
+        "actions": durations of the actions (s), "predicted": duration of the chain (s); "features" and
+        "features_speed": what the gate decides from; "oracle": "headings" (rad), "durations" (s), "best" (s)
+        and "success"; "oracle_speed": "best" and "success"; "executed": how many chains were.
     """
     settings, index = task
     tools, library = _tools(settings.source)
@@ -108,14 +105,17 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     record: Record = {
         "index": index,
         "start": _start(trial),
-        "policies": {name: _policy_record(choice, execute(choice.chain)) for name, choice in choices.items()},
+        "policies": {
+            name: _policy_record(tools, trial, choice, execute(choice.chain))
+            for name, choice in choices.items()
+        },
     }
-    start = naive(tools, trial)
-    for name, choice in choices.items():
-        if choice.refinement is not None and name in ("refined", "refined_speed"):
-            record["features" if name == "refined" else "features_speed"] = _features(trial, start, choice)
+    for name, key in (("refined", "features"), ("refined_speed", "features_speed")):
+        refinement = choices[name].refinement if name in choices else None
+        if refinement is not None and refinement.features:
+            record[key] = {feature: round(value, 5) for feature, value in refinement.features.items()}
     if settings.oracle:
-        record.update(_oracle(settings, tools, trial, execute, start.chain))
+        record.update(_oracle(settings, tools, trial, execute, naive(tools, trial).chain))
     record["executed"] = execute.count
     return record
 
@@ -126,26 +126,26 @@ def _start(trial: Trial) -> list[float]:
     return [round(value, 4) for value in (*trial.world.robot.pose, ball.x, ball.y, *goal)]
 
 
-def _policy_record(choice: Choice, run: Run) -> Record:
+def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: Run) -> Record:
     chosen = [[round(c.goal.pose.yaw, 4), round(c.goal.speed, 3)] for c in choice.chain.calls[:-1]]
     record: Record = {"duration": round(run.duration, 3), "success": run.success, "chosen": chosen}
+    record["actions"] = [round(duration, 3) for duration in run.actions]
     if not run.success:
         record["reason"] = run.reason
     elif not math.isnan(run.error):
         record["error"] = round(run.error, 4)
-    refinement = choice.refinement
-    if refinement is not None and refinement.before is not None and refinement.after is not None:
-        taken = refinement.after if refinement.refined else refinement.before
-        record["predicted"] = round(taken.duration, 3)
+    predicted = _predicted(tools, trial, choice)
+    if predicted is not None:
+        record["predicted"] = round(predicted.duration, 3)
     return record
 
 
-def _features(trial: Trial, start: Choice, choice: Choice) -> Mapping[str, float] | None:
+def _predicted(tools: Toolset, trial: Trial, choice: Choice) -> ChainPrediction | None:
+    """Return what is predicted of the chosen chain; None for one that was chosen without a model."""
     refinement = choice.refinement
-    if refinement is None or refinement.before is None or refinement.after is None:
-        return None
-    features = gate_features(trial.world, start.chain, choice.chain, refinement.before, refinement.after)
-    return {name: round(value, 5) for name, value in features.items()}
+    if refinement is not None:
+        return refinement.after if refinement.refined else refinement.before
+    return tools.predict(trial.world, choice.chain) if choice.by_models else None
 
 
 def _oracle(
@@ -189,10 +189,7 @@ def _executed(
 
 def predicted_cost(tools: Toolset, trial: Trial, chain: TopChain) -> float:
     """Give the duration in s that the learned models predict for a chain as it is."""
-    model = ChainModel(
-        trial.world, chain, tools.robot, models=tools.models["learned"], free=(), objective=Objective()
-    )
-    return model.predict([np.zeros(0)] * len(chain.calls)).cost
+    return predict_chain(trial.world, chain, tools.models["learned"], tools.robot).cost
 
 
 def _with_speed(chain: TopChain, speed: float) -> TopChain:

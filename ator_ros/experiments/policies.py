@@ -6,17 +6,20 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ator_ros.experiments.trials import Trial, open_speeds, with_headings
 from ator_ros.geometry import Pose
 from ator_ros.refinement.answer import Refinement
+from ator_ros.refinement.calibration import Calibration
+from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
 from ator_ros.refinement.free_variables import PerformanceModel
 from ator_ros.refinement.gate import Gate, OpenGate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopChain
+from ator_ros.world import World
 
 Models = Mapping[str, PerformanceModel]
 
@@ -34,23 +37,35 @@ class Toolset:
         there.
     gate : Gate
         The gate of the gated policies.
+    calibration : Calibration
+        What predictions of the learned models miss.
     """
 
     robot: Robot
     models: Mapping[str, Models]
     gate: Gate
+    calibration: Calibration = field(default_factory=Calibration)
 
     def refiner(self, models: str = "learned", *, gated: bool = False) -> Refiner:
-        """Give a refiner with one of the sets of models."""
-        return Refiner(self.robot, self.models[models], self.gate if gated else OpenGate())
+        """Return a refiner with one of the sets of models."""
+        gate = self.gate if gated else OpenGate()
+        return Refiner(self.robot, self.models[models], gate, calibration=self.calibration)
+
+    def predict(self, world: World, chain: TopChain) -> ChainPrediction:
+        """Return what the learned models predict of a chain as it is, corrected by the calibration."""
+        models = self.models["learned"]
+        prediction = predict_chain(world, chain, models, self.robot)
+        calibration = self.calibration.matching(models)
+        return calibration.corrected([(chain, prediction)], world, models, self.robot)[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A chain that is ready to be executed, and the refinement that led to it, if any."""
+    """A chain that is ready to be executed, how it came about, and the refinement that led to it, if any."""
 
     chain: TopChain
     refinement: Refinement | None = None
+    by_models: bool = False
 
 
 Policy = Callable[[Toolset, Trial], Choice]
@@ -58,7 +73,7 @@ Policy = Callable[[Toolset, Trial], Choice]
 
 def naive(tools: Toolset, trial: Trial) -> Choice:
     """Choose the heading at which the first action alone is fastest, at rest (paper, section 5)."""
-    return Choice(tools.refiner().naive(trial.world, open_speeds(trial.chain)))
+    return Choice(tools.refiner().naive(trial.world, open_speeds(trial.chain)), by_models=True)
 
 
 def bearing(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001

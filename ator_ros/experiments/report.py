@@ -16,6 +16,8 @@ from ator_ros.experiments.figure6 import figure6
 from ator_ros.experiments.page import code, figure, page, paragraph, section, table
 from ator_ros.experiments.policies import POLICIES, Toolset
 from ator_ros.experiments.report_tables import headline, policies, table1, verdict
+from ator_ros.experiments.running import has_predictions
+from ator_ros.experiments.statistics import OURS
 from ator_ros.experiments.toolset import ACTIONS, GATE, make_library
 from ator_ros.experiments.trials import SEEDS, random_trial
 from ator_ros.files import write_text
@@ -150,20 +152,25 @@ def _accuracy(tools: Toolset, summary: Mapping[str, Any]) -> str:
             rows.append((action, errors, paper.get(action, "-"), episodes))
     parts = [table(("action", "MAE / RMSE s", "paper", "fresh episodes"), rows)] if rows else []
     chains = [
-        (name, *(f"{row['prediction'][key]:.3f}" for key in ("mae_s", "rmse_s", "bias_s")))
+        _prediction_row(name, row["prediction"])
         for name, row in summary.items()
-        if isinstance(row, Mapping)
-        and "prediction" in row
-        and name in ("refined", "gated", "refined_speed", "gated_speed")
+        if has_predictions(row) and name in ("naive", *OURS)
     ]
     return section(
         "How accurate the predictions are",
         *parts,
         paragraph(
-            "Durations of the whole chains of this evaluation, as chosen; bias: actual less predicted."
+            "Durations of the whole chains of this evaluation that succeeded, as chosen; error: predicted "
+            "minus actual, with 95 % bootstrap intervals over situations."
         ),
-        table(("policy", "MAE s", "RMSE s", "bias s"), chains),
+        table(("policy", "chains", "mean error s", "95 %", "MAE s", "RMSE s"), chains),
     )
+
+
+def _prediction_row(name: str, row: Mapping[str, Any]) -> tuple[str, ...]:
+    low, high = row["mean_error_ci95"]
+    errors = (f"{row['mean_error_s']:+.3f}", f"{low:+.3f} to {high:+.3f}")
+    return (name, str(row["chains"]), *errors, f"{row['mae_s']:.3f}", f"{row['rmse_s']:.3f}")
 
 
 def _gate(settings: Settings) -> str:

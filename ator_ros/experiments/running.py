@@ -12,7 +12,7 @@ from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import library_versions
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Record, Settings, evaluate_trial
-from ator_ros.experiments.statistics import mean_absolute_error, outcomes, summarise
+from ator_ros.experiments.statistics import outcomes, prediction_errors, summarise
 from ator_ros.experiments.storage import PartialResults
 from ator_ros.files import reserved
 
@@ -83,7 +83,7 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
     }
     for name, row in summary.items():
         if isinstance(row, dict) and "predicted" in records[0]["policies"].get(name, {}):
-            row["prediction"] = mean_absolute_error(records, name)
+            row["prediction"] = prediction_errors(records, name)
     return {
         "summary": summary,
         "settings": _portable(asdict(settings)),
@@ -116,3 +116,23 @@ def table_text(summary: Mapping[str, Any]) -> str:
                 f"{'-' if share is None else f'{share:.1f}':>10}{row['failures']:8}"
             )
     return "\n".join(lines)
+
+
+def prediction_text(summary: Mapping[str, Any]) -> str:
+    """Return how predictions differ from what was executed as a table for a terminal; empty without any."""
+    rows = [(name, row["prediction"]) for name, row in summary.items() if has_predictions(row)]
+    if not rows:
+        return ""
+    lines = [f"{'predicted - actual':24}{'mean s':>9}{'95 %':>18}{'MAE s':>8}{'chains':>8}"]
+    for name, row in rows:
+        low, high = row["mean_error_ci95"]
+        lines.append(
+            f"{name:24}{row['mean_error_s']:+9.3f}{f'{low:+.3f} to {high:+.3f}':>18}"
+            f"{row['mae_s']:8.3f}{row['chains']:8}"
+        )
+    return "\n".join(lines)
+
+
+def has_predictions(row: Any) -> bool:
+    """Return whether a row of the summary has errors of predictions."""
+    return isinstance(row, Mapping) and row.get("prediction", {}).get("chains", 0) > 0

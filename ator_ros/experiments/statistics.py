@@ -136,15 +136,29 @@ def _interval(values: FloatArray) -> list[float]:
     return [_rounded(bound) for bound in np.percentile(finite, [2.5, 97.5])]
 
 
-def mean_absolute_error(records: Sequence[Mapping[str, Any]], policy: str) -> dict[str, float]:
-    """Give the errors in s of a policy's predicted chain durations, over the chains that succeeded."""
+def mean_interval(values: FloatArray) -> list[float]:
+    """Return the 95 % bootstrap interval of the mean of `values`, shape (n,)."""
+    return _interval(_resampled_means(values[None, :])[0])
+
+
+def prediction_errors(records: Sequence[Mapping[str, Any]], policy: str) -> dict[str, Any]:
+    """Return how a policy's predicted chain durations differ from the actual ones, of chains that succeeded.
+
+    Returns
+    -------
+    dict
+        chains: how many; mean_error_s: predicted minus actual in the mean, mean_error_ci95: its interval;
+        mae_s, rmse_s: mean absolute and root mean square error. Without chains only their number.
+    """
     rows = [record["policies"][policy] for record in records]
     known = [row for row in rows if row["success"] and "predicted" in row]
-    errors = np.array([row["duration"] - row["predicted"] for row in known])
+    errors = np.array([row["predicted"] - row["duration"] for row in known])
     if not len(errors):
-        return {"mae_s": 0.0, "rmse_s": 0.0, "bias_s": 0.0}
+        return {"chains": 0}
     return {
+        "chains": len(errors),
+        "mean_error_s": _rounded(errors.mean()),
+        "mean_error_ci95": mean_interval(errors),
         "mae_s": _rounded(np.abs(errors).mean()),
         "rmse_s": _rounded(np.sqrt((errors**2).mean())),
-        "bias_s": _rounded(errors.mean()),
     }

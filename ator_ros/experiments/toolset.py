@@ -15,6 +15,7 @@ from ator_ros.experiments.heuristics import bitbots, booster, load_baselines
 from ator_ros.experiments.policies import POLICIES, Models, Toolset
 from ator_ros.experiments.trials import random_trial
 from ator_ros.performance.model_file import load_model, model_path
+from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.resources import resource_path
@@ -54,7 +55,7 @@ class ToolsetSource:
         robot = load_robot()
         sha = hashlib.sha256(robot.digest().encode())
         calls = random_trial(0, 0, chain, robot, make_library(robot, self)).chain.calls
-        names = [f"{call.top.action}.json" for call in calls]
+        names = [f"{call.top.action}.json" for call in calls] + [CALIBRATION]
         names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
         names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []
         for file in [*(self.folder() / name for name in names), *map(Path, self.experience)]:
@@ -116,4 +117,4 @@ def make_toolset(source: ToolsetSource) -> Toolset:
             action: BoostedTime(robot).fit(rows) for action, rows in read_rows(source.experience).items()
         }
     gate = load_gate(folder / GATE, source.action_set) if (folder / GATE).exists() else OpenGate()
-    return Toolset(robot, models, gate)
+    return Toolset(robot, models, gate, load_calibration_if_any(folder))

@@ -29,11 +29,13 @@ SEEDS: Mapping[str, str] = MappingProxyType(
     {
         "1xx": "training episodes",
         "2xx": "episodes that measure the models' accuracy",
-        "3xx": "situations that the gate is learned from",
+        "3xx": "situations that the gate and the calibration are learned from",
         "4xx-8xx": "development",
         "9xx": "quality of the actions, effect of the sensors",
         "2005": "the evaluations of before, looked at while the gate was made",
         "2026": "the final evaluation",
+        "3107": "situations that the calibration is learned from, too",
+        "3108": "the final errors of calibrated predictions",
     }
 )
 

@@ -179,10 +179,9 @@ def echo_of(chain: msg.TopChain) -> msg.TopChain:
         return msg.TopChain()
     texts = [chain.action_set]
     for call in chain.calls:
-        names = (*call.bound[: len(GOAL_VARIABLES)], *call.open[: len(GOAL_VARIABLES)])
-        if len(call.bound) + len(call.open) > 2 * len(GOAL_VARIABLES):
+        if len(call.open) > len(GOAL_VARIABLES) + 1:  # and `EVERYTHING`
             return msg.TopChain()
-        texts += [call.top, call.goal.header.frame_id, *names]
+        texts += [call.top, call.goal.header.frame_id, *call.open]
     return chain if all(len(text) <= checks.LONGEST_NAME for text in texts) else msg.TopChain()
 
 

@@ -72,7 +72,9 @@ class ExecutorNode(Node):
         self._libraries = {name: TopLibrary(robot, name) for name in ACTION_SETS}
         folder = self._settings["models"]
         self._models = {name: read_models(self, robot, name, folder) for name in ACTION_SETS}
-        self._predictors = {name: Predictor(robot, read.models) for name, read in self._models.items()}
+        self._predictors = {
+            name: Predictor(robot, read.models, read.calibration) for name, read in self._models.items()
+        }
         for name, library in self._libraries.items():
             rehearse(robot, library, self._predictors[name])
         self._inputs = inputs_of(self._settings)

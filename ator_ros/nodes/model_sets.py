@@ -18,6 +18,9 @@ from ator_ros.performance.model_file import (
     load_models,
     model_path,
 )
+from ator_ros.refinement.calibration import Calibration
+from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
+from ator_ros.refinement.errors import RefinementError
 from ator_ros.resources import resource_path
 from ator_ros.robot import Robot
 
@@ -38,6 +41,8 @@ class ModelSet:
         What is wrong with them: a damaged file, another robot. An action set may have no models.
     digest : str
         Of their files.
+    calibration : Calibration
+        What their predictions miss; empty where that was not learned, or for other models.
     """
 
     folder: Path = Path()
@@ -45,6 +50,7 @@ class ModelSet:
     absent: str = ""
     problem: str = ""
     digest: str = ""
+    calibration: Calibration = field(default_factory=Calibration)
 
 
 def read_models(node: Node, robot: Robot, action_set: str, folder: str) -> ModelSet:
@@ -77,7 +83,26 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str) -> Model
     problem = "; ".join(str(warning.message) for warning in caught)
     if problem:
         log.warning(f"action set {action_set}: {problem}")
-    return ModelSet(place, models, problem=problem, digest=digest)
+    calibration = _calibration(node, (place / model_path("any", action_set)).parent, action_set, models)
+    return ModelSet(place, models, problem=problem, digest=digest, calibration=calibration)
+
+
+def _calibration(
+    node: Node, folder: Path, action_set: str, models: Mapping[str, PerformanceModel]
+) -> Calibration:
+    """Read the calibration of models; what is wrong with it is logged, and predictions stay as they are."""
+    try:
+        read = load_calibration_if_any(folder)
+    except (RefinementError, OSError) as error:
+        node.get_logger().warning(f"action set {action_set}: predictions are not corrected: {error}")
+        return Calibration()
+    matching = read.matching(models)
+    if others := sorted(set(read.shortfalls) - set(matching.shortfalls)):
+        node.get_logger().warning(
+            f"action set {action_set}: predictions of {', '.join(others)} are not corrected: "
+            f"{folder / CALIBRATION} was learned for other models; `calibrate_predictions` learns it anew"
+        )
+    return matching
 
 
 def _digest(folder: Path, action_set: str, models: Mapping[str, PerformanceModel]) -> str:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
-from ator_ros.refinement.chain_model import ChainModel, ChainPrediction
+from ator_ros.refinement.calibration import Calibration
+from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
 from ator_ros.refinement.free_variables import PerformanceModel
-from ator_ros.refinement.objective import Objective
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world import World
@@ -30,18 +28,26 @@ class Predictor:
         Sizes and limits.
     models : mapping
         Action name to performance model; chains with other actions are not predicted.
+    calibration : Calibration, optional
+        What the models' predictions miss.
     """
 
-    def __init__(self, robot: Robot, models: Mapping[str, PerformanceModel]) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        models: Mapping[str, PerformanceModel],
+        calibration: Calibration | None = None,
+    ) -> None:
         self._robot = robot
         self._models = models
+        self._calibration = (calibration or Calibration()).matching(models)
 
     def chain(self, world: World, chain: TopChain) -> ChainPrediction | None:
         """Predict `chain` from the state `world`; None where an action has no model."""
         if any(call.top.action not in self._models for call in chain.calls):
             return None
-        model = ChainModel(world, chain, self._robot, models=self._models, free=(), objective=Objective())
-        return model.predict([np.zeros(0) for _ in chain.calls])
+        prediction = predict_chain(world, chain, self._models, self._robot)
+        return self._calibration.corrected([(chain, prediction)], world, self._models, self._robot)[0]
 
     def action(self, world: World, call: TopCall) -> Mapping[str, float] | None:
         """Predict one action from the state `world`; None where it has no model."""

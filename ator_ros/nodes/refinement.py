@@ -94,7 +94,7 @@ class RefinementNode(Node):
         self._models[action_set] = read = read_models(self, robot, action_set, self._settings["models"])
         if read.models:
             gate = self._load_gate(read.folder / model_path("gate", action_set), action_set)
-            self._refiners[action_set] = Refiner(robot, read.models, gate)
+            self._refiners[action_set] = Refiner(robot, read.models, gate, calibration=read.calibration)
             rehearse_refinement(self._libraries[action_set], self._refiners[action_set])
 
     def _load_gate(self, file: Path, action_set: str) -> Gate | None:

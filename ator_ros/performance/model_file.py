@@ -177,7 +177,7 @@ def load_models(
 
 def is_model(file: Path) -> bool:
     """Say whether `file` is named as models are: other files, such as the gate's, may lie beside them."""
-    return not file.stem.startswith(("gate", "baselines"))
+    return not file.stem.startswith(("gate", "baselines", "calibration"))
 
 
 def _read(path: Path | str) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_model import ChainPrediction
@@ -51,7 +51,7 @@ class Refinement:
         The chain compared with, which is the chain of the request, its placeholders filled in, and the best
         chain found.
     before, after : ChainPrediction
-        Predictions for `original` and for `best`.
+        Predictions for `original` and for `best`, corrected by the calibration.
     free : tuple of FreeVariable
         The variables that were free.
     not_free : tuple of NotFree
@@ -60,6 +60,9 @@ class Refinement:
         The steps (from 0) whose action has no performance model.
     curves : tuple of SubgoalCurve
         What was searched.
+    features : mapping
+        What the gate decided from, see `ator_ros.refinement.gate.FEATURES`: of the predictions before their
+        calibration. Empty where nothing was free.
     complete : bool
         Whether everything was searched before time was up; otherwise `best` is the best found until then.
     """
@@ -75,6 +78,7 @@ class Refinement:
     not_free: tuple[NotFree, ...] = ()
     without_model: tuple[int, ...] = ()
     curves: tuple[SubgoalCurve, ...] = ()
+    features: Mapping[str, float] = field(default_factory=dict)
     complete: bool = True
 
 

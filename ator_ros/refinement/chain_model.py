@@ -176,6 +176,27 @@ class ChainModel:
         return prediction
 
 
+def predict_chain(
+    world: World,
+    chain: TopChain,
+    models: Mapping[str, PerformanceModel],
+    robot: Robot,
+    objective: Objective | None = None,
+) -> ChainPrediction:
+    """Return what the models predict of `chain` as it is, from the state `world`.
+
+    Parameters
+    ----------
+    models : mapping
+        Action name to performance model, one for each action of the chain.
+    objective : Objective, optional
+        What the cost is of; by default the duration.
+    """
+    objective = objective if objective is not None else Objective()
+    model = ChainModel(world, chain, robot, models=models, free=(), objective=objective)
+    return model.predict([np.zeros(0)] * len(chain.calls))
+
+
 def _equal_rows(table: FloatArray, row: FloatArray) -> BoolArray:
     """Tell which rows of `table` (n, k) equal `row` (k,), shape (n,); all of them where k is 0."""
     equal: BoolArray = table[:, 0] == row[0] if len(row) else np.ones(len(table), dtype=bool)

@@ -15,6 +15,7 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.free_variables import goal_values, goal_variable
 from ator_ros.robot import Robot
+from ator_ros.tops.chain import TopChain
 from ator_ros.world import World
 
 Columns = dict[str, float | FloatArray]
@@ -60,3 +61,13 @@ def direct_columns(start: Mapping[str, Any], goal: Mapping[str, Any], point: Poi
     columns.update((goal_variable(name), value) for name, value in goal.items())
     columns["hold"] = 1.0 if point is Point.HOLD else 0.0
     return columns
+
+
+def chain_situations(world: World, chain: TopChain, robot: Robot) -> list[Columns]:
+    """Return the direct variables of each action of `chain`, all of whose subgoals are reached exactly."""
+    start, situations = start_columns(world), []
+    for call in chain.calls:
+        goal: Columns = dict(goal_values(call.goal))
+        situations.append(direct_columns(start, goal, call.goal.point))
+        start = columns_after(goal, call.goal.point, robot)
+    return situations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -11,6 +12,7 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
+from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import (
@@ -50,6 +52,8 @@ class Refiner:
         Decides from the predictions whether refinement pays; by default it always does.
     domains : mapping, optional
         Goal variable to its domain.
+    calibration : Calibration, optional
+        What the models' predictions miss; it is added to what is reported, after everything is decided.
     """
 
     def __init__(
@@ -59,11 +63,13 @@ class Refiner:
         gate: Gate | None = None,
         *,
         domains: Mapping[str, Callable[[Robot, Goal], Domain]] = DOMAINS,
+        calibration: Calibration | None = None,
     ) -> None:
         self.robot = robot
         self.models = models
         self.gate = gate if gate is not None else OpenGate()
         self._domains = domains
+        self._calibration = (calibration or Calibration()).matching(models)
 
     def refine(
         self,
@@ -113,7 +119,8 @@ class Refiner:
         model = self._model(world, chain, analysis.free, objective, memory)
         given = [_values(chain, index, names) for index, names in enumerate(model.names)]
         if not analysis.free:
-            return self._left_alone(chain, analysis, (yield from model.predicting(given)))
+            answer = self._left_alone(chain, analysis, (yield from model.predicting(given)))
+            return self._calibrated(world, answer, objective)
         optimum = yield from searching(model.step_cost, _axes(chain, analysis.free), given)
         before = yield from model.predicting(given)
         after = yield from model.predicting(optimum.values)
@@ -121,7 +128,14 @@ class Refiner:
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        return self._answer(world, chain, analysis, model, optimum, before, after)
+        answer = self._answer(world, chain, analysis, model, optimum, before, after)
+        return self._calibrated(world, answer, objective)
+
+    def _calibrated(self, world: World, answer: Refinement, objective: Objective) -> Refinement:
+        """Return the answer with what its predictions are expected to miss added."""
+        predicted = [(answer.original, answer.before), (answer.best, answer.after)]
+        before, after = self._calibration.corrected(predicted, world, self.models, self.robot, objective)
+        return dataclasses.replace(answer, before=before, after=after)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Return the chain that the paper compares with: each subgoal suits the action leading to it alone.
@@ -213,7 +227,8 @@ class Refiner:
         for index, names in enumerate(model.names):
             if names:
                 best = _replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        pays, reason = self.gate.decide(gate_features(world, chain, best, before, after))
+        features = gate_features(world, chain, best, before, after)
+        pays, reason = self.gate.decide(features)
         changed = pays and best != chain
         if pays and not changed:
             reason = "the chain is the best already"
@@ -232,6 +247,7 @@ class Refiner:
             not_free=analysis.not_free,
             without_model=lacking,
             curves=_curves(model, optimum),
+            features=features,
             complete=optimum.complete,
         )
 

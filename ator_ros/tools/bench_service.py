@@ -34,7 +34,7 @@ from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.robot import load_robot
 from ator_ros.tools.processes import own_nodes
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import BallState, RobotState, World
 
@@ -143,7 +143,7 @@ def _ask_the_worst() -> None:
     """Ask for all that may be free in the longest chain, again and again, until the process is ended."""
     library = TopLibrary(load_robot())
     calls = [
-        TopCall(library[top], Goal(Pose(0.1 * i, 0.2, 0.3), 0.0, library[top].point), frozenset())
+        TopCall(library[top], Goal(Pose(0.1 * i, 0.2, 0.3), 0.0, library[top].point), frozenset({EVERYTHING}))
         for i, top in enumerate(["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2))
     ]
     world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))

@@ -1,20 +1,24 @@
-"""Execute the same chains over ROS and in the tools, and tell how far their durations differ."""
+"""Execute the same chains over ROS and in the tools; report how durations and predictions differ."""
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
+import math
 import platform
 import statistics
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ator_ros.experience.table import library_versions
 from ator_ros.experiments.execution import TIME_LIMIT, run_chain
+from ator_ros.experiments.policies import POLICIES
+from ator_ros.experiments.statistics import OURS, prediction_errors
 from ator_ros.experiments.toolset import ToolsetSource, make_toolset
-from ator_ros.experiments.trials import Trial, random_trial
+from ator_ros.experiments.trials import CHAINS, Trial, random_trial
 from ator_ros.files import portable_command, write_text
 from ator_ros.nodes.machine import MachineError
 from ator_ros.robot import load_robot
@@ -32,6 +36,12 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="compare", description=__doc__)
     parser.add_argument("--situations", type=whole(1), default=50, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=941, help="of the situations (default: %(default)s)")
+    parser.add_argument(
+        "--chains", nargs="+", choices=list(CHAINS), default=["dribble"], help="taken in turn"
+    )
+    parser.add_argument(
+        "--policies", nargs="+", choices=("naive", *OURS), default=["gated"], help="taken in turn"
+    )
     parser.add_argument(
         "--real-time-factor",
         type=float,
@@ -52,11 +62,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ImportError as error:
         print(f"compare: {error}: source your ROS 2 workspace, or use make run EXE=compare", file=sys.stderr)
         return 1
-    pairs: list[tuple[float, float]] = []
+    runs: list[Compared] = []
     try:
-        for number, pair in enumerate(_pairs(options), start=1):
-            print(f"{number} of {options.situations}: over ROS {pair[0]:.2f} s, in the tools {pair[1]:.2f} s")
-            pairs.append(pair)
+        for number, run in enumerate(_runs(options), start=1):
+            print(
+                f"{number} of {options.situations}: over ROS {run.ros:.2f} s, "
+                f"in the tools {run.tools:.2f} s, predicted {run.predicted:.2f} s"
+            )
+            runs.append(run)
     except KeyboardInterrupt:
         print("compare: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
@@ -67,22 +80,37 @@ def main(argv: Sequence[str] | None = None) -> int:
         "command": portable_command("compare", words),
         "seed": options.seed,
         "real_time_factor": options.real_time_factor,
-        **summary(pairs),
+        "chains": options.chains,
+        "policies": options.policies,
+        **summary(runs),
+        "prediction": prediction_summary(runs),
         "versions": library_versions(),
         "machine": platform.platform(),
     }
     write_text(options.out, json.dumps(result, indent=1) + "\n")
     print(f"means differ by {result['difference_percent']:.2f} %; wrote {options.out}")
+    if "mean_error_s" in result["prediction"]:
+        low, high = result["prediction"]["mean_error_ci95"]
+        mean = result["prediction"]["mean_error_s"]
+        print(f"predicted minus actual over ROS: {mean:+.3f} s in the mean (95 %: {low:+.3f} to {high:+.3f})")
     return 0 if result["met"] else 1
 
 
-def summary(pairs: Sequence[tuple[float, float]]) -> dict[str, Any]:
-    """Compare durations in s over ROS and in the tools, those of failed chains at the time limit."""
-    ros, tools = (statistics.fmean(column) for column in zip(*pairs, strict=True))
-    apart = [over_ros - in_tools for over_ros, in_tools in pairs]
+class Compared(NamedTuple):
+    """Durations in s of one chain over ROS and in the tools, failed at the time limit, and as predicted."""
+
+    ros: float
+    tools: float
+    predicted: float = math.nan
+
+
+def summary(runs: Sequence[Compared]) -> dict[str, Any]:
+    """Compare durations over ROS and in the tools."""
+    ros, tools = statistics.fmean(run.ros for run in runs), statistics.fmean(run.tools for run in runs)
+    apart = [run.ros - run.tools for run in runs]
     percent = 100.0 * (ros / tools - 1.0)
     return {
-        "situations": len(pairs),
+        "situations": len(runs),
         "mean_ros_s": round(ros, 3),
         "mean_tools_s": round(tools, 3),
         "difference_percent": round(percent, 3),
@@ -93,28 +121,41 @@ def summary(pairs: Sequence[tuple[float, float]]) -> dict[str, Any]:
     }
 
 
-def _pairs(options: argparse.Namespace) -> Iterator[tuple[float, float]]:
-    """Start the nodes and execute the situations one by one; give both durations in s."""
+def prediction_summary(runs: Sequence[Compared]) -> dict[str, Any]:
+    """Compare what the executor predicted of the chains that succeeded with how long they took over ROS."""
+    known = [run for run in runs if run.ros < TIME_LIMIT and math.isfinite(run.predicted)]
+    rows = [
+        {"policies": {"ros": {"duration": run.ros, "predicted": run.predicted, "success": True}}}
+        for run in known
+    ]
+    errors = [round(run.predicted - run.ros, 3) for run in known]
+    return {**prediction_errors(rows, "ros"), "errors_s": errors}
+
+
+def _runs(options: argparse.Namespace) -> Iterator[Compared]:
+    """Start the nodes and execute the situations one by one."""
     from ator_ros.tools.demo_client import DemoClient
 
     robot = load_robot()
-    library, refiner = TopLibrary(robot), make_toolset(ToolsetSource()).refiner(gated=True)
+    library, tools = TopLibrary(robot), make_toolset(ToolsetSource())
+    kinds = itertools.cycle(itertools.product(options.chains, options.policies))
     with all_nodes(options.real_time_factor) as nodes, DemoClient(nodes.domain, nodes.check) as client:
         client.ready()
-        for index in range(options.situations):
-            trial = random_trial(options.seed, index, "dribble", robot, library)
-            naive = refiner.naive(trial.world, trial.chain)
-            chain = refiner.refine(trial.world, naive).chain
+        for index, (name, policy) in zip(range(options.situations), kinds, strict=False):
+            trial = random_trial(options.seed, index, name, robot, library)
+            chain = POLICIES[policy](tools, trial).chain
             run = run_chain(robot, library, trial.world, chain)
-            yield _over_ros(client, Trial(index, trial.world, chain)), run.duration
+            ros, predicted = _over_ros(client, Trial(index, trial.world, chain))
+            yield Compared(ros, run.duration, predicted)
 
 
-def _over_ros(client: Any, trial: Trial) -> float:
+def _over_ros(client: Any, trial: Trial) -> tuple[float, float]:
+    """Return how long a chain took over ROS, and what the executor predicted, both in s."""
     from ator_ros.nodes.conversions import chain_of
 
     client.place(trial.world)
     run = client.execute(chain_of(trial.chain, action_set="", frame=_FRAME), refine=False)
-    return float(run.total[1]) if run.success else TIME_LIMIT
+    return (float(run.total[1]) if run.success else TIME_LIMIT), float(run.total[0])
 
 
 if __name__ == "__main__":

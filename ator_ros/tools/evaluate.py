@@ -12,7 +12,7 @@ from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Settings
 from ator_ros.experiments.policies import POLICIES
 from ator_ros.experiments.report import write_report
-from ator_ros.experiments.running import RESUMES, describe, table_text
+from ator_ros.experiments.running import RESUMES, describe, prediction_text, table_text
 from ator_ros.experiments.storage import PartialResults, write_result
 from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.experiments.trials import CHAINS
@@ -91,6 +91,7 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
     result = describe(settings, records, command)
     path = write_result(options.out, result, records)
     print(table_text(result["summary"]))
+    print(prediction_text(result["summary"]))
     report = write_report(options.out, result, records, settings, tools)
     PartialResults.remove(options.out)
     print(f"wrote {path} and {report}")

@@ -17,12 +17,12 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 
-ALL = ("x", "y", "yaw", "speed")
+EVERYTHING = ("*",)
 
 
 def call(top: str, pose: Pose, opened: tuple[str, ...]) -> TopCall:
     """Give a step in which `opened` is left to refinement."""
-    message = TopCall(top=top, bound=[name for name in ALL if name not in opened], open=list(opened))
+    message = TopCall(top=top, open=list(opened))
     message.goal.pose = pose_of(pose)
     return message
 
@@ -43,7 +43,7 @@ def heavy_request() -> RefineSubgoal.Request:
     """Ask for all that may be free in the longest chain."""
     request = short_request()
     tops = ["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2)
-    request.chain.calls = [call(top, Pose(0.1 * i, 0.2, 0.3), ALL) for i, top in enumerate(tops)]
+    request.chain.calls = [call(top, Pose(0.1 * i, 0.2, 0.3), EVERYTHING) for i, top in enumerate(tops)]
     return request
 
 

@@ -19,6 +19,7 @@ from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement import refining_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models, model_path
+from ator_ros.refinement.calibration_file import load_calibration_if_any
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
@@ -41,7 +42,9 @@ def printed(command: str) -> dict[str, Any]:
 
 def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
     models = load_models(ROBOT)
-    refiner = Refiner(ROBOT, models, load_gate(ROOT / "models" / model_path("gate", "default")))
+    gate = load_gate(ROOT / "models" / model_path("gate", "default"))
+    calibration = load_calibration_if_any(ROOT / "models")
+    refiner = Refiner(ROBOT, models, gate, calibration=calibration)
     found = completed(refining_of(request, refiner, LIBRARY, frame="odom"))
     return answer_of(found, action_set="default", frame="odom", want_curve=False)
 

@@ -1,0 +1,235 @@
+"""What predictions of actions in chains miss, and predictions without it.
+
+The models are learned from random starts. A chain that was chosen for its prediction is no random one: the
+search finds the situations in which the models predict too little, mostly those in which a leaf's linear
+model undercuts the time that is possible at the robot's limits. By how much actions of executed chains took
+longer than predicted is therefore learned by itself (`ator_ros.experiments.calibration_learning`), and added
+to what is reported. Which chain is best, and whether the gate lets it pass, is decided without it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ator_ros.performance.features import feature_table
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.projection import Columns, chain_situations
+from ator_ros.robot import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.world import World
+
+IDEAL_TIMES = ("drive_time", "dribble_time", "shot_time")
+"""Features that are the time in s of an action's ideal motion."""
+BEYOND = 1.0
+"""Difference in s between prediction and ideal time beyond which it means nothing more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One action of a chain, as its prediction is judged.
+
+    Attributes
+    ----------
+    direct : mapping
+        Direct variables.
+    predicted, spread : float
+        Its predicted duration and the standard deviation of actual ones about it, in s.
+    ideal : float
+        Time in s of the ideal motion; `predicted` where the model's features have none.
+    dist : float
+        Distance in m from the start to the destination.
+    heading_open : bool
+        The plan leaves the heading at the goal open: it was chosen, and for this prediction.
+    """
+
+    direct: Columns
+    predicted: float
+    spread: float
+    ideal: float
+    dist: float
+    heading_open: bool = False
+
+
+def _below_ideal(step: Step) -> float:
+    return min(max(step.ideal - step.predicted, 0.0), BEYOND)
+
+
+#: What the shortfall is linear in, with units.
+TERMS: Mapping[str, tuple[Callable[[Step], float], str]] = MappingProxyType(
+    {
+        "below_ideal": (_below_ideal, "s"),
+        "below_ideal_v": (lambda step: _below_ideal(step) * float(step.direct["v"]), "m"),
+        "below_ideal_speedg": (lambda step: _below_ideal(step) * float(step.direct["speedg"]), "m"),
+        "above_ideal": (lambda step: min(max(step.predicted - step.ideal, 0.0), BEYOND), "s"),
+        "v": (lambda step: float(step.direct["v"]), "m/s"),
+        "speedg": (lambda step: float(step.direct["speedg"]), "m/s"),
+        "predicted": (lambda step: step.predicted, "s"),
+        "dist": (lambda step: step.dist, "m"),
+        "heading_open": (lambda step: float(step.heading_open), ""),
+        "below_ideal_heading_open": (lambda step: _below_ideal(step) * step.heading_open, "s"),
+        "spread": (lambda step: step.spread, "s"),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Shortfall:
+    """By how much an action in a chain takes longer than predicted, on average: linear in `TERMS`.
+
+    Attributes
+    ----------
+    constant : float
+        In s.
+    slopes : mapping
+        Term to its coefficient, in s per unit of the term; terms that are not named count nothing.
+    low, high : float
+        Bounds in s of what is added.
+    model : str
+        Digest of the performance model whose predictions it belongs to, see `model_digest`.
+    """
+
+    constant: float
+    slopes: Mapping[str, float]
+    low: float
+    high: float
+    model: str
+
+    def of(self, step: Step) -> float:
+        """Return the expected shortfall of the prediction of `step` in s."""
+        value = self.constant + sum(slope * TERMS[name][0](step) for name, slope in self.slopes.items())
+        return min(max(value, self.low), self.high)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The shortfalls of the predictions of a set of performance models.
+
+    Attributes
+    ----------
+    shortfalls : mapping
+        Action name to shortfall; predictions of other actions stay as they are, and so do those of other
+        models than the shortfall was learned for.
+    """
+
+    shortfalls: Mapping[str, Shortfall] = field(default_factory=dict)
+
+    def matching(self, models: Mapping[str, Any]) -> Calibration:
+        """Return the part that belongs to `models` (action name to performance model)."""
+        return Calibration(
+            {
+                action: shortfall
+                for action, shortfall in self.shortfalls.items()
+                if model_digest(models.get(action)) == shortfall.model
+            }
+        )
+
+    def corrected(
+        self,
+        predictions: Sequence[tuple[TopChain, ChainPrediction]],
+        world: World,
+        models: Mapping[str, Any],
+        robot: Robot,
+        objective: Objective | None = None,
+    ) -> list[ChainPrediction]:
+        """Return predictions of chains with what they are expected to miss added.
+
+        Parameters
+        ----------
+        predictions : sequence of (TopChain, ChainPrediction)
+            Chains of the same TOPs, and what was predicted of each from `world`.
+        world, models, robot
+            The state from which, the models with which, and the robot for which it was predicted.
+        objective : Objective, optional
+            What the costs are of; by default the duration.
+        """
+        if not self.shortfalls:
+            return [prediction for _, prediction in predictions]
+        weight = (objective if objective is not None else Objective()).weights.get("duration", 0.0)
+        steps = chain_steps(predictions, world, models, robot)
+        return [
+            self._corrected(chain, prediction, of_chain, weight)
+            for (chain, prediction), of_chain in zip(predictions, steps, strict=True)
+        ]
+
+    def _corrected(
+        self, chain: TopChain, prediction: ChainPrediction, steps: Sequence[Step | None], weight: float
+    ) -> ChainPrediction:
+        actions, added = [dict(action) for action in prediction.actions], 0.0
+        for call, step, action in zip(chain.calls, steps, actions, strict=True):
+            shortfall = self.shortfalls.get(call.top.action)
+            if shortfall is not None and step is not None:
+                missing = max(shortfall.of(step), -step.predicted)
+                action["duration"] = step.predicted + missing
+                added += missing
+        return dataclasses.replace(prediction, actions=tuple(actions), cost=prediction.cost + weight * added)
+
+
+def chain_steps(
+    predictions: Sequence[tuple[TopChain, ChainPrediction]],
+    world: World,
+    models: Mapping[str, Any],
+    robot: Robot,
+) -> list[list[Step | None]]:
+    """Return the steps of each predicted chain, all of the same TOPs.
+
+    A step is None where it has no model of ours or no finite prediction.
+    """
+    steps: list[list[Step | None]] = [[] for _ in predictions]
+    situations = [chain_situations(world, chain, robot) for chain, _ in predictions]
+    for index, direct in enumerate(zip(*situations, strict=True)):
+        call = predictions[0][0].calls[index]
+        actions = [prediction.actions[index] for _, prediction in predictions]
+        found = _steps(direct, actions, models.get(call.top.action), robot)
+        for made, step in zip(steps, found, strict=True):
+            heading_open = call.opens("yaw")
+            made.append(None if step is None else dataclasses.replace(step, heading_open=heading_open))
+    return steps
+
+
+def _steps(
+    situations: Sequence[Columns], actions: Sequence[Mapping[str, float]], model: Any, robot: Robot
+) -> list[Step | None]:
+    """Return one action of several chains; the features of all are computed at once."""
+    if not isinstance(model, PerformanceModel):
+        return [None] * len(actions)
+    ideal = _ideal_of(model.trees["duration"].names)
+    columns = {name: np.array([direct[name] for direct in situations], dtype=float) for name in situations[0]}
+    with np.errstate(all="ignore"):
+        table = feature_table(columns, robot, ("dist",) if ideal is None else ("dist", ideal)).tolist()
+    return [_step(*row) for row in zip(situations, actions, table, strict=True)]
+
+
+def _step(direct: Columns, action: Mapping[str, float], features: Sequence[float]) -> Step | None:
+    predicted = action.get("duration", math.nan)
+    # Squares of places that are far away overflow.
+    if not all(map(math.isfinite, (predicted, *features))):
+        return None
+    return Step(direct, predicted, action.get("spread", 0.0), [predicted, *features[1:]][-1], features[0])
+
+
+def _ideal_of(names: Sequence[str]) -> str | None:
+    """Return the ideal time among a model's features: the duration of an action has at most one."""
+    return next((name for name in IDEAL_TIMES if name in names), None)
+
+
+def model_digest(model: Any) -> str:
+    """Return a short digest of what a performance model predicts durations with; empty for other models."""
+    if not isinstance(model, PerformanceModel):
+        return ""
+    tree = model.trees["duration"]
+    sha = hashlib.sha256(",".join(tree.names).encode())
+    for part in (tree.feature, tree.threshold, tree.children, tree.intercept, tree.coefficients):
+        sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
+    for part in (tree.lower, tree.upper, tree.spread):
+        sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
+    return sha.hexdigest()[:16]

@@ -1,0 +1,240 @@
+"""The calibration: what it adds, where, and that nothing is decided by it; its file; how it is learned."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from refinement_fakes import ANGLE, BOTH, LIBRARY, ROBOT, models, two_steps, world
+
+from ator_ros.experiments.calibration_learning import (
+    StepExample,
+    cross_validated,
+    fit_calibration,
+    step_examples,
+)
+from ator_ros.experiments.errors import EvaluationError
+from ator_ros.experiments.policies import Toolset, naive
+from ator_ros.experiments.trials import random_trial
+from ator_ros.nodes.predictions import Predictor
+from ator_ros.performance.model_file import load_models
+from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall, Step, chain_steps, model_digest
+from ator_ros.refinement.calibration_file import (
+    CALIBRATION,
+    load_calibration,
+    load_calibration_if_any,
+    save_calibration,
+)
+from ator_ros.refinement.chain_model import predict_chain
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.gate import OpenGate, ThresholdGate
+from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.resources import resource_path
+
+LEARNED = load_models(ROBOT)
+ADDED = {"goToPose": 0.25, "dribbleBall": 0.5}
+
+
+def constant(action: str, seconds: float) -> Shortfall:
+    return Shortfall(seconds, {}, -1.0, 1.0, model_digest(LEARNED[action]))
+
+
+ALWAYS = Calibration({action: constant(action, seconds) for action, seconds in ADDED.items()})
+
+
+def step(predicted: float = 3.0, ideal: float = 3.0, v: float = 0.0, speedg: float = 0.0) -> Step:
+    return Step({"v": v, "speedg": speedg}, predicted, 0.1, ideal, 2.0)
+
+
+def test_it_is_linear_in_its_terms_between_its_bounds() -> None:
+    slopes = {"below_ideal": 0.5, "above_ideal": -0.25, "v": 1.0, "below_ideal_v": 2.0}
+    shortfall = Shortfall(0.1, slopes, -0.3, 0.8, "")
+    assert shortfall.of(step()) == pytest.approx(0.1)
+    assert shortfall.of(step(ideal=3.4)) == pytest.approx(0.1 + 0.5 * 0.4)
+    assert shortfall.of(step(ideal=2.6)) == pytest.approx(0.1 - 0.25 * 0.4)
+    assert shortfall.of(step(ideal=3.2, v=0.1)) == pytest.approx(0.1 + 0.1 + 0.1 + 2.0 * 0.2 * 0.1)
+    assert shortfall.of(step(ideal=9.0, v=0.8)) == 0.8
+    assert shortfall.of(step(ideal=0.0)) == pytest.approx(0.1 - 0.25)  # beyond 1 s it means no more
+
+
+def test_a_heading_that_was_chosen_costs_something_of_its_own() -> None:
+    slopes = {"heading_open": 0.05, "below_ideal_heading_open": 0.5}
+    chosen = dataclasses.replace(step(ideal=3.4), heading_open=True)
+    assert Shortfall(0.1, slopes, 0.0, 1.0, "").of(step(ideal=3.4)) == pytest.approx(0.1)
+    assert Shortfall(0.1, slopes, 0.0, 1.0, "").of(chosen) == pytest.approx(0.1 + 0.05 + 0.5 * 0.4)
+    chain = two_steps(ANGLE)
+    prediction = predict_chain(world(), chain, LEARNED, ROBOT)
+    (steps,) = chain_steps([(chain, prediction)], world(), LEARNED, ROBOT)
+    assert [made is not None and made.heading_open for made in steps] == [True, False]
+
+
+@pytest.mark.parametrize("opened", [ANGLE, BOTH])
+@pytest.mark.parametrize("gate", [OpenGate(), ThresholdGate(0.1), ThresholdGate(100.0)])
+def test_it_is_reported_and_decides_nothing(opened: frozenset[str], gate: Any) -> None:
+    chain = two_steps(opened)
+    plain = Refiner(ROBOT, LEARNED, gate).refine(world(), chain)
+    corrected = Refiner(ROBOT, LEARNED, gate, calibration=ALWAYS).refine(world(), chain)
+    assert plain.free
+    for field in ("chain", "best", "original", "refined", "reason", "features"):
+        assert getattr(corrected, field) == getattr(plain, field)
+    for name in ("before", "after"):
+        raw, told = getattr(plain, name), getattr(corrected, name)
+        shifts = [b["duration"] - a["duration"] for a, b in zip(raw.actions, told.actions, strict=True)]
+        assert shifts == pytest.approx(list(ADDED.values()))
+        assert told.duration == pytest.approx(raw.duration + 0.75)
+        assert told.cost == pytest.approx(raw.cost + 0.75)
+        assert told.spread == raw.spread
+
+
+def test_the_cost_counts_it_as_the_objective_weighs_durations() -> None:
+    objective = Objective({"duration": 2.0, "success": 10.0})
+    plain = Refiner(ROBOT, LEARNED).refine(world(), two_steps(), objective)
+    corrected = Refiner(ROBOT, LEARNED, calibration=ALWAYS).refine(world(), two_steps(), objective)
+    assert plain.after is not None
+    assert corrected.after is not None
+    assert corrected.after.cost == pytest.approx(plain.after.cost + 2.0 * 0.75)
+
+
+def test_the_executor_predicts_what_refinement_answered() -> None:
+    calibration = load_calibration_if_any(resource_path("models"))
+    refinement = Refiner(ROBOT, LEARNED, calibration=calibration).refine(world(), two_steps(BOTH))
+    raw = predict_chain(world(), refinement.best, LEARNED, ROBOT)
+    executed = Predictor(ROBOT, LEARNED, calibration).chain(world(), refinement.best)
+    assert executed is not None
+    assert refinement.after is not None
+    assert executed.duration == pytest.approx(refinement.after.duration, abs=1e-9)
+    assert executed.duration != raw.duration
+
+
+def test_predictions_of_other_models_stay_as_they_are() -> None:
+    foreign = Calibration({"goToPose": dataclasses.replace(constant("goToPose", 0.25), model="0" * 16)})
+    plain = Refiner(ROBOT, LEARNED).refine(world(), two_steps())
+    assert Refiner(ROBOT, LEARNED, calibration=foreign).refine(world(), two_steps()).after == plain.after
+    fakes = models()  # they have no ideal times, and no digest
+    assert Refiner(ROBOT, fakes, calibration=ALWAYS).refine(world(), two_steps()).after == (
+        Refiner(ROBOT, fakes).refine(world(), two_steps()).after
+    )
+
+
+def test_a_prediction_never_falls_below_zero() -> None:
+    less = Calibration({"goToPose": dataclasses.replace(constant("goToPose", -99.0), low=-99.0)})
+    corrected = Predictor(ROBOT, LEARNED, less).chain(world(), two_steps())
+    assert corrected is not None
+    assert corrected.actions[0]["duration"] == 0.0
+
+
+def test_places_beyond_reason_stay_uncorrected() -> None:
+    far = world(x=1e200, ball=(0.0, 0.0))
+    refinement = Refiner(ROBOT, LEARNED, calibration=ALWAYS).refine(far, two_steps())
+    plain = Refiner(ROBOT, LEARNED).refine(far, two_steps())
+    assert refinement.after is not None
+    assert plain.after is not None
+    assert refinement.after.actions[0]["duration"] == plain.after.actions[0]["duration"]
+    shift = refinement.after.actions[1]["duration"] - plain.after.actions[1]["duration"]
+    assert shift == pytest.approx(ADDED["dribbleBall"])
+
+
+def test_the_shipped_one_belongs_to_the_shipped_models() -> None:
+    calibration = load_calibration(resource_path("models") / CALIBRATION)
+    assert set(calibration.shortfalls) == set(LEARNED)
+    assert calibration.matching(LEARNED) == calibration
+    training = json.loads((resource_path("models") / CALIBRATION).read_text())["training"]
+    assert "3108" not in {str(row["seed"]) for row in training["chains"]}  # what it is measured on
+    for row in training["cross_validation"].values():
+        assert abs(row["corrected_s"]) < abs(row["raw_s"])
+        assert abs(row["corrected_s"]) <= 0.05
+
+
+def test_file_gives_back_the_same(tmp_path: Path) -> None:
+    path = tmp_path / CALIBRATION
+    assert load_calibration_if_any(tmp_path) == Calibration()
+    shortfall = Shortfall(0.1, {"v": 1.0 / 3.0}, -0.1, 0.5, "ab")
+    save_calibration(path, Calibration({"goToPose": shortfall}), {"seed": 301})
+    assert load_calibration_if_any(tmp_path) == Calibration({"goToPose": shortfall})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": "other"}, "schema: expected"),
+        ({"version": 2}, "version: expected 1, got 2"),
+        ({"shortfalls": []}, "shortfalls: expected an object"),
+        ({"shortfalls": {"../x": {}}}, "expected names of actions"),
+        ({"shortfalls": {"goToPose": 1}}, "goToPose: expected an object with slopes"),
+        ({"shortfalls": {"goToPose": {"slopes": {"w": 1.0}}}}, "slopes: expected terms of"),
+        ({"shortfalls": {"goToPose": {"slopes": {"v": 1e999}}}}, "slopes.v: expected a finite number"),
+        ({"shortfalls": {"goToPose": {"slopes": {"v": 1e9}}}}, "slopes.v: expected a number from"),
+        ({"shortfalls": {"goToPose": {"slopes": {}, "constant": True}}}, "constant: expected a finite"),
+        (
+            {"shortfalls": {"goToPose": {"slopes": {}, "constant": 0, "low": 1, "high": 0, "model": ""}}},
+            "expected low at most high",
+        ),
+    ],
+)
+def test_foreign_and_damaged_files_are_refused(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+    path = tmp_path / CALIBRATION
+    save_calibration(path, Calibration(), {})
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(RefinementError, match=message):
+        load_calibration(path)
+
+
+def examples(count: int, noise: float) -> list[StepExample]:
+    """Return steps that take longer by 0.1 s and 0.6 of what the prediction is below the ideal time."""
+    rng = np.random.default_rng(5)
+    rows = []
+    for number in range(count):
+        predicted, gap, v = rng.uniform(2.0, 6.0), rng.uniform(-0.3, 0.5), rng.uniform(0.0, 0.8)
+        made = step(float(predicted), float(predicted + gap), v=float(v))
+        actual = predicted + 0.1 + 0.6 * max(gap, 0.0) + noise * rng.standard_normal()
+        rows.append(
+            StepExample(
+                "dribble", "refined", (301 + number % 2, number // 2), "goToPose", made, float(actual)
+            )
+        )
+    return rows
+
+
+def test_the_shortfall_is_learned() -> None:
+    shortfall = fit_calibration(examples(200, 0.05), LEARNED).shortfalls["goToPose"]
+    assert shortfall.model == model_digest(LEARNED["goToPose"])
+    assert set(shortfall.slopes) < set(TERMS)  # terms that never change cannot be learned
+    assert shortfall.of(step(4.0, 4.0, v=0.4)) == pytest.approx(0.1, abs=0.03)
+    assert shortfall.of(step(4.0, 4.4, v=0.4)) == pytest.approx(0.34, abs=0.03)
+
+
+def test_what_is_learned_holds_for_situations_left_out() -> None:
+    row = cross_validated(examples(200, 0.05), LEARNED)["dribble refined"]
+    assert row["chains"] == 200
+    assert row["raw_s"] < -0.15
+    low, high = row["corrected_ci95"]
+    assert low < 0.0 < high
+    assert row["corrected_mae_s"] < 0.5 * row["raw_mae_s"]
+
+
+def test_too_few_situations_are_refused() -> None:
+    with pytest.raises(EvaluationError, match="at least 20 situations"):
+        fit_calibration(examples(19, 0.1), LEARNED)
+
+
+def test_steps_of_executed_chains_are_those_that_were_predicted() -> None:
+    tools = Toolset(ROBOT, {"learned": LEARNED}, OpenGate(), ALWAYS)
+    trial = random_trial(777, 3, "shoot", ROBOT, LIBRARY)
+    choice = naive(tools, trial)
+    chosen = [[call.goal.pose.yaw, call.goal.speed] for call in choice.chain.calls[:-1]]
+    row = {"success": True, "duration": 12.0, "chosen": chosen, "actions": [4.0, 5.0, 3.0]}
+    record = {"index": 3, "policies": {"naive": row, "refined": {**row, "success": False}}}
+    found = step_examples([record], seed=777, chain="shoot", tools=tools, library=LIBRARY)
+    raw = predict_chain(trial.world, choice.chain, LEARNED, ROBOT)
+    assert [example.action for example in found] == ["goToPose", "dribbleBall", "shoot"]
+    assert [example.actual for example in found] == [4.0, 5.0, 3.0]
+    assert [example.step.predicted for example in found] == [action["duration"] for action in raw.actions]
+    assert {example.policy for example in found} == {"naive"}
+    del row["actions"]
+    with pytest.raises(EvaluationError, match="evaluate again"):
+        step_examples([record], seed=777, chain="shoot", tools=tools, library=LIBRARY)
