@@ -39,7 +39,7 @@ _LENGTH = (0.001, 10.0)
 _BOUNDS: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("mass", "wheel_torque"), (0.001, 10_000.0)),
     "motor_time_constant": (0.0001, 10.0),
-    "v": (0.01, 10.0),
+    "v": (0.01, 5.0),  # tables of turns grow with it
     "w": (0.01, 50.0),
     **dict.fromkeys(("a", "brake"), (0.01, 100.0)),
     "aw": (0.01, 1000.0),

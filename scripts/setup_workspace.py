@@ -141,21 +141,25 @@ def install_packages(prefix: str) -> None:
         always = {canonical(pin.split("==")[0]) for pin in pins(ALWAYS_PINNED)}
         lacking = {name for name in wanted if name not in have and not name.startswith("ros-")}
         wanted = {name: entry for name, entry in wanted.items() if name in lacking | always}
-    requirements = VENV / "requirements.txt"
-    write_atomically(requirements, "\n".join(wanted.values()) + "\n")
     log_name = LOG.relative_to(ROOT)
     say(f"installing {len(wanted)} packages (a minute or two; log: {log_name})")
     with LOG.open("w", encoding="utf-8") as log:
-        # The lock is complete, so that nothing else need be looked for; a file with another hash is refused.
-        pip(["--require-hashes", "--no-deps", "--requirement", str(requirements)], log)
+        if prefix == WHEELS:
+            # What a source package (pybullet on Python 3.12) is built with shall be the locked one, too.
+            pip([wanted["setuptools"]], [], log)
+            pip(list(wanted.values()), ["--no-build-isolation"], log)
+        else:
+            pip(list(wanted.values()), [], log)
 
 
-def pip(options: list[str], log: IO[str]) -> None:
-    """Run `pip install` in .venv; raise with its own words on failure."""
+def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
+    """Install entries of the lock in .venv; raise with pip's own words on failure."""
+    requirements = VENV / "requirements.txt"
+    write_atomically(requirements, "\n".join(entries) + "\n")
+    # The lock is complete, so that nothing else need be looked for; a file with another hash is refused.
+    options = ["--require-hashes", "--no-deps", *options, "--requirement", str(requirements)]
     command = [str(PYTHON), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", *options]
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-    # What a source package is built with (setuptools) comes from the lock, too.
-    environment["PIP_CONSTRAINT"] = str(ROOT / "requirements" / "constraints.txt")
     done = subprocess.run(command, stdout=log, stderr=log, env=environment | MARK, check=False)
     if done.returncode:
         errors = re.findall(r"^(?:ERROR|error): (.*)$", LOG.read_text(encoding="utf-8"), flags=re.MULTILINE)

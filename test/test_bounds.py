@@ -1,0 +1,66 @@
+"""No number reaches beyond an array of compiled code, which would read or crash without a word."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.features import FEATURES, feature_table
+from ator_ros.performance.turns import look_up
+from ator_ros.robot import load_robot
+
+EDGES = [0.0, 1e-300, 1e-9, 0.01, 0.5, 1.0, 3.14159265358979, 7.0, 100.0, 1e4, 1e6]
+"""What files, messages and command lines may hold, up to the bounds that are checked where they come in."""
+CHECKED = (
+    "test_bounds.py",
+    "test_compiled.py",
+    "test_features.py",
+    "test_model_tree.py",
+    "test_performance_model.py",
+    "test_refinement_search.py",
+    "test_shipped_models.py",
+    "test_tree_storage.py",
+)
+"""The tests that run compiled code."""
+
+
+def extremes(count: int) -> dict[str, np.ndarray]:
+    """Give situations of numbers at the edges of what is accepted, of either sign."""
+    rng = np.random.default_rng(17)
+    signed = [sign * edge for sign in (1.0, -1.0) for edge in EDGES]
+    situations = {name: rng.choice(signed, count) for name in DIRECT_VARIABLES}
+    situations["speedg"] = np.abs(situations["speedg"])
+    situations["hold"] = rng.integers(0, 2, count).astype(float)
+    return situations
+
+
+def test_extreme_situations_give_features() -> None:
+    table = feature_table(extremes(2000), load_robot(), list(FEATURES))
+    assert table.shape == (2000, len(FEATURES))
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_BOUNDSCHECK") != "1", reason="only with NUMBA_BOUNDSCHECK=1")
+def test_an_index_beyond_an_array_is_noticed() -> None:
+    with pytest.raises(IndexError):
+        look_up(np.zeros(3), 7, 0.5)
+
+
+@pytest.mark.long
+def test_compiled_code_keeps_to_its_arrays() -> None:
+    folder = Path(__file__).parent
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not long and not node"]
+    done = subprocess.run(
+        [*command, *(str(folder / name) for name in CHECKED)],
+        cwd=folder.parent,
+        env={**os.environ, "NUMBA_BOUNDSCHECK": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-5000:]
