@@ -1,4 +1,4 @@
-"""The calibration as a JSON file, written by `calibrate_predictions` and read by the refinement node and the executor."""
+"""The calibration as a JSON file: `calibrate_predictions` writes it, refinement node and executor read it."""
 
 from __future__ import annotations
 
