@@ -64,6 +64,7 @@ NOT_HERE = {
     r"make setup PYTHON=python3\.12": "compiles pybullet, nine minutes, over this very environment",
     r"(sudo )?apt install .*|rosdep install .*|export PIP_BREAK_.*": "changes the system; needs ROS from apt",
     r"python3 -m pip install --user .*|pip install distributed": "changes the user's packages",
+    r"python3 scripts/lock\.py": "asks the package registry for every version anew",
     r"make run EXE=evaluate ARGS='…'": "shows the form; others of this form are executed",
     r"ros2 bag record( .*)?": "rosbag2 is not among the wheels; nodes/recorder.py writes the same format",
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",

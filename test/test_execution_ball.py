@@ -100,8 +100,10 @@ def test_a_ball_that_is_lost_ends_the_goal_under_that_name() -> None:
 
 def test_a_ball_that_is_lost_is_fetched_where_it_is() -> None:
     run, state = carrying(fetches=1)
-    run.tick(dataclasses.replace(state, ball=BallState(1.0, 0.9)), 100.0)
+    lost = dataclasses.replace(state, ball=BallState(1.0, 0.9))
+    run.tick(lost, 100.0)
     assert (run.ending, run.fetched, run.top.name) == (None, 1, "goToBall")
+    run.tick(dataclasses.replace(lost, time=state.time + 0.05), 100.05)  # one action is planned a tick
     assert run.chain.calls[0].goal.pose == Pose(1.0, 0.9, 0.0)
     for wait in (0.1, 0.15):
         assert run.tick(world(state.time + wait), 100.1) == STOP

@@ -11,6 +11,7 @@ import pytest
 from ator_ros.actions.base import Goal, Status
 from ator_ros.geometry import Pose
 from ator_ros.nodes.execution import Execution
+from ator_ros.nodes.fence import Fence
 from ator_ros.nodes.phases import Deadlines, Ending
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.refining import Question, Refining, refined_chain
@@ -49,6 +50,7 @@ class Drive:
             now=0.0,
             predictor=Predictor(ROBOT, {}),
             deadlines=Deadlines(),
+            fence=Fence.around(ROBOT),
         )
         self.commands: list[Command] = []
         self.tick()
@@ -113,7 +115,7 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     refining = drive.run.refining
     assert (refining.refined, refining.again) == (True, 1)
     assert refining.reason == "the first answer; refined again after 1.20 s: 0.5 s faster"
-    outcomes = [(record.index, record.outcome) for record, _ in drive.run.records]
+    outcomes = [(record.index, record.outcome) for record, *_ in drive.run.records]
     moved, answered = (0, Status.RUNNING), (0, Status.RUNNING)
     assert outcomes == [moved, answered, (0, Status.SUCCEEDED), (1, Status.SUCCEEDED)]
 

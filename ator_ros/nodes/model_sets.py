@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -80,11 +80,17 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str) -> Model
     except (ModelFileError, OSError) as error:  # a missing resource is one
         log.warning(f"action set {action_set}: no models: {error}")
         return ModelSet(absent=str(error), problem=str(error))
-    problem = "; ".join(str(warning.message) for warning in caught)
+    problem = _summary([str(warning.message) for warning in caught])
     if problem:
         log.warning(f"action set {action_set}: {problem}")
     calibration = _calibration(node, (place / model_path("any", action_set)).parent, action_set, models)
     return ModelSet(place, models, problem=problem, digest=digest, calibration=calibration)
+
+
+def _summary(warnings: Sequence[str]) -> str:
+    """Return the first warning and how many like it there are: models of another robot mostly come together."""
+    more = f" (and {len(warnings) - 1} more models of this set)" if len(warnings) > 1 else ""
+    return warnings[0] + more if warnings else ""
 
 
 def _calibration(

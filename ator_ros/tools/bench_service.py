@@ -143,7 +143,11 @@ def _ask_the_worst() -> None:
     """Ask for all that may be free in the longest chain, again and again, until the process is ended."""
     library = TopLibrary(load_robot())
     calls = [
-        TopCall(library[top], Goal(Pose(0.1 * i, 0.2, 0.3), 0.0, library[top].point), frozenset({EVERYTHING}))
+        TopCall(
+            library[top],
+            Goal(Pose(0.1 * ((i + 1) // 2), 0.0, 0.3), 0.0, library[top].point),
+            frozenset({EVERYTHING}),
+        )
         for i, top in enumerate(["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2))
     ]
     world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))

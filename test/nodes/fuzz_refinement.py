@@ -22,7 +22,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
 from ator_ros.nodes import conversions
-from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError
+from ator_ros.nodes.checks import FARTHEST, Bounds, MessageError, bounds_of
 from ator_ros.nodes.refinement import refining_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models
@@ -45,16 +45,18 @@ _PROGRESS = 1000
 class Generator:
     """Makes requests: mostly valid plans, with edges, and now and then nonsense in one of the numbers."""
 
-    def __init__(self, seed: int, tops: list[str]) -> None:
+    def __init__(self, seed: int, tops: list[str], bounds: Bounds) -> None:
         self._random = random.Random(seed)
         self._tops = tops
+        self._bounds = bounds
 
     def request(self) -> RefineSubgoal.Request:
         """Give the next request."""
         draw = self._random
         request = RefineSubgoal.Request(want_curve=draw.random() < 0.3)
         self._fill(request.situation.robot)
-        request.situation.v, request.situation.w = self._number(FASTEST), self._number(FASTEST)
+        bounds = self._bounds
+        request.situation.v, request.situation.w = self._number(bounds.v), self._number(bounds.w)
         length = draw.choice(LENGTHS) if draw.random() < 0.99 else draw.randint(5, 200)
         request.chain.calls = [self._call(top) for top in self._plan(length)]
         if draw.random() < 0.95:
@@ -80,14 +82,15 @@ class Generator:
         draw = self._random
         call = TopCall(top=top)
         self._fill(call.goal.pose)
-        call.speed = abs(self._number(FASTEST))
+        call.speed = abs(self._number(self._bounds.v))
         call.open = [name for name in (*GOAL_VARIABLES, "*") if draw.random() < 0.4]
         if draw.random() < 0.005:
             call.open.append(draw.choice(("x", "beauty")))
         return call
 
     def _fill(self, pose: conversions.PoseMessage) -> None:
-        pose.position.x, pose.position.y = self._number(FARTHEST), self._number(FARTHEST)
+        bounds = self._bounds
+        pose.position.x, pose.position.y = self._number(bounds.x), self._number(bounds.y)
         half = self._random.uniform(-math.pi, math.pi)
         pose.orientation.z = math.sin(half)
         pose.orientation.w = math.cos(half) if self._random.random() < 0.99 else self._number(1.0)
@@ -136,7 +139,7 @@ def kind_of(error: str) -> str:
 def fuzz(requests: int, seed: int, refiner: Refiner) -> Counter[str]:
     """Serve generated requests and count the outcomes."""
     library = TopLibrary(refiner.robot)
-    generator = Generator(seed, list(library))
+    generator = Generator(seed, list(library), bounds_of(refiner.robot))
     counts: Counter[str] = Counter()
     for number in range(requests):
         request = generator.request()

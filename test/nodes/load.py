@@ -43,7 +43,9 @@ def heavy_request() -> RefineSubgoal.Request:
     """Ask for all that may be free in the longest chain."""
     request = short_request()
     tops = ["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2)
-    request.chain.calls = [call(top, Pose(0.1 * i, 0.2, 0.3), EVERYTHING) for i, top in enumerate(tops)]
+    request.chain.calls = [
+        call(top, Pose(0.1 * ((i + 1) // 2), 0.0, 0.3), EVERYTHING) for i, top in enumerate(tops)
+    ]
     return request
 
 

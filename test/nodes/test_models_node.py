@@ -82,6 +82,7 @@ def test_a_robot_of_your_own_is_the_one_that_counts(
     if name == "simulation":
         return
     assert status.level == DiagnosticStatus.WARN
-    assert "shoot.json: robot_digest: this model of shoot was learned with ANOTHER ROBOT" in status.message
+    assert "dribbleBall was learned with ANOTHER ROBOT" in status.message
+    assert "(and 2 more models of this set)" in status.message
     assert "models of default" in values
     assert "ANOTHER ROBOT" in node.output

@@ -12,10 +12,11 @@ from ator_interfaces.msg import TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
-from ator_ros.nodes.refinement import refinement_of
+from ator_ros.nodes.refinement import refining_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.slices import completed
 
 
 def request(*calls: TopCall) -> RefineSubgoal.Request:
@@ -28,7 +29,7 @@ def request(*calls: TopCall) -> RefineSubgoal.Request:
 
 def answered(asked: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Response:
     known = {action: model for action, model in models().items() if action not in without}
-    found = refinement_of(asked, Refiner(ROBOT, known), LIBRARY, frame="odom")
+    found = completed(refining_of(asked, Refiner(ROBOT, known), LIBRARY, frame="odom"))
     return answer_of(found, action_set="default", frame="odom", want_curve=False)
 
 

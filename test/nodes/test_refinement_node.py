@@ -207,7 +207,7 @@ def ball_unknown(request: RefineSubgoal.Request) -> None:
 
 
 NONSENSE = {
-    nan_position: "situation.robot.position.x: expected a finite number from -1000 to 1000 m, got nan",
+    nan_position: "situation.robot.position.x: expected a finite number from -10 to 10 m, got nan",
     zero_quaternion: "chain.calls[1].goal.pose.orientation: expected a quaternion (x, y, z, w) of length 1",
     unknown_top: "chain.calls[0].top: expected one of ['dribbleBall', 'goToBall', ",
     wrong_frame: "chain.calls[0].goal.header.frame_id: expected the frame 'odom', got 'moon'",
