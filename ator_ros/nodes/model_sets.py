@@ -88,7 +88,7 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str) -> Model
 
 
 def _summary(warnings: Sequence[str]) -> str:
-    """Return the first warning and how many like it there are: models of another robot mostly come together."""
+    """Return the first warning, and how many more: models of another robot mostly come together."""
     more = f" (and {len(warnings) - 1} more models of this set)" if len(warnings) > 1 else ""
     return warnings[0] + more if warnings else ""
 

@@ -142,13 +142,11 @@ def _delayed(domain: int, requests: int, alone: float) -> dict[str, dict[str, fl
 def _ask_the_worst() -> None:
     """Ask for all that may be free in the longest chain, again and again, until the process is ended."""
     library = TopLibrary(load_robot())
+    tops = [library[top] for top in ["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2)]
+    places = [Pose(0.1 * ((step + 1) // 2), 0.0, 0.3) for step in range(LONGEST_CHAIN)]
     calls = [
-        TopCall(
-            library[top],
-            Goal(Pose(0.1 * ((i + 1) // 2), 0.0, 0.3), 0.0, library[top].point),
-            frozenset({EVERYTHING}),
-        )
-        for i, top in enumerate(["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2))
+        TopCall(top, Goal(place, 0.0, top.point), frozenset({EVERYTHING}))
+        for top, place in zip(tops, places, strict=True)
     ]
     world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
     request = RefineSubgoal.Request(
