@@ -24,7 +24,8 @@ _FAITH = 0.3  # m by which the way round the other side must be shorter to be pr
 _SLIGHT = 0.3  # rad on the circle up to which it may be driven faster, as rotation needs time to build up
 _PUSH_MARGIN = 0.1  # m/s^2
 _SLOWEST_PUSH = 0.3  # m/s
-_WALL, _WALL_REACH = 5.0, 0.5  # cost in m of way per m of depth, and m from a goal's walls where that begins
+_WALL = 5.0  # cost in m of way per m of depth at a goal
+_AT_POSTS, _AT_MOUTH = 0.5, 0.6  # m from a goal's posts, or with the ball from its mouth, where that begins
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +135,8 @@ class Driver:
         if self._field is None:
             return cost
         points = (target.compose(Pose(x, y, 0.0)) for x, y in curve.bulge)
-        return cost + _WALL * sum(_depth_at_goal(point, self._field) for point in points)
+        mouth = self._pushing is not None  # a ball that is pushed into a goal does not come out again
+        return cost + _WALL * sum(_depth_at_goal(point, self._field, mouth=mouth) for point in points)
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
@@ -187,10 +189,11 @@ class Driver:
         return self._last
 
 
-def _depth_at_goal(point: Pose, field: Field) -> float:
-    """Return how far in m a point is within reach of a goal's walls; 0 where it is not."""
-    before = abs(point.x) - field.length / 2 + _WALL_REACH
-    beside = field.goal_width / 2 + _WALL_REACH - abs(point.y)
+def _depth_at_goal(point: Pose, field: Field, *, mouth: bool) -> float:
+    """Return how far in m a point is within reach of a goal's posts, or of its `mouth`, too; 0 outside."""
+    reach, beyond_post = _AT_MOUTH if mouth else _AT_POSTS, abs(point.y) - field.goal_width / 2
+    before = abs(point.x) - field.length / 2 + reach
+    beside = reach - (beyond_post if mouth else abs(beyond_post))
     return max(min(before, beside), 0.0)
 
 

@@ -37,7 +37,8 @@ class GoToPose(Action):
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
         self._to_ball = self._lies_at_goal(world.ball)
-        self._driver = Driver(self.robot.limits, TO_BALL if self._to_ball else TO_POSE)
+        style = TO_BALL if self._to_ball else TO_POSE
+        self._driver = Driver(self.robot.limits, style, field=self.robot.field)
         self._driver.reset(Command(world.robot.v, world.robot.w))
 
     def step(self, world: World) -> Step:
