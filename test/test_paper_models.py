@@ -29,4 +29,4 @@ def test_table_tells_accuracy_beside_the_papers_and_the_rules(tmp_path: Path) ->
     assert text.count("| goToPose |") == text.count("| dribbleBall |") == 3
     assert "0.31 / 0.75" in text
     assert "0.29 / 0.73" in text
-    assert "angle_to_dest" in text.split("## Rules of goToPose")[1]
+    assert all("time = " in text.split(f"## Rules of {name}")[1] for name in ("goToPose", "dribbleBall"))
