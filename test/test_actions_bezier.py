@@ -17,10 +17,13 @@ from scenarios import (
 )
 
 from ator_ros.actions.base import ActionError, Goal, Point
-from ator_ros.actions.bezier.curve import bezier_paths, drive_time
-from ator_ros.actions.bezier.follow import PERIOD, Pushing, ramped
+from ator_ros.actions.bezier.curve import Curve, Shape, curve_to
+from ator_ros.actions.bezier.dribble_ball import dribbling
+from ator_ros.actions.bezier.driver import PERIOD, Driver, Pushing
+from ator_ros.actions.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.geometry import Pose
+from ator_ros.experiments.action_quality import execute, tasks
+from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot import Robot, load_robot
 from ator_ros.world import BallState, Command, RobotState, World
 
@@ -91,15 +94,76 @@ def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
         ACTION_SETS["bezier"]["shoot"](robot).start(world, AXLE_GOAL)
 
 
-def test_curve_leaves_and_arrives_in_the_given_directions() -> None:
-    start, end, yaw = np.array([[0.0, 0.0, 0.5]]), np.array([[2.0, 1.0, -0.3]]), np.array([-0.3])
-    along = np.linspace(0.0, 0.3, 7)[1:, None]
-    tail = np.array([[2.0, 1.0]]) + along * np.array([[math.cos(-0.3), math.sin(-0.3)]])
-    paths = bezier_paths(start, end, np.array([[0.5, 0.5]]), np.zeros(1), tail[None], yaw)
-    assert abs(paths.headings[0, 0] - 0.5) < 0.1
-    assert paths.headings[0, -1] == pytest.approx(-0.3)
-    assert paths.points[0, 0] == pytest.approx([0.0, 0.0])
-    assert drive_time(paths, v=1.0, w=100.0)[0] == pytest.approx(paths.lengths.sum(), rel=0.01)
+SHAPE = Shape(radius=0.5, run_in=0.2, near=0.15, far=0.8, per_speed=0.2)
+STARTS = [Pose(-2.0, 0.7, 0.4), Pose(1.5, 1.0, -2.0), Pose(0.3, -1.2, 1.0), Pose(-0.9, -0.1, 3.0)]
+
+
+def beginning(curve: Curve) -> tuple[float, float]:
+    """Return heading (rad) and curvature (1/m) at the start of the Bezier curve, from its polynomial."""
+    p = np.array(curve.points)
+    first, second = 4.0 * (p[1] - p[0]), 12.0 * (p[2] - 2.0 * p[1] + p[0])
+    bend = (first[0] * second[1] - first[1] * second[0]) / np.hypot(*first) ** 3
+    return math.atan2(first[1], first[0]), float(bend)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("start", STARTS)
+def test_curve_leaves_and_arrives_in_the_headings_of_the_poses(start: Pose, side: float) -> None:
+    curve = curve_to(start, 0.3, SHAPE, side)
+    heading, bend = beginning(curve)
+    assert curve.points[0] == (start.x, start.y)
+    assert wrap_angle(heading - start.yaw) == pytest.approx(0.0, abs=1e-9)
+    assert bend == pytest.approx(curve.bend)
+    (x, y), end = curve.points[-2:]
+    assert end == (-SHAPE.run_in, 0.0)
+    assert x < end[0]
+    assert y == 0.0
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_mirrored_start_gives_the_mirrored_curve(start: Pose) -> None:
+    curve = curve_to(start, 0.3, SHAPE, 1.0)
+    mirrored = curve_to(Pose(start.x, -start.y, -start.yaw), 0.3, SHAPE, -1.0)
+    assert mirrored.bend == pytest.approx(-curve.bend)
+    assert mirrored.left == pytest.approx(curve.left)
+
+
+def test_robot_on_the_circle_beside_the_goal_stays_on_it() -> None:
+    angle = 1.0
+    at = Pose(-SHAPE.run_in - 0.5 * math.sin(angle), 0.5 * (1.0 - math.cos(angle)), -angle)
+    assert curve_to(at, 0.0, SHAPE, 1.0).bend == pytest.approx(1.0 / SHAPE.radius, rel=0.01)
+
+
+def test_curve_is_continuous_in_the_heading_of_the_start() -> None:
+    headings = np.arange(-math.pi, math.pi, math.radians(1.0))
+    for style in (TO_POSE, TO_BALL, dribbling(1.0)):
+        curves = [curve_to(Pose(-2.0, 0.7, yaw), 0.3, style.shape, 1.0) for yaw in headings]
+        bends = np.clip([curve.bend for curve in curves], -style.sharpest, style.sharpest)
+        quiet = np.abs([curve.bearing for curve in curves]) < 2.0
+        assert np.abs(np.diff(bends))[quiet[1:] & quiet[:-1]].max() < 0.3
+        assert np.ptp([curve.left for curve in curves]) == 0.0
+
+
+def test_way_round_the_goal_is_the_shorter_one_and_kept(robot: Robot) -> None:
+    driver = Driver(robot.dribble_limits, dribbling(1.0))
+    goal = Pose(0.0, 0.0, 0.0)
+    left = driver.curve(Pose(0.5, 0.1, math.pi / 2), goal, 0.0)
+    assert left.points[2][1] > 0.0
+    assert driver.curve(Pose(0.5, -0.05, math.pi / 2), goal, 0.0).points[2][1] > 0.0
+
+
+def test_way_round_a_goal_near_a_goal_wall_avoids_the_wall(robot: Robot) -> None:
+    start, goal = Pose(-2.04, -1.86, -2.98), Pose(-2.06, 0.03, -2.07)
+    blind = Driver(robot.dribble_limits, dribbling(1.0)).curve(start, goal, 0.0)
+    seeing = Driver(robot.dribble_limits, dribbling(1.0), field=robot.field).curve(start, goal, 0.0)
+    assert blind.bulge[0][1] * seeing.bulge[0][1] < 0.0
+
+
+def test_turning_the_start_by_a_degree_hardly_changes_the_duration(robot: Robot) -> None:
+    for kind in ("approach", "dribble"):
+        runs = [[execute(task) for task in tasks(kind, "bezier", 31, 3, turn)] for turn in (0, 1)]
+        changes = [abs(one.duration - other.duration) for one, other in zip(*runs, strict=True)]
+        assert max(changes) <= 0.151
 
 
 def test_ball_is_pressed_on_only_below_a_speed_that_falls_with_curvature() -> None:
@@ -110,6 +174,8 @@ def test_ball_is_pressed_on_only_below_a_speed_that_falls_with_curvature() -> No
 
 
 def test_ramp_changes_no_faster_than_the_limits(robot: Robot) -> None:
-    command = ramped(Command(0.5, 0.0), 5.0, -9.0, robot.limits)
+    driver = Driver(robot.limits, TO_POSE)
+    driver.reset(Command(0.5, 0.0))
+    command = driver.command(5.0, -9.0)
     assert command.v == pytest.approx(0.5 + robot.limits.a * PERIOD)
     assert command.w == pytest.approx(-robot.limits.aw * PERIOD)

@@ -82,6 +82,7 @@ def made_again() -> list[set[str]]:
     values = dict(re.findall(r"^(\w+)=\$\{\w+:-(\S+)\}$", text, flags=re.MULTILINE))
     text = re.sub(r"\$\{\w+:?-(\d+|--.*?)\}", r"\1", text)
     text = re.sub(r"\$(\w+)", lambda found: values.get(found[1], found[1]), text)
+    text = re.sub(r"^ *part \S+ +", "", text, flags=re.MULTILINE)
     lines = [shlex.split(line) for line in text.splitlines() if line.startswith(('"bin/', "python "))]
     return [{Path(word).name for word in line} for line in lines]
 

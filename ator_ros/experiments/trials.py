@@ -33,6 +33,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "4xx-8xx": "development",
         "9xx": "quality of the actions, effect of the sensors",
         "2005": "the evaluations of before, looked at while the gate was made",
+        "2015": "the final evaluation of the paper's actions",
         "2026": "the final evaluation",
         "3107": "situations that the calibration is learned from, too",
         "3108": "the final errors of calibrated predictions",

@@ -6,16 +6,17 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.actions.bezier.dribble_ball import LOST, BallDriver, check_held
-from ator_ros.actions.bezier.go_to_pose import check_goal
-from ator_ros.geometry import Pose
+from ator_ros.actions.bezier.dribble_ball import LOST, check_held, dribbling
+from ator_ros.actions.bezier.driver import Driver, Pushing, check_goal
+from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot import Robot
-from ator_ros.world import BallState, Command, World
+from ator_ros.world import STOP, BallState, Command, World
 
 _POST_ROOM = 0.2
 _ROLL_RESERVE = 0.25
 _SLOWEST_SHOT = 0.5
-_SLANTS = (0.0, 0.45, -0.45, 0.9, -0.9)
+_HANDLE = 0.4
+_SLANT = 0.9  # rad
 _BEFORE_LINE = 0.35
 _LINE = 0.02
 _BEND = 4.0
@@ -31,7 +32,7 @@ class Shoot(Action):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self._driver = BallDriver(robot)
+        self._driver = Driver(robot.dribble_limits, dribbling(_HANDLE), Pushing.of(robot))
         self._side = 1
         self._middle = 0.0
         self._released = False
@@ -60,7 +61,7 @@ class Shoot(Action):
             return finished(Status.FAILED, "lost the ball: it is not seen any more")
         depth = self._side * ball.x - self.robot.field.length / 2
         if depth > _LINE and abs(ball.y) < self.robot.field.goal_width / 2:
-            return finished(Status.SUCCEEDED, "the ball is in the goal", self._driver.brake())
+            return finished(Status.SUCCEEDED, "the ball is in the goal", STOP)
         if self._released:
             return self._watch(world, ball)
         distance = self.robot.hold_offset(world)
@@ -68,9 +69,9 @@ class Shoot(Action):
             return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
         crossing = self._crossing(world.robot.pose)
         if crossing is None or abs(crossing) > self._half_mouth():
-            return self._driver.follow(
-                world, self._targets(), run_in=0.0, end_speed=self.robot.dribble_limits.v
-            )
+            target = self._target(world.robot.pose)
+            command = self._driver.follow(world.robot, target, self.robot.dribble_limits.v)
+            return Step(command, Status.RUNNING, "dribbling along a curve to the goal's mouth")
         return self._run_up(world, -depth, crossing)
 
     def _crossing(self, pose: Pose) -> float | None:
@@ -82,15 +83,14 @@ class Shoot(Action):
             return None
         return hold.y + short / forward * math.sin(pose.yaw)
 
-    def _targets(self) -> list[Pose]:
-        """Give poses of the axle before the goal mouth, at several slants."""
-        line = self.robot.field.length / 2
+    def _target(self, pose: Pose) -> Pose:
+        """Return the pose of the axle before the mouth, in the direction from here up to a greatest slant."""
         straight = 0.0 if self._side > 0 else math.pi
-        poses = []
-        for slant in _SLANTS:
-            mouth = Pose(self._side * line, self._middle, straight + slant)
-            poses.append(mouth.ahead(-self.robot.hold - _BEFORE_LINE))
-        return poses
+        line = self._side * self.robot.field.length / 2
+        hold = self.robot.hold_point(pose)
+        slant = wrap_angle(math.atan2(self._middle - hold.y, line - hold.x) - straight)
+        mouth = Pose(line, self._middle, straight + max(-_SLANT, min(_SLANT, slant)))
+        return mouth.ahead(-self.robot.hold - _BEFORE_LINE)
 
     def _run_up(self, world: World, short: float, crossing: float) -> Step:
         """Drive straight at the mouth, and brake when the ball, `short` m before the line, will roll in."""
@@ -99,7 +99,7 @@ class Shoot(Action):
         roll = state.v**2 / (2.0 * self.robot.ball.rolling_deceleration)
         if roll > way and abs(state.w) < 0.3 and state.v > _SLOWEST_SHOT:
             self._released = True
-            return Step(self._driver.brake(), Status.RUNNING, "braking: the ball rolls on into the goal")
+            return Step(STOP, Status.RUNNING, "braking: the ball rolls on into the goal")
         # Steer mildly from the posts toward the middle of the mouth.
         aim = max(-0.5, min(0.5, self._side * (self._middle - crossing)))
         bend = aim / max(short + 0.5, 0.5) if abs(aim) > 0.1 else 0.0
@@ -113,4 +113,4 @@ class Shoot(Action):
         """Brake, and wait until the ball has crossed the line or come to rest."""
         if ball.speed < 0.05 and abs(world.robot.v) < 0.05:
             return finished(Status.FAILED, "missed: the ball came to rest outside the goal")
-        return Step(self._driver.brake(), Status.RUNNING, "waiting for the ball to roll into the goal")
+        return Step(STOP, Status.RUNNING, "waiting for the ball to roll into the goal")

@@ -1,0 +1,32 @@
+"""The paper's candidate features and kind of situations, for the paper's actions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ator_ros.experiments.paper_models import at_rest, main
+from ator_ros.robot import load_robot
+
+
+@pytest.mark.parametrize("action", ["goToPose", "dribbleBall"])
+def test_situations_are_at_rest_with_the_ball_where_it_belongs(action: str) -> None:
+    robot, rng = load_robot(), np.random.default_rng(1)
+    for _ in range(20):
+        drawn = at_rest(action, robot, rng)
+        assert drawn.ball is not None
+        assert (drawn.robot.v, drawn.robot.w, drawn.ball.speed, drawn.goal.speed) == (0.0, 0.0, 0.0, 0.0)
+        place = drawn.goal.pose if action == "goToPose" else robot.hold_point(drawn.robot.pose)
+        assert (drawn.ball.x, drawn.ball.y) == pytest.approx((place.x, place.y))
+
+
+def test_table_tells_accuracy_beside_the_papers_and_the_rules(tmp_path: Path) -> None:
+    out = tmp_path / "accuracy.md"
+    assert main(["--episodes", "30", "--fresh", "20", "--jobs", "1", "--out", str(out)]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert text.count("| goToPose |") == text.count("| dribbleBall |") == 3
+    assert "0.31 / 0.75" in text
+    assert "0.29 / 0.73" in text
+    assert all("time = " in text.split(f"## Rules of {name}")[1] for name in ("goToPose", "dribbleBall"))
