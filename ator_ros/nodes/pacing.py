@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+
+Send = Callable[[], None]
+"""Sends one message."""
 
 
 class Pace:
@@ -31,3 +35,33 @@ class Pace:
             return False
         self._left -= 1.0
         return True
+
+
+class Outbox:
+    """Messages that leave at a pace; urgent ones overtake the others.
+
+    Parameters
+    ----------
+    pace : Pace
+        How often one may leave.
+    most : int
+        How many may wait; beyond that they leave at once, so that memory stays bounded.
+    """
+
+    def __init__(self, pace: Pace, *, most: int) -> None:
+        self._pace, self._most = pace, most
+        self._urgent: deque[Send] = deque()
+        self._others: deque[Send] = deque()
+
+    def __len__(self) -> int:
+        """Return how many messages wait."""
+        return len(self._urgent) + len(self._others)
+
+    def add(self, send: Send, *, urgent: bool) -> None:
+        """Take a message; it leaves at one of the next calls of `work`."""
+        (self._urgent if urgent else self._others).append(send)
+
+    def work(self) -> None:
+        """Send as many of the messages that wait as the pace allows."""
+        while self and (len(self) > self._most or self._pace.allows()):
+            (self._urgent or self._others).popleft()()

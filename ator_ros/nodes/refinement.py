@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import time
-from collections import deque
 from pathlib import Path
 
 from rclpy.node import Node
@@ -16,7 +16,7 @@ from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
-from ator_ros.nodes.pacing import Pace
+from ator_ros.nodes.pacing import Outbox, Pace
 from ator_ros.nodes.parameters import ROBOT, Parameter, declare_parameters, digest_of, robot_of
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
@@ -45,8 +45,11 @@ PARAMETERS = (
 )
 
 _WARNING_PERIOD = 2.0
-_REFUSALS_PER_SECOND = 1500.0
-_MOST_REFUSALS = 2000
+_FEW = 4
+"""Requests that may be answered all at once. Every client of a service receives the answers to all of them and
+keeps ten by default, so it loses its own when more come faster than it reads."""
+_ANSWERS_PER_SECOND = 150.0
+_MOST_WAITING = 2000
 
 
 class RefinementNode(Node):
@@ -82,9 +85,10 @@ class RefinementNode(Node):
         )
         self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin, work=self._work)
         self._go_on = self.create_guard_condition(self._work)
-        self._refusals: deque[Answer] = deque()
-        self._pace = Pace(time.monotonic, rate=_REFUSALS_PER_SECOND, at_once=4)
-        self._refusing = self.create_timer(1.0 / _REFUSALS_PER_SECOND, self._refuse, clock=STEADY)
+        pace = Pace(time.monotonic, rate=_ANSWERS_PER_SECOND, at_once=1)
+        self._outbox = Outbox(pace, most=_MOST_WAITING)
+        self._crowded = False
+        self._posting = self.create_timer(1.0 / _ANSWERS_PER_SECOND, self._post, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(f"refining chains of the action sets {', '.join(self._refiners) or '(none)'}")
 
@@ -108,12 +112,30 @@ class RefinementNode(Node):
             return None
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
-        if self._turns.add(self._serve(request), answer, size=len(request.chain.calls)):
+        finish = functools.partial(self._answer, answer)
+        if self._turns.add(self._serve(request), finish, size=len(request.chain.calls)):
             return
         self._busy += 1
-        if not self._refusals:
-            self._refusing.reset()
-        self._refusals.append(answer)
+        most = self._settings["most_requests"]
+        busy = refused(f"busy: expected at most {most} requests at once, got more; ask again later")
+        self._answer(answer, busy, urgent=False)
+
+    def _answer(self, answer: Answer, response: RefineSubgoal.Response, *, urgent: bool = True) -> None:
+        """Answer at once, or at a pace from when there are many requests until there are none."""
+        self._crowded = self._crowded or len(self._turns) > _FEW
+        if not self._crowded:
+            answer(response)
+            return
+        self._outbox.add(functools.partial(answer, response), urgent=urgent)
+        if self._posting.is_canceled():
+            self._posting.reset()
+
+    def _post(self) -> None:
+        """Send the answers that had to wait."""
+        self._outbox.work()
+        if not self._outbox:
+            self._posting.cancel()
+            self._crowded = len(self._turns) > 0
 
     def _work(self) -> None:
         """Let one request have a turn; those that have come meanwhile begin."""
@@ -122,15 +144,6 @@ class RefinementNode(Node):
             self._turns.work()
         if self._turns:
             self._go_on.trigger()
-
-    def _refuse(self) -> None:
-        """Answer those that found the node busy, not all at once: a client's queue may hold ten answers."""
-        most = self._settings["most_requests"]
-        busy = refused(f"busy: expected at most {most} requests at once, got more; ask again later")
-        while self._refusals and (self._pace.allows() or len(self._refusals) > _MOST_REFUSALS):
-            self._refusals.popleft()(busy)
-        if not self._refusals:
-            self._refusing.cancel()
 
     def _serve(self, request: RefineSubgoal.Request) -> Slices[RefineSubgoal.Response]:
         """Answer a request, in slices."""
