@@ -46,7 +46,7 @@ PARAMETERS = (
 
 _WARNING_PERIOD = 2.0
 _FEW = 4
-"""Requests that may be answered all at once. Every client of a service receives the answers to all of them and
+"""Requests that may be answered all at once. Each client of a service receives the answers to all of them and
 keeps ten by default, so it loses its own when more come faster than it reads."""
 _ANSWERS_PER_SECOND = 150.0
 _MOST_WAITING = 2000
