@@ -27,7 +27,7 @@ _GRID_ERROR = 0.3  # s by which a candidate's duration is off at most
 _TRIES = 3000
 # Where the robot must not come back on its way: room for what closing a candidate changes, in m.
 _SLACK = 0.01
-_CANDIDATES_A_POINT = 10_000
+_CANDIDATES_A_POINT = 2_000
 
 
 @lru_cache(maxsize=256)
@@ -77,9 +77,10 @@ def fastest(
             "which is too near one of them"
         )
     least_slack = _SLACK if forward_only else -math.inf
-    candidates = find_candidates(start, goal, entries, exits, limits, least_slack)
-    yield 2 + len(candidates) // _CANDIDATES_A_POINT
-    short = np.searchsorted(candidates.times, longest + _GRID_ERROR, side="right")
+    most = longest + _GRID_ERROR
+    candidates = find_candidates(start, goal, entries, exits, limits, least_slack, most)
+    yield min(1, len(candidates)) + len(candidates) // _CANDIDATES_A_POINT
+    short = np.searchsorted(candidates.times, most, side="right")
     for which in portions(np.arange(short), candidates.times):
         bounds = candidates.times[which] + _SURPRISE
         verdicts = np.full(len(which), Verdict.OPEN, dtype=np.int8)
@@ -87,14 +88,14 @@ def fastest(
             bundle = candidates.bundle(which)
             verdicts = screened(bundle, bounds, obstacles, robot, forward_only=forward_only)
             yield PORTION_POINTS
-        for index, most, verdict in zip(which, bounds, verdicts, strict=True):
+        for index, bound, verdict in zip(which, bounds, verdicts, strict=True):
             counts = verdict != Verdict.IMPOSSIBLE
             if verdict == Verdict.OPEN:
                 manoeuvre = closed(candidates[int(index)])
-                counts = manoeuvre is not None and _is_allowed(manoeuvre, most, forward_only=forward_only)
+                counts = manoeuvre is not None and _is_allowed(manoeuvre, bound, forward_only=forward_only)
                 if manoeuvre is not None and counts and is_clear(manoeuvre, obstacles, robot):
                     return manoeuvre
-                yield look_points(most)
+                yield look_points(bound)
             tries -= counts
             if tries == 0:
                 break
