@@ -71,15 +71,15 @@ class PlannedAction(Action):
         """Plan from the state `world`, in which the robot does not turn; ActionError where impossible."""
 
     def check(self, world: World) -> str | None:  # noqa: ARG002
-        """Say why the action has failed at this tick, if it has."""
+        """Return why the action has failed at this tick, None if it has not."""
         return None
 
     def outdated(self, world: World) -> bool:  # noqa: ARG002
-        """Say whether what was planned for has changed."""
+        """Return whether what was planned for has changed."""
         return False
 
     def arrive(self, world: World) -> Step:
-        """Give the step at the end of the plan."""
+        """Return the step at the end of the plan."""
         pose, goal = world.robot.pose, self.goal.robot_pose(self.robot)
         error = pose.relative(goal)
         distance, heading = pose.distance(goal), abs(error.yaw)
@@ -123,7 +123,7 @@ class PlannedAction(Action):
         return math.nan if self._tracker is None else self._tracker.left(world)
 
     def target(self) -> Pose:
-        """Give the pose of the axle at the goal."""
+        """Return the pose of the axle at the goal."""
         return self.goal.robot_pose(self.robot)
 
     # Plans in the making

@@ -32,14 +32,14 @@ _CANDIDATES_A_POINT = 2_000
 
 @lru_cache(maxsize=256)
 def free_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
-    """Give the ways to begin or end without a ball: turn at once, at any change of speed (`length` is 0)."""
+    """Return the ways to begin or end without a ball: turn at once, at any change of speed (`length`: 0)."""
     change = min(limits.a, limits.brake)  # which of them it is depends on the direction of driving
     return tuple(Side(length, speed, Driving(speed, share * change, limits.w)) for share in _SHARES)
 
 
 @lru_cache(maxsize=256)
 def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
-    """Give the ways to end with a straight run of `length` m behind the ball, arriving at `speed`."""
+    """Return the ways to end with a straight run of `length` m behind the ball, arriving at `speed`."""
     # Seen from the goal, backward in time: what gains speed here brakes there.
     fastest_ = math.sqrt(speed * speed + 2.0 * limits.brake * length)
     slowest = math.sqrt(max(0.0, speed * speed - 2.0 * limits.a * length))
