@@ -194,3 +194,46 @@ def test_a_tick_begins_one_action_at_most() -> None:
         assert step.status is Status.RUNNING
         assert len(executor.records) <= tick
     assert math.isclose(step.elapsed, 0.15)
+
+
+@pytest.mark.parametrize("noise", [0.005, -0.005])
+def test_odometry_that_is_never_still_does_not_keep_a_plan_from_being_found(
+    noise: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world, goal, _ = hard_way(monkeypatch)
+    noisy = dataclasses.replace(world, robot=RobotState(world.robot.pose, noise, noise))
+    action = GoToPose(ROBOT)
+    action.start(noisy, goal)
+    assert action.planning
+    for tick in range(1, 60):
+        step = action.step(dataclasses.replace(noisy, time=0.05 * tick))
+        assert step.status is Status.RUNNING
+        if not action.planning:
+            break
+    assert step.message == "planned"
+
+
+def test_a_subgoal_that_is_not_found_at_once_leaves_no_second_search_to_the_tick(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    library, searched = TopLibrary(ROBOT), []
+    begin = Pose(0.0, 0.0, 0.0)
+    world = World(0.0, RobotState(begin), BallState(2.0, 0.0))
+    chain = TopChain((TopCall(library["goToPose"], Goal(Pose(3.0, 1.5, 0.0))),))
+    executor = ChainExecutor(library, chain)
+    executor.step(world)
+    monkeypatch.setattr(planning, "SLICE", 1)
+    original = planning.Search.advance
+
+    def counted(self: planning.Search, time: float):  # type: ignore[no-untyped-def]
+        searched.append(time)
+        return original(self, time)
+
+    monkeypatch.setattr(planning.Search, "advance", counted)
+    moved = World(0.05, RobotState(begin), BallState(2.2, 0.0))
+    other = chain.with_goal(0, Goal(Pose(3.0, 1.2, 0.0)))
+    assert not executor.head_for(moved, other)
+    assert executor.step(moved).status is Status.RUNNING
+    assert searched == [0.05]
+    executor.step(dataclasses.replace(moved, time=0.1))
+    assert searched == [0.05, 0.1]

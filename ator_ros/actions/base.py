@@ -84,6 +84,9 @@ class Action(ABC):
         """Whether the robot stands, or brakes, since the way is not planned yet."""
         return False
 
+    def defer_planning(self, time: float) -> None:  # noqa: B027
+        """Plan nothing in the tick at `time` (s), in which another search has taken its slice."""
+
     @abstractmethod
     def start(self, world: World, goal: Goal) -> None:
         """Commit to `goal` from the state `world`.

@@ -142,8 +142,9 @@ class ChainExecutor:
         return True
 
     def _begins(self, world: World, run: StepRun) -> bool:
-        """Begin `run` while the robot drives; tell whether its way is known."""
+        """Begin `run` while the robot drives; return whether its way is known."""
         self._planned = world.time
+        self._run.defer_planning(world.time)  # where it goes on after all: one search in a tick
         return run.begin(world) is None and not run.planning
 
     def _follow_ball(self, world: World) -> Step | None:

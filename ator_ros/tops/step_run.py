@@ -121,6 +121,11 @@ class StepRun:
         """Whether its action has started, and has not found its way yet."""
         return self._action is not None and self._action.planning
 
+    def defer_planning(self, time: float) -> None:
+        """Let the action, if it has started, plan nothing in the tick at `time` (s)."""
+        if self._action is not None:
+            self._action.defer_planning(time)
+
     def begin(self, world: World) -> str | None:
         """Start the action; give a sentence where that is impossible."""
         call, robot = self.call, self._library.robot

@@ -37,7 +37,7 @@ class Obstacles:
 
 
 def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
-    """Say whether the robot touches no obstacle on the way."""
+    """Return whether the robot touches no obstacle on the way."""
     poses = Trajectory(manoeuvre).poses()
     if touches_goals(poses[::STRIDE], robot):
         return False
@@ -53,7 +53,7 @@ def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
 
 
 def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool:
-    """Say whether the robot touches no obstacle at the start; otherwise no motion to `goal` is clear."""
+    """Return whether the robot touches no obstacle at the start; otherwise no motion to `goal` is clear."""
     pose, ball = np.array([start]), obstacles.ball
     if touches_goals(pose, robot):
         return False
@@ -63,7 +63,7 @@ def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool
 
 
 def ball_distances(poses: FloatArray, ball: BallState, robot: Robot) -> FloatArray:
-    """Give the free distance between the robot at each pose and the ball.
+    """Return the free distance between the robot at each pose and the ball.
 
     Parameters
     ----------

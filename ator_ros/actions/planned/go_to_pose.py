@@ -58,7 +58,7 @@ class GoToPose(PlannedAction):
         )
 
     def outdated(self, world: World) -> bool:
-        """Say whether the ball has moved while it was still free."""
+        """Return whether the ball has moved while it was still free."""
         rest, planned = self._rest(world), self._planned_for
         if rest is None or planned is None:
             return rest is not planned
@@ -66,12 +66,12 @@ class GoToPose(PlannedAction):
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def arrive(self, world: World) -> Step:
-        """Give the step at the end of the plan: an approach must have caught the ball."""
+        """Return the step at the end of the plan: an approach must have caught the ball."""
         step = super().arrive(world)
         if self._approach and step.status is Status.SUCCEEDED and self.robot.hold_offset(world) > _CAUGHT:
             return self.replan(world, "the ball is not in front")
         return step
 
     def _rest(self, world: World) -> BallState | None:
-        """Give the ball where it will come to rest."""
+        """Return the ball where it will come to rest."""
         return None if world.ball is None else self.robot.ball.at_rest(world.ball)

@@ -24,7 +24,7 @@ _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
 
 
 def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
-    """Give how hard the front presses against the held ball, as an acceleration in m/s^2.
+    """Return how hard the front presses against the held ball, as an acceleration in m/s^2.
 
     The ball, ahead of the axle by `hold`, is on a circle: it needs a centripetal acceleration toward the
     axle, for which only its own rolling resistance and the robot's acceleration (m/s^2) can make up.
@@ -38,7 +38,7 @@ def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
 
 @lru_cache(maxsize=256)
 def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
-    """Give the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn."""
+    """Return the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn."""
     sides = []
     for rate in _RATES[::2]:
         for v in sorted({*_ENTRY_SPEEDS, speed}):
@@ -52,7 +52,7 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
 
 @lru_cache(maxsize=256)
 def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
-    """Give the ways to begin a run-up at `speed` (m/s): straight, then turn as fast as the ball allows."""
+    """Return the ways to begin a run-up at `speed` (m/s): straight, then turn as fast as the ball allows."""
     sides = []
     for v in sorted({*_RUN_UP_SPEEDS, speed}):
         lead = _straight(limits, speed, v)
@@ -65,7 +65,7 @@ def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]
 
 @lru_cache(maxsize=256)
 def release_sides(robot: Robot, limits: Limits) -> tuple[Side, ...]:
-    """Give the ways to end at full speed with the ball: turn at a constant speed, then run up straight."""
+    """Return the ways to end at full speed with the ball: turn at a constant speed, then run up straight."""
     turns = (Driving(v, 0.0, rate * limits.w) for v in _RELEASE_SPEEDS for rate in _RATES[::2])
     return tuple(
         Side(_straight(limits, turn.speed, limits.v), limits.v, turn)
@@ -76,7 +76,7 @@ def release_sides(robot: Robot, limits: Limits) -> tuple[Side, ...]:
 
 @lru_cache(maxsize=256)
 def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
-    """Give the ways to end at `speed` (m/s) with the ball: turn, perhaps slower, then brake straight."""
+    """Return the ways to end at `speed` (m/s) with the ball: turn, perhaps slower, then brake straight."""
     sides = []
     for rate in _RATES:
         for v in sorted({*_EXIT_SPEEDS, speed} - {0.0}):
@@ -89,5 +89,5 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
 
 
 def _straight(limits: Limits, v1: float, v2: float) -> float:
-    """Give the shortest distance in m in which the speed goes from v1 to v2 (m/s)."""
+    """Return the shortest distance in m in which the speed goes from v1 to v2 (m/s)."""
     return abs(v2 * v2 - v1 * v1) / (2.0 * (limits.a if v2 > v1 else limits.brake))

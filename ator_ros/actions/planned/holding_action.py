@@ -23,6 +23,6 @@ class HoldingAction(PlannedAction):
         super().start(world, goal)
 
     def check(self, world: World) -> str | None:
-        """Say whether the ball is lost."""
+        """Return whether the ball is lost."""
         offset = self.robot.hold_offset(world)
         return f"lost the ball, it is {offset:.2f} m from the front" if offset > LOST else None

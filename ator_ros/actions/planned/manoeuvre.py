@@ -65,11 +65,11 @@ class Manoeuvre:
         return sum(piece.duration for piece in self.speed_pieces())
 
     def is_forward(self) -> bool:
-        """Say whether the robot never drives backward."""
+        """Return whether the robot never drives backward."""
         return all(piece.end >= -1e-6 for piece in self.speed_pieces() if piece.duration > 0.0)
 
     def speed_pieces(self) -> list[Piece]:
-        """Give the translational velocity over time."""
+        """Return the translational velocity over time."""
         opening = _turn_speeds(self.first, self.entry.turn, self.limits)
         closing = [
             Piece(p.duration, p.end, p.start) for p in _turn_speeds(self.last, self.exit.turn, self.limits)
@@ -86,7 +86,7 @@ class Manoeuvre:
         ]
 
     def turn_pieces(self) -> list[Piece]:
-        """Give the rotational velocity over time."""
+        """Return the rotational velocity over time."""
         aw = self.limits.aw
         opening = _turn_speeds(self.first, self.entry.turn, self.limits)[-1].end
         closing = _turn_speeds(self.last, self.exit.turn, self.limits)[-1].end
@@ -131,7 +131,7 @@ def closed(manoeuvre: Manoeuvre, tolerance: float = 1e-7) -> Manoeuvre | None:
 
 
 def _lateral_gap(manoeuvre: Manoeuvre, first: float) -> tuple[float, float]:
-    """Give how far the straight drive misses the last turn sideways, and its length, both in m."""
+    """Return how far the straight drive misses the last turn sideways, and its length, both in m."""
     start, goal, limits = manoeuvre.start, manoeuvre.goal, manoeuvre.limits
     entry, exit_ = manoeuvre.entry, manoeuvre.exit
     last = manoeuvre.last - (first - manoeuvre.first)
@@ -145,7 +145,7 @@ def _lateral_gap(manoeuvre: Manoeuvre, first: float) -> tuple[float, float]:
 
 
 def _turn_speeds(angle: float, turn: Driving, limits: Limits) -> list[Piece]:
-    """Give the speed during a turn, from its end of the manoeuvre inward."""
+    """Return the speed during a turn, from its end of the manoeuvre inward."""
     total = float(turn_times(angle, turn.turn_rate, limits.aw))
     if turn.acceleration == 0.0:
         return [Piece(total, turn.speed, turn.speed)]

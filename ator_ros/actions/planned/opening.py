@@ -27,7 +27,7 @@ class Opening:
 
 
 def opening_of(start: RobotState, aw: float) -> Opening:
-    """Give the opening from `start` with the turn acceleration `aw` (rad/s^2)."""
+    """Return the opening from `start` with the turn acceleration `aw` (rad/s^2)."""
     duration = abs(start.w) / aw
     x, y, yaw = start.pose
     turned = start.w * duration

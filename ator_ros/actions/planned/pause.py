@@ -36,7 +36,7 @@ class Pause:
         )
 
     def over(self, world: World) -> bool:
-        """Tell whether the robot stands."""
+        """Return whether the robot stands."""
         patient = world.time - self._since < abs(self._from.v) / self._limits.brake + _SETTLING
         return world.robot.is_still or (self.command(world) == STOP and not patient)
 

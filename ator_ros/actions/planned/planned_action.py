@@ -51,9 +51,10 @@ class PlannedAction(Action):
             )
         self.goal = goal
         self._replans = 0
+        self._deferred = -math.inf
         self._tracker: Tracker | None = None
         self._pause = Pause(world, self.plan_limits)
-        self._search: Search | None = self._searched(world)
+        self._search: Search | None = self._searched(world, standing=world.robot.is_still)
         self._commit(world, self._search, waits=True)
 
     @property
@@ -61,20 +62,24 @@ class PlannedAction(Action):
         """Whether there is no plan yet; see `Action.planning`."""
         return self._tracker is None
 
+    def defer_planning(self, time: float) -> None:
+        """Plan nothing in the tick at `time`; see `Action.defer_planning`."""
+        self._deferred = time
+
     @abstractmethod
     def plan(self, world: World) -> Planning[Manoeuvre]:
         """Plan from the state `world`, in which the robot does not turn; ActionError where impossible."""
 
     def check(self, world: World) -> str | None:  # noqa: ARG002
-        """Say why the action has failed at this tick, if it has."""
+        """Return why the action has failed at this tick, None if it has not."""
         return None
 
     def outdated(self, world: World) -> bool:  # noqa: ARG002
-        """Say whether what was planned for has changed."""
+        """Return whether what was planned for has changed."""
         return False
 
     def arrive(self, world: World) -> Step:
-        """Give the step at the end of the plan."""
+        """Return the step at the end of the plan."""
         pose, goal = world.robot.pose, self.goal.robot_pose(self.robot)
         error = pose.relative(goal)
         distance, heading = pose.distance(goal), abs(error.yaw)
@@ -104,11 +109,13 @@ class PlannedAction(Action):
 
     def replan(self, world: World, why: str) -> Step:
         """Plan anew from here, or fail when that does not help any more."""
+        if world.time == self._deferred:
+            return self._following(world, f"{why}; planning in the next tick")
         self._replans += 1
         if self._replans > _REPLANS:
             return finished(Status.FAILED, f"{why}; gave up after {_REPLANS} new plans")
         assert self._tracker is not None
-        self._search = self._searched(world)
+        self._search = self._searched(world, standing=False)
         return self._replanned(world, self._tracker, self._search, why)
 
     def left(self, world: World) -> float:
@@ -116,14 +123,15 @@ class PlannedAction(Action):
         return math.nan if self._tracker is None else self._tracker.left(world)
 
     def target(self) -> Pose:
-        """Give the pose of the axle at the goal."""
+        """Return the pose of the axle at the goal."""
         return self.goal.robot_pose(self.robot)
 
     # Plans in the making
 
-    def _searched(self, world: World) -> Search:
+    def _searched(self, world: World, *, standing: bool) -> Search:
         opening = opening_of(world.robot, self.plan_limits.aw)
-        return Search(world, opening, self.plan(dataclasses.replace(world, robot=opening.end)))
+        planning = self.plan(dataclasses.replace(world, robot=opening.end))
+        return Search(world, opening, planning, standing=standing)
 
     def _commit(self, world: World, search: Search, *, waits: bool = False) -> bool:
         """Search for a slice; where that finds the plan, follow it from now on."""
@@ -153,6 +161,8 @@ class PlannedAction(Action):
 
     def _look_on(self, world: World, search: Search) -> Step:
         """Find out, while the robot keeps to its plan, whether there is another, worth a stop."""
+        if world.time == self._deferred:
+            return self._following(world, "keeping to the plan; planning in the next tick")
         try:
             found = search.advance(world.time)
         except ActionError as error:
@@ -175,9 +185,9 @@ class PlannedAction(Action):
     def _plan_on(self, world: World) -> Step:
         """Stand still, and plan from here for a slice."""
         search = self._search
-        if self._pause.over(world):
+        if self._pause.over(world) and world.time != self._deferred:
             if search is None or not search.holds(world) or self.outdated(world):
-                search = self._search = self._searched(world)
+                search = self._search = self._searched(world, standing=True)
             try:
                 if self._commit(world, search, waits=True):
                     return self._following(world, "planned")

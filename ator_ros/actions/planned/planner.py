@@ -27,19 +27,19 @@ _GRID_ERROR = 0.3  # s by which a candidate's duration is off at most
 _TRIES = 3000
 # Where the robot must not come back on its way: room for what closing a candidate changes, in m.
 _SLACK = 0.01
-_CANDIDATES_A_POINT = 10_000
+_CANDIDATES_A_POINT = 2_000
 
 
 @lru_cache(maxsize=256)
 def free_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
-    """Give the ways to begin or end without a ball: turn at once, at any change of speed (`length` is 0)."""
+    """Return the ways to begin or end without a ball: turn at once, at any change of speed (`length`: 0)."""
     change = min(limits.a, limits.brake)  # which of them it is depends on the direction of driving
     return tuple(Side(length, speed, Driving(speed, share * change, limits.w)) for share in _SHARES)
 
 
 @lru_cache(maxsize=256)
 def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
-    """Give the ways to end with a straight run of `length` m behind the ball, arriving at `speed`."""
+    """Return the ways to end with a straight run of `length` m behind the ball, arriving at `speed`."""
     # Seen from the goal, backward in time: what gains speed here brakes there.
     fastest_ = math.sqrt(speed * speed + 2.0 * limits.brake * length)
     slowest = math.sqrt(max(0.0, speed * speed - 2.0 * limits.a * length))
@@ -77,9 +77,10 @@ def fastest(
             "which is too near one of them"
         )
     least_slack = _SLACK if forward_only else -math.inf
-    candidates = find_candidates(start, goal, entries, exits, limits, least_slack)
-    yield 2 + len(candidates) // _CANDIDATES_A_POINT
-    short = np.searchsorted(candidates.times, longest + _GRID_ERROR, side="right")
+    most = longest + _GRID_ERROR
+    candidates = find_candidates(start, goal, entries, exits, limits, least_slack, most)
+    yield min(1, len(candidates)) + len(candidates) // _CANDIDATES_A_POINT
+    short = np.searchsorted(candidates.times, most, side="right")
     for which in portions(np.arange(short), candidates.times):
         bounds = candidates.times[which] + _SURPRISE
         verdicts = np.full(len(which), Verdict.OPEN, dtype=np.int8)
@@ -87,14 +88,14 @@ def fastest(
             bundle = candidates.bundle(which)
             verdicts = screened(bundle, bounds, obstacles, robot, forward_only=forward_only)
             yield PORTION_POINTS
-        for index, most, verdict in zip(which, bounds, verdicts, strict=True):
+        for index, bound, verdict in zip(which, bounds, verdicts, strict=True):
             counts = verdict != Verdict.IMPOSSIBLE
             if verdict == Verdict.OPEN:
                 manoeuvre = closed(candidates[int(index)])
-                counts = manoeuvre is not None and _is_allowed(manoeuvre, most, forward_only=forward_only)
+                counts = manoeuvre is not None and _is_allowed(manoeuvre, bound, forward_only=forward_only)
                 if manoeuvre is not None and counts and is_clear(manoeuvre, obstacles, robot):
                     return manoeuvre
-                yield look_points(most)
+                yield look_points(bound)
             tries -= counts
             if tries == 0:
                 break

@@ -36,11 +36,15 @@ class Search:
         What comes before the manoeuvre.
     planning : Planning
         Finds the manoeuvre.
+    standing : bool
+        Whether the robot stands, whatever noise odometry has, and so can wait for the best manoeuvre.
     """
 
-    def __init__(self, world: World, opening: Opening, planning: Planning[Manoeuvre]) -> None:
+    def __init__(
+        self, world: World, opening: Opening, planning: Planning[Manoeuvre], *, standing: bool
+    ) -> None:
         self.opening = opening
-        self._start, self._planning = world.robot, planning
+        self._start, self._planning, self._standing = world.robot, planning, standing
         self._advanced: float | None = None
         self._good: Manoeuvre | None = None
 
@@ -65,10 +69,10 @@ class Search:
         except StopIteration as done:
             found: Manoeuvre = done.value
             return found
-        return None if self._start.is_still else self._good
+        return None if self._standing else self._good
 
     def holds(self, world: World) -> bool:
-        """Tell whether the robot still stands where the plan is to begin."""
+        """Return whether the robot still stands where the plan is to begin."""
         start, pose = self._start, world.robot.pose
         turned = abs(start.pose.relative(pose).yaw)
-        return start.is_still and start.pose.distance(pose) <= _MOVED and turned <= _TURNED
+        return self._standing and start.pose.distance(pose) <= _MOVED and turned <= _TURNED

@@ -19,7 +19,7 @@ class Piece(NamedTuple):
 
 
 def turn_times(angles: Any, w: Any, aw: float) -> FloatArray:
-    """Give the least times in s to turn by `angles` (rad, any shape) from rest to rest.
+    """Return the least times in s to turn by `angles` (rad, any shape) from rest to rest.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def turn_times(angles: Any, w: Any, aw: float) -> FloatArray:
 
 
 def turn_progress(fractions: FloatArray, angles: FloatArray, w: Any, aw: float) -> FloatArray:
-    """Give the share of each turn that is done after each fraction of its time.
+    """Return the share of each turn that is done after each fraction of its time.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def turn_progress(fractions: FloatArray, angles: FloatArray, w: Any, aw: float) 
 
 
 def turn_pieces(angle: float, w: float, aw: float) -> list[Piece]:
-    """Give the turn rate over time of the fastest turn by `angle` (rad) from rest to rest."""
+    """Return the turn rate over time of the fastest turn by `angle` (rad) from rest to rest."""
     peak = min(w, float(np.sqrt(abs(angle) * aw)))
     if peak <= 0.0:
         return []
@@ -78,13 +78,13 @@ def turn_pieces(angle: float, w: float, aw: float) -> list[Piece]:
 
 
 def speed_change_distances(v1: Any, v2: Any, limits: Limits) -> FloatArray:
-    """Give the signed distances in m covered while the speed goes straight from v1 to v2 (m/s)."""
+    """Return the signed distances in m covered while the speed goes straight from v1 to v2 (m/s)."""
     rate = np.where(np.asarray(v2) >= v1, limits.a, limits.brake)
     return np.asarray((v1 + v2) * np.abs(np.subtract(v2, v1)) / (2.0 * rate))
 
 
 def straight_times(distances: Any, v1: Any, v2: Any, limits: Limits) -> FloatArray:
-    """Give the least times in s to drive signed `distances` (m), from speed v1 to speed v2 (m/s).
+    """Return the least times in s to drive signed `distances` (m), from speed v1 to speed v2 (m/s).
 
     All arguments broadcast. Where the distance is too short for the change of speed, the motion
     overshoots and comes back, as the time-optimal motion does.
@@ -111,7 +111,7 @@ def straight_pieces_of(
 
 
 def _straight(distances: Any, v1: Any, v2: Any, limits: Limits) -> tuple[Any, Any, Any, Any, Any]:
-    """Give direction, both speeds and the peak in that direction, and the time at the peak."""
+    """Return direction, both speeds and the peak in that direction, and the time at the peak."""
     up, down = limits.a, limits.brake
     # A stretch made to measure for its change of speed must not count as a hair too short; and what moves
     # backward all the way is seen as a drive in that direction.

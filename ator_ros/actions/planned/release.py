@@ -88,7 +88,7 @@ def release(
 
 
 def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
-    """Give some poses of the axle in the world at which a ball pushed at full speed is let go.
+    """Return some poses of the axle in the world at which a ball pushed at full speed is let go.
 
     Parameters
     ----------
@@ -117,12 +117,12 @@ def rolling_time(robot: Robot, mouth: Pose, released: Pose, speed: float) -> flo
 
 
 def _rolling_time(robot: Robot, speed: Any, way: Any) -> FloatArray:
-    """Give the time in s in which a ball let go at `speed` (m/s) rolls `way` m."""
+    """Return the time in s in which a ball let go at `speed` (m/s) rolls `way` m."""
     deceleration = robot.ball.rolling_deceleration
     left = np.sqrt(np.maximum(speed * speed - 2.0 * deceleration * way, 0.0))
     return np.asarray((speed - left) / deceleration)
 
 
 def _roll(robot: Robot) -> float:
-    """Give how far a ball is sent before it is let go, in m per (m/s)^2."""
+    """Return how far a ball is sent before it is let go, in m per (m/s)^2."""
     return _ROLL_SHARE / (2.0 * robot.ball.rolling_deceleration)

@@ -91,7 +91,7 @@ def screened(
 
 
 def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
-    """Tell which closed manoeuvres touch an obstacle for certain; see `clearance.is_clear`."""
+    """Return which closed manoeuvres touch an obstacle for certain; see `clearance.is_clear`."""
     speeds, turns = courses(bundle)
     duration = speeds.durations.sum(axis=1)
     grid = DT * np.arange(int(duration.max() / DT) + 2)
@@ -131,7 +131,7 @@ def _summed(steps: FloatArray) -> FloatArray:
 
 
 def _near_walls(poses: FloatArray, seen: BoolArray, robot: Robot) -> BoolArray:
-    """Tell which rows of poses, shape (3, n, m), have one that is `seen` and touches a goal's wall."""
+    """Return which rows of poses, shape (3, n, m), have one that is `seen` and touches a goal's wall."""
     near = seen & (np.abs(poses[0]) > robot.field.length / 2 - robot.reach)
     distances = wall_distances(poses[:, near].T, robot.field)
     return _in_rows(near, distances < robot.reach - _DOUBT)
@@ -145,7 +145,7 @@ def _near_ball(poses: FloatArray, seen: BoolArray, ball: BallState, margin: floa
 
 
 def _in_rows(places: BoolArray, hits: BoolArray) -> BoolArray:
-    """Tell which rows of `places` hold one of the `hits`, which are given for its true elements in order."""
+    """Return which rows of `places` hold one of the `hits`, given for its true elements in order."""
     rows = np.zeros(len(places), dtype=bool)
     rows[np.nonzero(places)[0][hits]] = True
     return rows

@@ -93,27 +93,53 @@ def find_candidates(
     exit_sides: Sequence[Side],
     limits: Limits,
     least_slack: float = -math.inf,
+    longest: float = math.inf,
 ) -> Candidates:
     """Find all manoeuvres from `start` to `goal` that the sides allow.
 
     For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the
     last turn. Its roots are bracketed on a grid of first turns, where the parts of both sides just add.
-    Those with less slack than `least_slack` (m) are left out.
+    Those with less slack than `least_slack` (m) are left out, and most of those that take more than
+    `longest` s: turns that alone take longer are not tried.
     """
     offset = start.relative(goal)
     along, across = _entry_parts(tuple(entry_sides), limits)
     lanes = np.stack((offset.x * np.cos(_GRID) + offset.y * np.sin(_GRID),
                       offset.y * np.cos(_GRID) - offset.x * np.sin(_GRID)))  # fmt: skip
     found = []
+    rates = tuple(max(side.turn.turn_rate for side in sides) for sides in (entry_sides, exit_sides))
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
-        window, exit_along, exit_across = _exit_parts(exit_sides, turn, limits)
+        tried = _window(turn, rates, longest)
+        if tried is None:
+            continue
+        window, exit_along, exit_across = _exit_parts(exit_sides, turn, tried, limits)
         sideways = lanes[1, window] - across[:, window], exit_across
         drive = lanes[0, window] - along[:, window], exit_along
         found.append(_roots(sideways, drive, _GRID[window], turn))
+    nothing = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), *(np.zeros(0),) * 3
     return _ranked(
         start, goal, entry_sides, exit_sides, limits, least_slack,
-        [np.concatenate(x) for x in zip(*found, strict=True)],
+        [np.concatenate(x) for x in zip(*(found or [nothing]), strict=True)],
     )  # fmt: skip
+
+
+def _window(turn: float, rates: Sequence[float], longest: float) -> tuple[int, int] | None:
+    """Return the least and greatest first turn, in grid steps, of manoeuvres of up to `longest` s.
+
+    The two turns, `turn` rad in all, take at least their angles divided by the greatest `rates` (rad/s).
+    None where all take longer.
+    """
+    base = math.floor(-turn / _STEP)
+    low, high = max(-_HALF, -_HALF - 1 - base), min(_HALF, _HALF - base)
+    if math.isinf(longest):
+        return low, high
+    first = _STEP * np.arange(low, high + 1)
+    least = np.abs(first) / rates[0] + np.abs(turn - first) / rates[1]
+    # Between two grid points it may be faster by half a step's turn; a root needs the points around it.
+    able = np.flatnonzero(least <= longest + _STEP / min(rates))
+    if not len(able):
+        return None
+    return max(low, low + int(able[0]) - 1), min(high, low + int(able[-1]) + 1)
 
 
 @lru_cache(maxsize=16)
@@ -129,17 +155,19 @@ def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, F
     return along, across
 
 
-def _exit_parts(sides: Sequence[Side], turn: float, limits: Limits) -> tuple[slice, FloatArray, FloatArray]:
-    """Give the exit's displacement along and across the drive, with the window of the grid it is for.
+def _exit_parts(
+    sides: Sequence[Side], turn: float, tried: tuple[int, int], limits: Limits
+) -> tuple[slice, FloatArray, FloatArray]:
+    """Return the exit's displacement along and across the drive, with the window of the grid it is for.
 
     `turn` is the whole change of heading in rad, at most three half turns; the last turn is what the
-    first leaves of it, and the window holds the first turns that leave one in range.
+    first leaves of it, and `tried` are the least and greatest first turn, which leave one in range.
     """
     # last = turn - first; looked up at -last = first - turn, a constant fraction between grid points.
     shift = -turn / _STEP
     base = math.floor(shift)
     fraction = shift - base
-    low, high = max(-_HALF, -_HALF - 1 - base), min(_HALF, _HALF - base)
+    low, high = tried
     table = displacement_table(_WIDE_GRID, tuple(side.turn for side in sides), limits)
     at = slice(low + base + _HALF + 1, high + base + _HALF + 2)
     after = slice(at.start + 1, at.stop + 1)

@@ -87,7 +87,7 @@ class Tracker:
             self._start = self._begun(world)
 
     def _begun(self, world: World) -> float:
-        """Give when (s) a robot that moves began, whole periods ago: states may have been missed."""
+        """Return when (s) a robot that moves began, whole periods ago: states may have been missed."""
         most = max(1, round(self.elapsed(world) / self._period))
         if most == 1:
             return self._start
@@ -101,26 +101,26 @@ class Tracker:
         return world.time - min(range(1, most + 1), key=error) * self._period
 
     def left(self, world: World) -> float:
-        """Give the time in s to the end of the trajectory; not positive afterwards."""
+        """Return the time in s to the end of the trajectory; not positive afterwards."""
         return self.trajectory.duration - self.elapsed(world) - _ROUNDING
 
     def disturbed(self, world: World) -> bool:
-        """Say whether the robot is so far from the plan that following it makes no sense."""
+        """Return whether the robot is so far from the plan that following it makes no sense."""
         deviation = self.deviation(world)
         return deviation.distance > DISTURBED_DISTANCE or abs(deviation.heading) > DISTURBED_HEADING
 
     def elapsed(self, world: World) -> float:
-        """Give the time in s since the trajectory started."""
+        """Return the time in s since the trajectory started."""
         return world.time - self._start
 
     def deviation(self, world: World) -> Deviation:
-        """Give the deviation of the robot from the plan at this moment."""
+        """Return the deviation of the robot from the plan at this moment."""
         planned = self.trajectory.at(self.elapsed(world)).pose
         seen: Pose = world.robot.pose.relative(planned)
         return Deviation(seen.x, seen.y, seen.yaw)
 
     def command(self, world: World) -> Command:
-        """Give the next velocity command."""
+        """Return the next velocity command."""
         error = self.deviation(world)
         ahead = self.trajectory.at(self.elapsed(world) + self._preview)
         v = ahead.v * math.cos(error.heading) + self.GAIN_ALONG * error.along

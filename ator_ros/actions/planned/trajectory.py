@@ -55,7 +55,7 @@ class Trajectory:
         self._yaw = yaw + share * error
 
     def at(self, time: float) -> RobotState:
-        """Give the planned state at `time` s after the start; it stays at the last one afterwards."""
+        """Return the planned state at `time` s after the start; it stays at the last one afterwards."""
         index = min(max(time, 0.0), self.duration) / DT
         low = min(int(index), len(self._times) - 1)
         high = min(low + 1, len(self._times) - 1)
@@ -68,7 +68,7 @@ class Trajectory:
         return RobotState(Pose(mix(self._x), mix(self._y), mix(self._yaw)), mix(self._v), mix(self._w))
 
     def poses(self) -> FloatArray:
-        """Give the sampled poses, shape (n, 3): x, y in m, yaw in rad."""
+        """Return the sampled poses, shape (n, 3): x, y in m, yaw in rad."""
         return np.stack((self._x, self._y, self._yaw), axis=1)
 
 

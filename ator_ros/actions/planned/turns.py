@@ -40,12 +40,12 @@ class Driving(NamedTuple):
 
 
 def speeds_after(start: Any, acceleration: Any, times: FloatArray, v: float) -> FloatArray:
-    """Give the speeds (m/s) after `times` of constant acceleration, held at the limit `v`."""
+    """Return the speeds (m/s) after `times` of constant acceleration, held at the limit `v`."""
     return np.asarray(np.clip(start + acceleration * times, -v, v))
 
 
 def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> FloatArray:
-    """Give where turns by `angles` end, seen from where they start.
+    """Return where turns by `angles` end, seen from where they start.
 
     Parameters
     ----------
