@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, qos_check_compatible
-from ros2_stand_in import echo_options, echo_profile, filled, kind_of
+from ros2cli_subset import echo_options, echo_profile, filled, kind_of
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
