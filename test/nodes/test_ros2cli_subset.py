@@ -13,8 +13,6 @@ from ros2cli_subset import typed
     ("value", "kind", "expected"),
     [("5", "float", 5.0), ("5", None, 5), ("5", "str", "5"), ("", None, ""), ("true", "bool", True)],
 )
-def test_a_parameter_has_the_type_that_the_launch_file_names(
-    value: str, kind: str | None, expected: Any
-) -> None:
+def test_a_parameter_has_the_type_that_is_named(value: str, kind: str | None, expected: Any) -> None:
     read = yaml.safe_load(typed(value, kind))
     assert (read, type(read)) == (expected, type(expected))
