@@ -14,7 +14,7 @@ from ator_ros.experiments.noise import REALISTIC
 from ator_ros.experiments.trials import random_trial
 from ator_ros.geometry import Pose
 from ator_ros.nodes.fence import Fence
-from ator_ros.nodes.motion_watch import Bounds, MotionWatch
+from ator_ros.nodes.motion_watch import MotionWatch, Thresholds
 from ator_ros.nodes.phases import Ending
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.step_run import is_standing
@@ -138,9 +138,9 @@ def test_commands_need_real_time_however_fast_simulated_time_is() -> None:
 
 def test_bounds_follow_from_the_robot() -> None:
     lazy = dataclasses.replace(ROBOT, motor_time_constant=0.1, limits=ROBOT.limits.scaled(0.5))
-    assert Bounds.of(lazy).patience == pytest.approx(0.5)
-    assert Bounds.of(lazy).asked == pytest.approx(0.5 * Bounds.of(ROBOT).asked)
-    assert Bounds.of(ROBOT).patience < 0.3
+    assert Thresholds.of(lazy).patience == pytest.approx(0.5)
+    assert Thresholds.of(lazy).asked == pytest.approx(0.5 * Thresholds.of(ROBOT).asked)
+    assert Thresholds.of(ROBOT).patience < 0.3
 
 
 def alarms(base: Base, action_set: str, indices: range) -> list[str]:

@@ -28,8 +28,8 @@ class MessageError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
-    """Up to what messages are believed, in each direction.
+class MessageBounds:
+    """Greatest values accepted in messages, in each direction.
 
     Attributes
     ----------
@@ -48,14 +48,14 @@ class Bounds:
     object_speed: float = FASTEST
 
 
-WIDEST = Bounds()
+WIDEST = MessageBounds()
 """For messages that may be about any robot."""
 
 
-def bounds_of(robot: Robot) -> Bounds:
+def bounds_of(robot: Robot) -> MessageBounds:
     """Return what is believed of `robot` and its field: twice the floor, three times its limits."""
     field, limits = robot.field, robot.limits
-    return Bounds(
+    return MessageBounds(
         field.length + 2.0 * field.margin,
         field.width + 2.0 * field.margin,
         3.0 * limits.v,

@@ -22,7 +22,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
 from ator_ros.nodes import conversions
-from ator_ros.nodes.checks import FARTHEST, Bounds, MessageError, bounds_of
+from ator_ros.nodes.checks import FARTHEST, MessageBounds, MessageError, bounds_of
 from ator_ros.nodes.refinement import refining_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models
@@ -45,7 +45,7 @@ _PROGRESS = 1000
 class Generator:
     """Makes requests: mostly valid plans, with edges, and now and then nonsense in one of the numbers."""
 
-    def __init__(self, seed: int, tops: list[str], bounds: Bounds) -> None:
+    def __init__(self, seed: int, tops: list[str], bounds: MessageBounds) -> None:
         self._random = random.Random(seed)
         self._tops = tops
         self._bounds = bounds
