@@ -70,6 +70,8 @@ class Drive:
     execution: Execution
     worlds: list[World] = field(default_factory=list)
     commands: list[Command] = field(default_factory=list)
+    ended: float | None = None
+    """The time in s of the state at which `ending` was set."""
 
     @property
     def ending(self) -> Ending | None:
@@ -123,6 +125,8 @@ def drive(
                 command = execution.tick(driving.ahead(seen, execution, now), now)
                 driving.told(seen.time, command)
                 simulation.command(motors(now, command) if motors else base.obey(command))
+                if done.ended is None and execution.ending is not None:
+                    done.ended = now
                 done.commands.append(command)
                 done.worlds.append(world)
             simulation.tick()
