@@ -9,7 +9,7 @@ from typing import Any
 
 import domain_coordinator
 import pytest
-from load import heavy_request, short_request
+from load import short_request
 from process import PATIENCE, Process, Processes
 from rclpy.action import ActionClient
 from ros_client import Client
@@ -20,6 +20,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes.deferred_action import GOALS_AT_ONCE
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.tools.bench_service import resident_mib
+from ator_ros.tools.requests import worst_request
 
 pytestmark = pytest.mark.node
 
@@ -70,7 +71,7 @@ def test_each_of_many_requests_is_answered_or_refused_as_busy(asker: Any, nodes:
 
 
 def test_a_long_chain_is_answered_at_its_deadline_and_says_so(asker: Any) -> None:
-    answer = asker.call(heavy_request(), timeout_sec=PATIENCE)
+    answer = asker.call(worst_request(), timeout_sec=PATIENCE)
     assert answer.accepted
     assert answer.cut_short
     assert "deadline" in answer.reason
