@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -67,7 +68,8 @@ def run_situations(
                 partial.append(record)
             except OSError as error:
                 release()
-                partial.append(record)
+                with contextlib.suppress(OSError):  # then this situation is executed again
+                    partial.append(record)
                 kept = f"{len(partial.records)} of {situations} situations are kept"
                 raise EvaluationError(f"{partial.path}: {error.strerror}; {kept}, {RESUMES}") from error
     return [partial.records[index] for index in range(situations)]
