@@ -34,7 +34,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "9xx": "quality of the actions, effect of the sensors",
         "2005": "the evaluations of before, looked at while the gate was made",
         "2026": "the final evaluation",
-        "3107": "situations that the calibration is learned from, too",
+        "3107": "further situations that the calibration is learned from",
         "3108": "the final errors of calibrated predictions",
     }
 )
