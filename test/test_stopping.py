@@ -29,7 +29,7 @@ from ator_ros.tools.command_line import INTERRUPTED, guarded, undisturbed
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """Give a folder on a disk of 2 MB."""
+    """Yield a folder on a disk of 2 MB."""
     folder = tmp_path / "disk"
     folder.mkdir()
     command = ["mount", "-t", "tmpfs", "-o", "size=2m", "none", str(folder)]
@@ -65,7 +65,7 @@ def fill(folder: Path) -> Path:
 
 
 def outcome(task: tuple[Settings, int]) -> Record:
-    """Give what is kept of a situation, without executing it."""
+    """Return what is kept of a situation, without executing it."""
     return {"index": task[1], "policies": {"naive": {"duration": 1.5}}, "note": "x" * 3000}
 
 

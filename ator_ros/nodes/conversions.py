@@ -34,12 +34,12 @@ DEFAULT_ACTION_SET = "default"
 
 
 def seconds_from(stamp: Time) -> float:
-    """Give a stamp as seconds."""
+    """Return a stamp as seconds."""
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
 def stamp_of(seconds: float) -> Time:
-    """Give seconds as a stamp, to the nanosecond."""
+    """Return seconds as a stamp, to the nanosecond."""
     nanoseconds = round(seconds * 1e9)
     return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 

@@ -108,7 +108,7 @@ class Execution:
         return remaining(self.predicted, self.step, now - began)
 
     def silent(self, now: float) -> bool:
-        """Say whether no odometry has come for half its deadline: the robot should stand until it comes."""
+        """Return whether no odometry has come for half its deadline: the robot should stand until then."""
         return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom / 2.0
 
     def tick(self, world: World, now: float, *, ball_overdue: bool = False) -> Command:

@@ -54,7 +54,7 @@ def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> Refi
 
 
 def _messages_alone() -> Answer:
-    """Give what reads each request and writes a full answer as `refinement` does, but refines only once."""
+    """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
     robot = load_robot()
     library, refiner = TopLibrary(robot), Refiner(robot, load_models(robot))
     known: list[Refinement] = []
@@ -84,7 +84,7 @@ def yardstick(name: str) -> Node:
 
 
 def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
-    """Give medians and 99th percentiles, and the refinement node's growth of memory over `requests` requests.
+    """Return medians and 99th percentiles, and how the node's memory grows over `requests` requests.
 
     The last row is of requests beside which another process asks for the worst that there is.
 
@@ -155,7 +155,7 @@ def _row(times: Sequence[float], empty: Sequence[float]) -> dict[str, float]:
 
 @contextmanager
 def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
-    """Give clients of the services `names`, once these are there; a thread spins their node."""
+    """Yield clients of the services `names`, once these are there; a thread spins their node."""
     context = rclpy.Context()
     context.init(domain_id=domain)
     node = Node("bench", context=context)
@@ -202,7 +202,7 @@ def _spin(executor: SingleThreadedExecutor) -> None:
 
 
 def resident_mib(pid: int) -> float:
-    """Give the resident memory of a process in MiB."""
+    """Return the resident memory of a process in MiB."""
     pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 

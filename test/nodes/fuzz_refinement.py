@@ -51,7 +51,7 @@ class Generator:
         self._bounds = bounds
 
     def request(self) -> RefineSubgoal.Request:
-        """Give the next request."""
+        """Return the next request."""
         draw = self._random
         request = RefineSubgoal.Request(want_curve=draw.random() < 0.3)
         self._fill(request.situation.robot)
@@ -131,7 +131,7 @@ def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary)
 
 
 def kind_of(error: str) -> str:
-    """Give the first words of what was expected: errors of one kind differ in names and numbers."""
+    """Return the first words of what was expected: errors of one kind differ in names and numbers."""
     expected = error[error.index("expected") :].partition(", got")[0]  # ours all say what was expected
     return " ".join(re.findall(r"[a-zA-Z']+", expected)[:WORDS_OF_A_KIND])
 

@@ -35,7 +35,7 @@ SETTINGS = {
 
 @pytest.fixture(scope="module")
 def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Callable[[str], Process], Client]]:
-    """Give a function that starts a node, and a client, on a domain of their own."""
+    """Return a function that starts a node, and a client, on a domain of their own."""
     processes: list[Process] = []
     folder = tmp_path_factory.mktemp("logs")
     with domain_coordinator.domain_id() as domain:

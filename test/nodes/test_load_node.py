@@ -32,7 +32,7 @@ Nodes = tuple[Processes, Process, Process, Client]
 
 @pytest.fixture(scope="module")
 def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
-    """Give processes, one of refinement and one of executor, and a client of them."""
+    """Yield processes, one of refinement and one of executor, and a client of them."""
     with domain_coordinator.domain_id() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes, processes.start("refinement"), processes.start("executor"), client
@@ -42,14 +42,14 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
 
 @pytest.fixture
 def asker(nodes: Nodes) -> Any:
-    """Give a client of refine_subgoal with room for many answers."""
+    """Return a client of refine_subgoal with room for many answers."""
     client = nodes[-1].node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
     assert client.wait_for_service(timeout_sec=PATIENCE)
     return client
 
 
 def answers(futures: Sequence[Any], patience: float = PATIENCE) -> list[Any]:
-    """Give the answers that come in time."""
+    """Return the answers that come in time."""
     end = time.monotonic() + patience
     while time.monotonic() < end and not all(future.done() for future in futures):
         time.sleep(0.01)
