@@ -19,7 +19,7 @@ _DIGITS = 300
 
 @contextlib.contextmanager
 def replaced(path: Path | str) -> Iterator[Path]:
-    """Give a temporary file beside `path` to write to; it takes the place of `path` when the block ends well.
+    """Yield a temporary file beside `path` to write to; it replaces `path` when the block ends well.
 
     Missing folders are made. When the block raises, `path` is left as it was.
     """
@@ -105,12 +105,12 @@ def limited_memory(extra: int) -> Iterator[None]:
 
 
 def is_name(value: object) -> bool:
-    """Say whether `value` may name an action or a set of them, and so a file or a folder."""
+    """Return whether `value` may name an action or a set of them, and so a file or a folder."""
     return isinstance(value, str) and value.isascii() and value.isidentifier()
 
 
 def portable_command(name: str, words: Sequence[str]) -> str:
-    """Give a command line as it is to be recorded: files without the folders of this machine."""
+    """Return a command line as it is to be recorded: files without the folders of this machine."""
     return shlex.join([name, *(Path(word).name if "/" in word else word for word in words)])
 
 

@@ -50,7 +50,7 @@ class Foresight:
         self._told.append((time, command))
 
     def punctual(self, robot: RobotState, command: Command, took: float) -> Command:
-        """Give the answer to send to a robot in this foreseen state, where `command` took so long (s).
+        """Return the answer to send to a robot in this foreseen state, where `command` took so long (s).
 
         A robot that stands is not told to start by an answer that leaves late, as where planning has taken
         its time: it would be foreseen to drive before it does. Its plan starts with the next state instead,
@@ -61,7 +61,7 @@ class Foresight:
         return STOP if self._held_back else command
 
     def ahead(self, world: World) -> World:
-        """Give the world as it will be when the answer to `world` moves the base, with the time then."""
+        """Return the world as it will be when the answer to `world` moves the base, with the time then."""
         if self._latency == 0.0:
             return world
         self._forget(world.time)
@@ -81,7 +81,7 @@ class Foresight:
 
 
 def _driven(robot: RobotState, command: Command | None, duration: float, limits: Limits) -> RobotState:
-    """Give the robot after `duration` s in which it follows `command`; without one it goes on as it does."""
+    """Return the robot after `duration` s in which it follows `command`; without one it keeps its speed."""
     (x, y, yaw), speeds = robot.pose, Command(robot.v, robot.w)
     steps = math.ceil(duration / _STEP - _ROUNDING)
     dt = duration / steps

@@ -28,7 +28,7 @@ class Pose(NamedTuple):
     yaw: float
 
     def compose(self, local: Pose) -> Pose:
-        """Give the pose `local`, seen from this pose, in the frame of this pose."""
+        """Return the pose `local`, seen from this pose, in the frame of this pose."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose(
             self.x + c * local.x - s * local.y,
@@ -37,27 +37,27 @@ class Pose(NamedTuple):
         )
 
     def relative(self, other: Pose) -> Pose:
-        """Give the pose `other`, of the same frame as this one, as seen from this pose."""
+        """Return the pose `other`, of the same frame as this one, as seen from this pose."""
         dx, dy = other.x - self.x, other.y - self.y
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose(c * dx + s * dy, -s * dx + c * dy, wrap_angle(other.yaw - self.yaw))
 
     def ahead(self, distance: float) -> Pose:
-        """Give this pose moved `distance` m along its own heading (negative: backward)."""
+        """Return this pose moved `distance` m along its own heading (negative: backward)."""
         return Pose(self.x + distance * math.cos(self.yaw), self.y + distance * math.sin(self.yaw), self.yaw)
 
     def distance(self, other: Pose) -> float:
-        """Give the distance in m between the two positions."""
+        """Return the distance in m between the two positions."""
         return math.hypot(other.x - self.x, other.y - self.y)
 
 
 def wrap_angle(angle: float) -> float:
-    """Give the same angle in [-pi, pi)."""
+    """Return the same angle in [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def wrap_angles(angles: Any) -> FloatArray:
-    """Give the same angles in [-pi, pi), element by element.
+    """Return the same angles in [-pi, pi), element by element.
 
     Parameters
     ----------
@@ -68,10 +68,10 @@ def wrap_angles(angles: Any) -> FloatArray:
 
 
 def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
-    """Give the heading in rad of a unit quaternion."""
+    """Return the heading in rad of a unit quaternion."""
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def quaternion_from_yaw(yaw: float) -> tuple[float, float, float, float]:
-    """Give the unit quaternion (x, y, z, w) of a heading in rad."""
+    """Return the unit quaternion (x, y, z, w) of a heading in rad."""
     return 0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)

@@ -12,7 +12,7 @@ from ator_ros.world import Field
 
 
 def touches_goals(poses: FloatArray, robot: Robot) -> bool:
-    """Tell whether any pose comes nearer to a goal's walls than the robot's reach.
+    """Return whether any pose comes nearer to a goal's walls than the robot's reach.
 
     Parameters
     ----------

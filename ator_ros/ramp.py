@@ -12,7 +12,7 @@ _STOP_BACKWARD = Command(v=5.0, w=12.0)
 
 
 def ramped(speeds: Command, target: Command, dt: float, limits: Limits) -> Command:
-    """Give the speeds after `dt` s in which the base goes from `speeds` toward those of a command."""
+    """Return the speeds after `dt` s in which the base goes from `speeds` toward those of a command."""
     if target == STOP:
         most = _STOP_BACKWARD if speeds.v < 0.0 else _STOP_FORWARD
     else:
@@ -29,5 +29,5 @@ def stopping_way(v: float) -> float:
 
 
 def clip(value: float, bound: float) -> float:
-    """Give `value`, brought into [-bound, bound]."""
+    """Return `value`, brought into [-bound, bound]."""
     return max(-bound, min(bound, value))

@@ -14,7 +14,7 @@ class ResourceError(FileNotFoundError):
 
 @cache
 def share_folder() -> Path:
-    """Give the folder that holds config/, models/ and urdf/.
+    """Return the folder that holds config/, models/ and urdf/.
 
     In a checkout (also one built with ``colcon build --symlink-install``) that is the checkout itself, so
     that an edited file counts at once; otherwise it is the installed ``share/ator_ros``.
@@ -44,7 +44,7 @@ def _installed_share(checkout: Path) -> Path:
 
 
 def resource_path(*parts: str) -> Path:
-    """Give the path of a shipped file or folder, as in ``resource_path("config", "pioneer.yaml")``.
+    """Return the path of a shipped file or folder, as in ``resource_path("config", "pioneer.yaml")``.
 
     Raises
     ------

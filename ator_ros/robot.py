@@ -67,11 +67,11 @@ class Limits:
     aw: float
 
     def scaled(self, factor: float) -> Limits:
-        """Give these limits times `factor`."""
+        """Return these limits times `factor`."""
         return Limits(*(factor * getattr(self, field.name) for field in dataclasses.fields(self)))
 
     def within(self, other: Limits) -> Limits:
-        """Give the smaller of both limits, each of the five by itself."""
+        """Return the smaller of both limits, each of the five by itself."""
         names = (field.name for field in dataclasses.fields(self))
         return Limits(*(min(getattr(self, name), getattr(other, name)) for name in names))
 
@@ -86,7 +86,7 @@ class Ball:
     restitution: float
 
     def at_rest(self, ball: BallState) -> BallState:
-        """Give the ball where it will have rolled out, if nothing stops it before."""
+        """Return the ball where it will have rolled out, if nothing stops it before."""
         if ball.speed < _STANDING:
             return ball
         seconds = ball.speed / (2.0 * self.rolling_deceleration)
@@ -129,22 +129,22 @@ class Robot:
         return math.hypot(self.front + self.fin_length, self.fin_gap / 2 + self.fin_thickness)
 
     def hold_point(self, pose: Pose) -> Pose:
-        """Give the pose of the hold (where a held ball's centre lies) of a robot at `pose`."""
+        """Return the pose of the hold (where a held ball's centre lies) of a robot at `pose`."""
         return pose.ahead(self.hold)
 
     def hold_offset(self, world: World) -> float:
-        """Give the distance in m from the ball to where the robot holds one; infinite without a ball."""
+        """Return the distance in m from the ball to where the robot holds one; infinite without a ball."""
         if world.ball is None:
             return math.inf
         hold = self.hold_point(world.robot.pose)
         return math.hypot(world.ball.x - hold.x, world.ball.y - hold.y)
 
     def pose_holding(self, ball: Pose) -> Pose:
-        """Give the robot's pose that holds a ball at (ball.x, ball.y) with heading ball.yaw."""
+        """Return the robot's pose that holds a ball at (ball.x, ball.y) with heading ball.yaw."""
         return ball.ahead(-self.hold)
 
     def digest(self) -> str:
-        """Give a short digest of everything in this description, to be kept with what was learned."""
+        """Return a short digest of everything in this description, to be kept with what was learned."""
         text = json.dumps(dataclasses.asdict(self), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -61,7 +61,7 @@ class BallTracker:
         return BallState(x, y, vx, vy)
 
     def observe(self, world: World) -> World:
-        """Give `world` with the ball as it is believed to be."""
+        """Return `world` with the ball as it is believed to be."""
         if world.ball is None:
             self.reset()
             return world
@@ -83,7 +83,7 @@ class BallTracker:
         return np.array([[1.0, elapsed], [0.0, 1.0]])
 
     def _predicted(self, elapsed: float) -> FloatArray:
-        """Give the covariance after `elapsed` s, in which the ball may have been pushed."""
+        """Return the covariance after `elapsed` s, in which the ball may have been pushed."""
         moves = math.hypot(*self._state[1]) > 3.0 * math.sqrt(self._seen[1, 1])
         motion = self._motion(elapsed)
         push = np.array([elapsed**2 / 2.0, elapsed]) * (_PUSH if moves else 0.1 * _PUSH)

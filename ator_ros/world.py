@@ -57,7 +57,7 @@ class BallState:
         return math.hypot(self.vx, self.vy)
 
     def after(self, seconds: float) -> BallState:
-        """Give the ball carried on by its velocity (back, where `seconds` is negative)."""
+        """Return the ball carried on by its velocity (back, where `seconds` is negative)."""
         return dataclasses.replace(self, x=self.x + seconds * self.vx, y=self.y + seconds * self.vy)
 
 
@@ -91,5 +91,5 @@ class Field:
     margin: float = 1.0
 
     def goal_centre(self, side: int = 1) -> tuple[float, float]:
-        """Give the middle of the goal line of the goal at x > 0 (side 1) or x < 0 (side -1), in m."""
+        """Return the middle of the goal line of the goal at x > 0 (side 1) or x < 0 (side -1), in m."""
         return side * self.length / 2.0, 0.0

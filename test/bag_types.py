@@ -8,7 +8,7 @@ from ator_ros.resources import share_folder
 
 
 def own_types() -> Any:
-    """Give a store of types with our interfaces, read from their files."""
+    """Return a store of types with our interfaces, read from their files."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)

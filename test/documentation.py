@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
-TOOLS = ("collect", "train", "gate", "evaluate", "qualify", "bench", "soak", "compare", "noise", "demo")
+TOOLS = tuple(
+    script.name
+    for script in entry_points(group="console_scripts")
+    if script.module.startswith("ator_ros.tools.")  # as setup.py lists them
+)
 _PROGRAMS = (*TOOLS, "make", "ros2", "python", "pip", "dask", "apt", "sudo", "rosdep", "colcon", "cd", "cp")
 _WORDS = (*_PROGRAMS, "export", ".", "scripts/run", "for", "done", "python3", "EPISODES=50")
 _FIRST = re.compile(rf"(?:{'|'.join(map(re.escape, _WORDS))})(?=\s|$)|\w+=[~$']")

@@ -27,10 +27,6 @@ def same(world: World) -> World:
     return world
 
 
-def obeyed(command: Command) -> Command:
-    return command
-
-
 @dataclass(frozen=True)
 class Base:
     """How the base and its sensors differ from what the executor's description says.
@@ -74,6 +70,8 @@ class Drive:
     execution: Execution
     worlds: list[World] = field(default_factory=list)
     commands: list[Command] = field(default_factory=list)
+    ended: float | None = None
+    """The time in s of the state at which `ending` was set."""
 
     @property
     def ending(self) -> Ending | None:
@@ -127,16 +125,12 @@ def drive(
                 command = execution.tick(driving.ahead(seen, execution, now), now)
                 driving.told(seen.time, command)
                 simulation.command(motors(now, command) if motors else base.obey(command))
+                if done.ended is None and execution.ending is not None:
+                    done.ended = now
                 done.commands.append(command)
                 done.worlds.append(world)
             simulation.tick()
     return done
-
-
-def stood_after(done: Drive, time: float) -> float:
-    """Return the time in s from `time` until the robot is told to stand for good."""
-    told = [i for i, command in enumerate(done.commands) if command != STOP]
-    return done.worlds[told[-1] + 1].time - time if told else 0.0
 
 
 SLOW = Base(motor_lag=0.15, dead_zone=Command(0.03, 0.06), scale=0.5)

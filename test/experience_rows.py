@@ -11,7 +11,7 @@ from ator_ros.experience.table import COLUMNS
 
 
 def made_up_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd.DataFrame:
-    """Give starts of episodes whose duration grows with distance and turn; far ones fail more often."""
+    """Return starts of episodes whose duration grows with distance and turn; far ones fail more often."""
     rng = np.random.default_rng(seed)
     x, y, xg, yg = rng.uniform(-3, 3, (4, episodes))
     yaw, yawg = rng.uniform(-math.pi, math.pi, (2, episodes))

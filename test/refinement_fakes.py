@@ -58,7 +58,7 @@ SHOOT_USED = USED - {"xg", "yg", "yawg", "speedg"}
 
 
 def models(used: frozenset[str] = USED) -> dict[str, FakeModel]:
-    """Give a fake model for each action."""
+    """Return a fake model for each action."""
     fake = {name: FakeModel(turning_time, used) for name in ("goToPose", "dribbleBall")}
     return fake | {"shoot": FakeModel(turning_time, used & SHOOT_USED)}
 

@@ -60,7 +60,7 @@ def run_many(robot: Robot, action: Action, *, seed: int, count: int) -> list[Run
 
 
 def _in_a_post(robot: Robot, situation: Situation) -> bool:
-    """Say whether the robot or its ball would start inside a goal's post, from where physics throws them."""
+    """Return whether robot or ball would start inside a goal's post, where physics throws them out."""
     pose, field = situation.robot.pose, robot.field
     points = [(pose.x, pose.y), *([(situation.ball.x, situation.ball.y)] if situation.ball else [])]
     return any(
@@ -70,14 +70,14 @@ def _in_a_post(robot: Robot, situation: Situation) -> bool:
 
 
 def eventually_at_the_pose(run: Run, *, position: float = 0.05, heading: float = 0.1) -> bool:
-    """Say whether the action succeeded within `position` (m) and `heading` (rad) of its goal."""
+    """Return whether the action succeeded within `position` (m) and `heading` (rad) of its goal."""
     target, pose = run.situation.goal.robot_pose(run.robot), run.worlds[-1].robot.pose
     there = pose.distance(target) < position and abs(wrap_angle(pose.yaw - target.yaw)) < heading
     return run.steps[-1].status is Status.SUCCEEDED and there
 
 
 def always_within_limits(run: Run, *, slack: float = 0.03) -> bool:
-    """Say whether all commands kept the base's limits, and all velocities but for `slack` (m/s, rad/s)."""
+    """Return whether all commands kept the base's limits, and all velocities but for `slack` (m/s, rad/s)."""
     limits = run.robot.limits
     commands = all(abs(step.command.v) <= limits.v and abs(step.command.w) <= limits.w for step in run.steps)
     states = (world.robot for world in run.worlds)
@@ -87,7 +87,7 @@ def always_within_limits(run: Run, *, slack: float = 0.03) -> bool:
 
 
 def ball_stays_until_the_end(run: Run, *, moved: float = 0.02, last: float = 0.3) -> bool:
-    """Say whether the ball moved less than `moved` (m) until `last` (s) before the end."""
+    """Return whether the ball moved less than `moved` (m) until `last` (s) before the end."""
     first = run.worlds[0].ball
     assert first is not None
     before = run.worlds[: max(1, len(run.worlds) - round(last * _RATE))]
@@ -98,7 +98,7 @@ def ball_stays_until_the_end(run: Run, *, moved: float = 0.02, last: float = 0.3
 
 
 def always_holds_the_ball(run: Run, *, distance: float = 0.1) -> bool:
-    """Say whether the ball was never farther than `distance` (m) from the hold."""
+    """Return whether the ball was never farther than `distance` (m) from the hold."""
     for world in run.worlds:
         hold = run.robot.hold_point(world.robot.pose)
         if world.ball is None or math.hypot(world.ball.x - hold.x, world.ball.y - hold.y) > distance:
@@ -107,6 +107,6 @@ def always_holds_the_ball(run: Run, *, distance: float = 0.1) -> bool:
 
 
 def ball_in_the_goal(run: Run) -> bool:
-    """Say whether the ball ended behind the goal line, between the posts."""
+    """Return whether the ball ended behind the goal line, between the posts."""
     ball, field = run.end.ball, run.robot.field
     return ball is not None and abs(ball.x) > field.length / 2 and abs(ball.y) < field.goal_width / 2

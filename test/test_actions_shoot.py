@@ -46,7 +46,7 @@ def starts(seed: int, count: int) -> list[RobotState]:
 
 
 def crossing(plan: Manoeuvre) -> float:
-    """Give where on the line the ball crosses it, in m from the middle of the mouth."""
+    """Return where on the line the ball crosses it, in m from the middle of the mouth."""
     ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
     return ball.y - ball.x * math.tan(ball.yaw)
 

@@ -64,7 +64,7 @@ PATIENT = settings(
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a folder with one good file of each kind."""
+    """Return a folder with one good file of each kind."""
     from test_recordings import record
 
     from ator_ros.experience.table import Experience, write_experience

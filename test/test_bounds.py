@@ -31,7 +31,7 @@ CHECKED = (
 
 
 def extremes(count: int) -> dict[str, np.ndarray]:
-    """Give situations of numbers at the edges of what is accepted, of either sign."""
+    """Return situations of numbers at the edges of what is accepted, of either sign."""
     rng = np.random.default_rng(17)
     signed = [sign * edge for sign in (1.0, -1.0) for edge in EDGES]
     situations = {name: rng.choice(signed, count) for name in DIRECT_VARIABLES}

@@ -20,7 +20,7 @@ pytest.importorskip("numba")
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Give the folder that machine code is kept in during the test."""
+    """Yield the folder that machine code is kept in during the test."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(compile_cache, "_told", [])
     compile_cache._key.cache_clear()

@@ -22,7 +22,7 @@ np.save(sys.argv[1], table())
 
 
 def table() -> np.ndarray:
-    """Give the ideal times of 40 random situations, half of them up to a ball."""
+    """Return the ideal times of 40 random situations, half of them up to a ball."""
     rng = np.random.default_rng(11)
     direct = {name: rng.uniform(-3.0, 3.0, 40) for name in ("x", "y", "yaw", "xg", "yg", "yawg")}
     direct |= {"v": rng.uniform(0.0, 1.0, 40), "w": rng.uniform(-1.0, 1.0, 40)}

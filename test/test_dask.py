@@ -58,7 +58,7 @@ def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
 
 
 def wait_for(file: Path) -> str:
-    """Give the name of `file` once it is there, as a task that takes a while."""
+    """Return the name of `file` once it is there, as a task that takes a while."""
     for _ in range(600):
         if file.exists():
             return file.name

@@ -20,6 +20,7 @@ SMALL = {
     "collect": "--episodes 30 --jobs 1",
     "train": "",
     "gate": "--situations 10 --models models --experience experience.parquet --work work --jobs 1",
+    "calibrate_predictions": "--models models",
     "evaluate": "--situations 2 --oracle 2 --out results --jobs 1",
     "qualify": "--situations 4 --turned 4 --pairs 2 --out actions.json --jobs 1",
     "bench": "--parts simulation refinement --out benchmarks.json",
@@ -146,6 +147,10 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for seed, name in (("101", "experience"), ("211", "fresh")):
         run(["collect", "--seed", seed, "--episodes", "30", "--out", f"{name}.parquet"], folder)
     run(["train", "experience.parquet", "--models", "my_models"], folder)
+    policies = ["--policies", "naive", "refined", "refined_speed"]
+    run(["evaluate", "--situations", "24", *policies, "--out", "results", "--jobs", "1"], folder)
+    for name in ("fresh_dribble", "fresh_shoot"):
+        shutil.copytree(folder / "results", folder / name)
     return folder
 
 

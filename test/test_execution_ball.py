@@ -79,7 +79,7 @@ CARRY = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 
 
 
 def carrying(*, fetches: int = 0) -> tuple[Execution, World]:
-    """Give an execution of CARRY that dribbles, and the state that it is in."""
+    """Return an execution of CARRY that dribbles, and the state that it is in."""
     run = execution(CARRY, fetches=fetches)
     with PioneerSimulation(ROBOT) as simulation:
         simulation.place_ball(1.0, 0.0)

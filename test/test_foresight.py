@@ -73,7 +73,7 @@ def test_what_was_told_long_ago_or_before_a_reset_counts_no_more() -> None:
 
 
 def stepped(value: float, goal: float, acceleration: float) -> float:
-    """Give a velocity that goes toward `goal` for a tick."""
+    """Return a velocity that goes toward `goal` for a tick."""
     return value + float(np.clip(goal - value, -acceleration * TICK, acceleration * TICK))
 
 

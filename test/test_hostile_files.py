@@ -29,7 +29,7 @@ PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 
 
 def laughs() -> str:
-    """Give a YAML text that names 10^9 values with nine lines of aliases."""
+    """Return a YAML text that names 10^9 values with nine lines of aliases."""
     lines = ['a0: &a0 ["ha", "ha"]']
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 10)]
     return "\n".join([*lines, "robot: *a9", ""])

@@ -36,7 +36,7 @@ def test_its_files_hold_parameters_that_the_nodes_have(name: str) -> None:
     assert files == [f"$(var config)/{name}.yaml"]
     content = yaml.safe_load((share_folder() / "config" / f"{name}.yaml").read_text(encoding="utf-8"))
     (settings,) = [entry["ros__parameters"] for entry in content.values()]
-    assert set(settings) <= set(known)
+    assert set(settings) == set(known)
     named = {param.get("name") for param in OURS[name].iter("param") if param.get("name")}
     assert named <= set(known)
     (robot,) = [param.get("value") for param in OURS[name].iter("param") if param.get("name") == "robot"]

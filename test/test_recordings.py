@@ -198,7 +198,7 @@ def action_performance(
     action: str = "goToPose",
     action_set: str = "default",
 ) -> Any:
-    """Give the record of a goToBall from (-1, 0.25)."""
+    """Return the record of a goToBall from (-1, 0.25)."""
     types = store.types
     stamp = types["builtin_interfaces/msg/Time"](0, 0)
     header = types["std_msgs/msg/Header"](stamp, "odom")

@@ -25,7 +25,7 @@ GIVEN = [np.array([1.0, 0.5]), np.array([-2.0, 0.1]), np.array([0.3]), np.zeros(
 
 
 def waves(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Give a cost with several valleys that couples neighbouring subgoals."""
+    """Return a cost with several valleys that couples neighbouring subgoals."""
     own = np.cos(3.0 * after + index).sum(axis=1)
     return np.asarray(2.0 + own + np.sin(before.sum(axis=1) - after.sum(axis=1)))
 

@@ -17,7 +17,7 @@ SPEED = Domain(0.0, 1.0, 6)
 
 
 def smooth_cost(seed: int, sizes: list[int]) -> StepCost:
-    """Give a cost with several valleys whose terms couple neighbouring subgoals."""
+    """Return a cost with several valleys whose terms couple neighbouring subgoals."""
     rng = np.random.default_rng(seed)
     before = [0, *sizes[:-1]]
     own = [rng.uniform(-math.pi, math.pi, size=k) for k in sizes]

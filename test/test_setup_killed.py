@@ -49,7 +49,7 @@ PATIENCE = 1200.0  # s; what takes 10 s on an idle machine took 9 minutes on a b
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """Give a copy of this checkout that is set up as far as its virtual environment."""
+    """Return a copy of this checkout that is set up as far as its virtual environment."""
     copy = tmp_path / "checkout"
     shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*MADE))
     shutil.copytree(ROOT / ".venv", copy / ".venv", symlinks=True, copy_function=os.link)
@@ -126,7 +126,7 @@ def test_a_killed_set_up_works_when_repeated(
 
 @pytest.fixture
 def common() -> ModuleType:
-    """Give the module scripts/setup_common.py."""
+    """Return the module scripts/setup_common.py."""
     spec = importlib.util.spec_from_file_location("setup_common", ROOT / "scripts" / "setup_common.py")
     assert spec is not None
     assert spec.loader is not None

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import resource
 import signal
 import subprocess
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from ator_ros.tools.command_line import INTERRUPTED, guarded, undisturbed
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """Give a folder on a disk of 2 MB."""
+    """Yield a folder on a disk of 2 MB."""
     folder = tmp_path / "disk"
     folder.mkdir()
     command = ["mount", "-t", "tmpfs", "-o", "size=2m", "none", str(folder)]
@@ -44,6 +45,16 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
+@pytest.fixture
+def limit_files() -> Iterator[Callable[[int], None]]:
+    """Yield a function that sets how large files may become in bytes, which needs no rights."""
+    before, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before, most))
+
+
 def fill(folder: Path) -> Path:
     """Leave no room on the disk of `folder`; return the file that takes it."""
     file = folder / "fill"
@@ -54,7 +65,7 @@ def fill(folder: Path) -> Path:
 
 
 def outcome(task: tuple[Settings, int]) -> Record:
-    """Give what is kept of a situation, without executing it."""
+    """Return what is kept of a situation, without executing it."""
     return {"index": task[1], "policies": {"naive": {"duration": 1.5}}, "note": "x" * 3000}
 
 
@@ -138,6 +149,37 @@ def test_a_disk_that_fills_loses_no_situation(small_disk: Path, monkeypatch: pyt
     kept = PartialResults(small_disk, settings, settings.source.digest(settings.policies, settings.chain))
     assert list(kept.records) in ([0, 1, 2], [0, 1, 2, 3])
     records = run_situations(settings, situations=5, folder=small_disk)
+    assert records == [outcome((settings, index)) for index in range(5)]
+
+
+def test_room_that_is_missing_is_named(limit_files: Callable[[int], None], tmp_path: Path) -> None:
+    limit_files(1_000_000)
+    with (
+        pytest.raises(OSError, match=r"expected room for 3.0 MB of results: File too large"),
+        reserved(tmp_path, 3_000_000),
+    ):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_write_that_fails_loses_no_situation(
+    limit_files: Callable[[int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "run_tasks", at_once)
+    settings = Settings(seed=1)
+
+    def progress(records: Iterable[Record], done: int, total: int) -> Iterator[Record]:
+        for record in records:
+            if record["index"] == 2:
+                limit_files((tmp_path / PARTIAL).stat().st_size + 1000)
+            yield record
+
+    with pytest.raises(EvaluationError, match=r"File too large; 2 of 5 situations are kept"):
+        run_situations(settings, situations=5, folder=tmp_path, progress=progress)
+    limit_files(resource.RLIM_INFINITY)
+    kept = PartialResults(tmp_path, settings, settings.source.digest(settings.policies, settings.chain))
+    assert list(kept.records) == [0, 1]
+    records = run_situations(settings, situations=5, folder=tmp_path)
     assert records == [outcome((settings, index)) for index in range(5)]
 
 

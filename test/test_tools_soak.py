@@ -17,7 +17,7 @@ def soak(last: Sample) -> Soak:
 
 
 def ticks(*delays: float) -> list[Answer]:
-    """Give the answers of 20 ticks, delayed by `delays` s in turn."""
+    """Return the answers of 20 ticks, delayed by `delays` s in turn."""
     return [
         Answer(0.05 * tick, 7.0 + 0.05 * tick, 7.0 + 0.05 * tick + delay)
         for tick, delay in zip(range(20), itertools.cycle(delays), strict=False)

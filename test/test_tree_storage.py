@@ -54,7 +54,7 @@ def test_other_features_are_refused(tree):
 
 
 def leaf(stored: dict[str, Any]) -> dict[str, Any]:
-    """Give the leftmost leaf."""
+    """Return the leftmost leaf."""
     node: dict[str, Any] = stored["root"]
     while "feature" in node:
         node = node["at_most"]

@@ -46,7 +46,7 @@ class Goal:
     point: Point = Point.AXLE
 
     def robot_pose(self, robot: Robot) -> Pose:
-        """Give the pose of the axle at this destination."""
+        """Return the pose of the axle at this destination."""
         return robot.pose_holding(self.pose) if self.point is Point.HOLD else self.pose
 
 
@@ -99,9 +99,9 @@ class Action(ABC):
 
     @abstractmethod
     def step(self, world: World) -> Step:
-        """Give the command for the next tick; `Step.status` says whether the action has ended."""
+        """Return the command for the next tick; `Step.status` says whether the action has ended."""
 
 
 def finished(status: Status, message: str, command: Command = STOP) -> Step:
-    """Give the last step of an action."""
+    """Return the last step of an action."""
     return Step(command, status, message)

@@ -51,7 +51,7 @@ class EpisodeTask:
 
 
 def episode_generator(action: str, seed: int, episode: int) -> np.random.Generator:
-    """Give the source of chance of one episode: it depends on these three and nothing else."""
+    """Return the source of chance of one episode: it depends on these three and nothing else."""
     key = (zlib.crc32(action.encode()), episode)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 

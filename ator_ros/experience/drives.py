@@ -34,7 +34,7 @@ class Streams:
     ball: list[tuple[float, ...]] = field(default_factory=list)
 
     def goes_on_at(self, time: float) -> bool:
-        """Say whether odometry of `time` (s) follows: not after a reset, nor after a long silence."""
+        """Return whether odometry of `time` (s) follows: not after a reset, nor after a long silence."""
         return not self.odom or 0.0 <= time - self.odom[-1][0] <= SILENCE
 
 
@@ -75,7 +75,7 @@ def _spans(commands: FloatArray) -> Iterator[tuple[float, float]]:
 
 
 def _rest(odom: FloatArray, ceased: float) -> float:
-    """Give when (s) the robot stood still after its commands had ceased; `ceased` when it never did."""
+    """Return when (s) the robot stood still after its commands had ceased; `ceased` when it never did."""
     after = odom[(odom[:, 0] >= ceased) & (odom[:, 0] <= ceased + PAUSE)]
     still = (np.abs(after[:, 4]) <= STILL[0]) & (np.abs(after[:, 5]) <= STILL[1])
     return float(after[still][0, 0]) if still.any() else ceased

@@ -114,7 +114,7 @@ def coast(simulation: PioneerSimulation, world: World) -> World:
 
 
 def _depth(robot: Robot, x: float, y: float) -> float:
-    """Give how far in m a ball at (x, y) is beyond the line of the goal at x > 0; negative: not in it."""
+    """Return how far in m a ball at (x, y) is beyond the line of the goal at x > 0; negative: not in it."""
     line, _ = robot.field.goal_centre()
     beside = abs(y) - robot.field.goal_width / 2
     return min(x - line, -beside)

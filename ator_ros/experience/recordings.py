@@ -109,7 +109,7 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
 
 
 def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
-    """Give the action set that the records tell of; odometry and commands tell of none."""
+    """Return the action set that the records tell of; odometry and commands tell of none."""
     found = sorted(set().union(*(recorded.action_sets for recorded in by_robot.values())))
     if len(found) > 1:
         raise RecordingError(f"{file}: expected records of one action set, got {_listed(found)}")
@@ -117,7 +117,7 @@ def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
 
 
 def _read(file: Path) -> dict[str, _Recorded]:
-    """Give what was recorded by the namespace of the robot."""
+    """Return what was recorded by the namespace of the robot."""
     by_robot: dict[str, _Recorded] = defaultdict(_Recorded)
     for name, message in _messages(file):
         topic = _kind(name)
@@ -155,7 +155,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _kind(topic: str) -> str:
-    """Give which of the topics `topic` is, in whatever namespace; empty for none."""
+    """Return which of the topics `topic` is, in whatever namespace; empty for none."""
     return next((name for name in (RECORDS, *TOPICS) if f"/{topic}".endswith(f"/{name}")), "")
 
 

@@ -21,7 +21,7 @@ ENDED = (SUCCEEDED, FAILED)
 
 
 def episode_of(message: Any) -> Episode:
-    """Give the episode that an ActionPerformance tells of; it has no samples but its start."""
+    """Return the episode that an ActionPerformance tells of; it has no samples but its start."""
     start, call = message.start, message.call
     ball = (
         BallState(start.ball.x, start.ball.y, start.ball_velocity.x, start.ball_velocity.y)
@@ -46,7 +46,7 @@ def episode_of(message: Any) -> Episode:
 
 
 def sound(episode: Episode) -> bool:
-    """Say whether a model can learn from an episode: a sensor may have sent NaN."""
+    """Return whether a model can learn from an episode: a sensor may have sent NaN."""
     robot, goal, ball = episode.situation.robot, episode.situation.goal, episode.situation.ball
     errors = (episode.position_error, episode.heading_error)
     numbers: tuple[float, ...] = (*robot.pose, robot.v, robot.w, *goal.pose, goal.speed, episode.duration)
@@ -55,11 +55,11 @@ def sound(episode: Episode) -> bool:
 
 
 def finite(row: tuple[float, ...]) -> bool:
-    """Say whether a row can be used: a sensor may have sent NaN."""
+    """Return whether a row can be used: a sensor may have sent NaN."""
     return all(abs(number) <= FARTHEST for number in row)  # NaN is not
 
 
 def pose_of(pose: Any) -> Pose:
-    """Give the pose in the plane that a geometry_msgs/Pose stands for."""
+    """Return the pose in the plane that a geometry_msgs/Pose stands for."""
     q = pose.orientation
     return Pose(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))

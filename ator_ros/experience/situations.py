@@ -110,7 +110,7 @@ def _go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
 
 
 def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, BallState]:
-    """Give robot and ball when the robot at `pose` holds the ball and drives at `speed` (m/s)."""
+    """Return robot and ball when the robot at `pose` holds the ball and drives at `speed` (m/s)."""
     ball = robot.hold_point(pose)
     vx, vy = speed * math.cos(pose.yaw), speed * math.sin(pose.yaw)
     return RobotState(pose, speed), BallState(ball.x, ball.y, vx, vy)

@@ -73,7 +73,7 @@ class Experience:
         return seed if isinstance(seed, int) else 0
 
     def of(self, action: str) -> pd.DataFrame:
-        """Give the rows of one action.
+        """Return the rows of one action.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class Experience:
 
 
 def episode_frame(number: int, episode: Episode) -> pd.DataFrame:
-    """Give the rows of one episode; one without samples (not started, or a record), its start."""
+    """Return the rows of one episode; one without samples (not started, or a record), its start."""
     goal = episode.situation.goal
     samples = episode.samples
     if len(samples) == 0:
@@ -125,7 +125,7 @@ def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 
 def library_versions() -> dict[str, str]:
-    """Give the versions of Python and of the libraries that experience and models depend on."""
+    """Return the versions of Python and of the libraries that experience and models depend on."""
     versions = {"python": platform.python_version()}
     for name in ("numpy", "scikit-learn", "pandas", "pybullet"):
         try:
@@ -207,7 +207,7 @@ def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:
 
 
 def require_pyarrow() -> tuple[Any, Any]:
-    """Give the modules pyarrow and pyarrow.parquet.
+    """Return the modules pyarrow and pyarrow.parquet.
 
     Raises
     ------

@@ -47,7 +47,7 @@ _TRUTHS = ("hold", "success")
 
 
 def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> pd.DataFrame:
-    """Give the rows with plain types, if models can be learned from them and saved under their names.
+    """Return the rows with plain types, if models can be learned from them and saved under their names.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
 
 
 def _numbers(source: Path | str, column: pd.Series, rule: _Rule) -> FloatArray:
-    """Give the numbers of a column, which may be of any type that holds numbers."""
+    """Return the numbers of a column, which may be of any type that holds numbers."""
     where = f"{source}: {column.name}: expected {rule.expected}"
     truths = pd.api.types.is_bool_dtype(column)
     if not pd.api.types.is_numeric_dtype(column) or (truths and column.name not in _TRUTHS):

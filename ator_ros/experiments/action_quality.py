@@ -148,7 +148,7 @@ def summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def _around_plan(outcomes: Sequence[Outcome]) -> dict[str, float]:
-    """Give mean and standard deviation (s) of duration less plan; nothing where there are no plans."""
+    """Return mean and standard deviation (s) of duration less plan; nothing where there are no plans."""
     over = np.array([outcome.duration - outcome.planned for outcome in outcomes])
     if not len(over) or np.isnan(over).any():
         return {}
@@ -156,12 +156,12 @@ def _around_plan(outcomes: Sequence[Outcome]) -> dict[str, float]:
 
 
 def regularity(base: Sequence[Outcome], turned: Sequence[Outcome]) -> dict[str, float]:
-    """Give percentiles of the change of duration (s) when the start is turned by a degree."""
+    """Return percentiles of the change of duration (s) when the start is turned by a degree."""
     changes = [abs(one.duration - other.duration) for one, other in zip(base, turned, strict=True)
                if one.success and other.success]  # fmt: skip
     return {f"p{level}_s": round(float(np.percentile(changes, level)), 3) for level in (50, 95, 99, 100)}
 
 
 def tasks(kind: str, action_set: str, seed: int, situations: int, turn_degrees: int = 0) -> list[Task]:
-    """Give the tasks of one kind, all starts turned by `turn_degrees`."""
+    """Return the tasks of one kind, all starts turned by `turn_degrees`."""
     return [Task(kind, action_set, seed, index, turn_degrees * _TURN) for index in range(situations)]

@@ -52,7 +52,7 @@ def execute_point(point: SliceTask) -> Outcome:
 
 
 def points(kind: str, action_set: str) -> Iterator[SliceTask]:
-    """Give all points of the slices of one kind."""
+    """Yield all points of the slices of one kind."""
     for goal in range(len(GOALS)):
         for degrees in range(-180, 181, STEP_DEGREES):
             yield SliceTask(kind, action_set, goal, degrees)

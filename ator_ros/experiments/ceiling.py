@@ -45,12 +45,12 @@ class IdealTime:
         return derived_from([self.feature])
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
-        """Give the duration in s, shape (n,), and nothing else."""
+        """Return the duration in s, shape (n,), and nothing else."""
         return SimpleNamespace(duration=self.compute(Geometry(direct, self.robot)))
 
 
 def ideal_times(robot: Robot) -> dict[str, IdealTime]:
-    """Give by action the time of the best of the motions that the learned models know as features."""
+    """Return by action the time of the best of the motions that the learned models know as features."""
     return {
         "goToPose": IdealTime(robot, "drive_time", lambda geometry: geometry.drive.time),
         "dribbleBall": IdealTime(robot, "dribble_time", lambda geometry: geometry.dribble.time),
@@ -59,7 +59,7 @@ def ideal_times(robot: Robot) -> dict[str, IdealTime]:
 
 
 def plain_times(robot: Robot) -> dict[str, IdealTime]:
-    """Give by action the time of turning, driving and turning again, what one knows of any such robot.
+    """Return by action the time of turning, driving and turning again, what one knows of any such robot.
 
     Only without the ball the drive may go backward. A shot turns toward the goal and drives.
     """
@@ -105,5 +105,5 @@ class BoostedTime:
         return self
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
-        """Give the duration in s, shape (n,), and nothing else."""
+        """Return the duration in s, shape (n,), and nothing else."""
         return SimpleNamespace(duration=self._boosting.predict(feature_table(direct, self.robot, self.names)))

@@ -32,13 +32,13 @@ _STYLE: Any = {
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Give an empty figure of this size in inches."""
+    """Return an empty figure of this size in inches."""
     mpl.rcParams.update(_STYLE)
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def svg_text(figure: Any) -> str:
-    """Give the figure as an SVG element to stand in a page; the same figure gives the same text."""
+    """Return the figure as an SVG element to stand in a page; the same figure gives the same text."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()

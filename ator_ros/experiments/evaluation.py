@@ -62,7 +62,7 @@ class Executions:
         self._runs: dict[tuple[float, ...], Run] = {}
 
     def __call__(self, chain: TopChain) -> Run:
-        """Give the run of `chain`."""
+        """Return the run of `chain`."""
         key = tuple(
             round(value, 6) + 0.0
             for call in chain.calls
@@ -80,7 +80,7 @@ class Executions:
 
 @cache
 def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Give what is the same for all situations, made once per process."""
+    """Return what is the same for all situations, made once per process."""
     tools = make_toolset(source)
     return tools, make_library(tools.robot, source)
 
@@ -188,7 +188,7 @@ def _executed(
 
 
 def predicted_cost(tools: Toolset, trial: Trial, chain: TopChain) -> float:
-    """Give the duration in s that the learned models predict for a chain as it is."""
+    """Return the duration in s that the learned models predict for a chain as it is."""
     return predict_chain(trial.world, chain, tools.models["learned"], tools.robot).cost
 
 

@@ -126,7 +126,7 @@ def _judge(
 
 
 def _outcome(simulation: PioneerSimulation, chain: TopChain, world: World) -> tuple[bool, str, float]:
-    """Give whether the chain has done what it is for, what is wrong otherwise, and the final error in m."""
+    """Return whether the chain has done what it is for, what is wrong otherwise, and the final error in m."""
     robot, last = simulation.robot, chain.calls[-1]
     if last.top.action == "shoot":
         ball = coast(simulation, world).ball

@@ -27,7 +27,7 @@ EXAMPLE = math.radians(45.0)  # the angle whose rule is printed
 
 
 def situations(robot: Robot, angles: FloatArray, *, hold: bool) -> dict[str, Any]:
-    """Give the direct variables of starts at rest, 2 m straight before the destination.
+    """Return the direct variables of starts at rest, 2 m straight before the destination.
 
     Parameters
     ----------

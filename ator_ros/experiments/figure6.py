@@ -33,7 +33,7 @@ CANDIDATES = 180
 
 
 def example(library: TopLibrary) -> tuple[World, TopChain]:
-    """Give the situation and the chain of the figure."""
+    """Return the situation and the chain of the figure."""
     world = World(0.0, RobotState(START), BallState(BALL.x, BALL.y))
     first, second = library["goToBall"], library["dribbleBall"]
     return world, TopChain(
@@ -45,7 +45,7 @@ def example(library: TopLibrary) -> tuple[World, TopChain]:
 
 
 def curves(robot: Robot, models: Models, library: TopLibrary) -> tuple[FloatArray, list[FloatArray]]:
-    """Give the headings (rad), shape (n,), and the predicted durations (s) of both actions there."""
+    """Return the headings (rad), shape (n,), and the predicted durations (s) of both actions there."""
     world, chain = example(library)
     free = analyse(chain, models, robot).free
     model = ChainModel(world, chain, robot, models=models, free=free, objective=Objective())

@@ -49,13 +49,13 @@ class GateExamples:
     kind: NDArray[np.int64]
 
     def part(self, rows: NDArray[Any]) -> GateExamples:
-        """Give some of the examples."""
+        """Return some of the examples."""
         columns = (self.features, self.naive, self.refined, self.situation, self.kind)
         return GateExamples(*(column[rows] for column in columns))
 
 
 def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
-    """Give the examples, with and without arrival speed, of records as `evaluate_trial` makes them."""
+    """Return the examples, with and without arrival speed, of records as `evaluate_trial` makes them."""
     rows, naive, refined, situation, kinds = [], [], [], [], []
     for record in records:
         for kind, (policy, key) in enumerate((("refined", "features"), ("refined_speed", "features_speed"))):
@@ -71,7 +71,7 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
 
 
 def fit_threshold(examples: GateExamples) -> ThresholdGate:
-    """Give the threshold that harms least, of those that keep nearly all of the gain."""
+    """Return the threshold that harms least, of those that keep nearly all of the gain."""
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
     refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
@@ -81,7 +81,7 @@ def fit_threshold(examples: GateExamples) -> ThresholdGate:
 
 
 def fit_tree(examples: GateExamples) -> TreeGate:
-    """Give the decision tree that tells Higher, Equal and Lower apart, as the paper's does."""
+    """Return the decision tree that tells Higher, Equal and Lower apart, as the paper's does."""
     tree = DecisionTreeClassifier(max_depth=TREE_DEPTH, min_samples_leaf=TREE_LEAF, random_state=0)
     tree.fit(examples.features, labels(examples.refined, examples.naive))
     nodes, names = tree.tree_, list(FEATURES)
@@ -96,7 +96,7 @@ def fit_tree(examples: GateExamples) -> TreeGate:
 
 
 def decisions(gate: LearnedGate, examples: GateExamples) -> NDArray[np.bool_]:
-    """Give for each example whether the gate refines."""
+    """Return for each example whether the gate refines."""
     return np.array([gate.decide(dict(zip(FEATURES, row, strict=True)))[0] for row in examples.features])
 
 
@@ -110,7 +110,7 @@ def _worse(examples: GateExamples, refine: NDArray[np.bool_]) -> int:
 
 
 def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
-    """Give the share of the ungated gain that is kept, of the kind of refinement that keeps least."""
+    """Return the share of the ungated gain that is kept, of the kind of refinement that keeps least."""
     shares = []
     for kind in np.unique(examples.kind):
         of_kind = examples.kind == kind
@@ -150,7 +150,7 @@ def compare_gates(examples: GateExamples) -> dict[str, dict[str, float]]:
 
 
 def predicted_labels(gate: TreeGate, examples: GateExamples) -> NDArray[np.str_]:
-    """Give the tree's label of each example."""
+    """Return the tree's label of each example."""
     sentences = [gate.decide(dict(zip(FEATURES, row, strict=True)))[1] for row in examples.features]
     return np.array([sentence.split()[0] for sentence in sentences])
 

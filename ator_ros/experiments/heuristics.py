@@ -59,7 +59,7 @@ class LinearTime:
         return _USED if self.per_goal_turn else _USED - {"yawg"}
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
-        """Give the duration in s, shape (n,), and nothing else."""
+        """Return the duration in s, shape (n,), and nothing else."""
         distance, start_turn, goal_turn = linear_terms(direct, self.hold, aims=self.per_goal_turn > 0.0)
         duration = self.constant + self.per_metre * distance
         duration = duration + self.per_start_turn * start_turn + self.per_goal_turn * goal_turn
@@ -69,7 +69,7 @@ class LinearTime:
 def linear_terms(
     direct: Mapping[str, Any], hold: float, *, aims: bool = True
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Give distance (m) and the turns (rad) at the start and at the goal between two poses of the axle.
+    """Return distance (m) and the turns (rad) at the start and at the goal between two poses of the axle.
 
     Parameters
     ----------
@@ -90,12 +90,12 @@ def linear_terms(
 
 
 def bitbots(action: str, robot: Robot) -> LinearTime:
-    """Give the time model of bit-bots: 7.0 s/m, 3.82 s/rad of either turn."""
+    """Return the time model of bit-bots: 7.0 s/m, 3.82 s/rad of either turn."""
     return LinearTime(7.0, 3.82, 0.0 if action in _HEADLESS else 3.82, robot.hold)
 
 
 def booster(action: str, robot: Robot) -> LinearTime:
-    """Give the cost of Booster's soccer demo: range at 1 m/s, turn at 1 rad/s, 1.33 s/rad of adjust angle."""
+    """Return the cost of Booster's soccer demo: range at 1 m/s, turn at 1 rad/s, 1.33 s/rad of angle."""
     return LinearTime(1.0, 1.0, 0.0 if action in _HEADLESS else 1.33, robot.hold)
 
 

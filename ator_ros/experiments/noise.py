@@ -89,7 +89,7 @@ class NoiseTask:
 
 @cache
 def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Give what is the same for all situations, made once per process."""
+    """Return what is the same for all situations, made once per process."""
     tools = make_toolset(source)
     return tools, make_library(tools.robot, source)
 

@@ -38,7 +38,7 @@ pre{background:#f2f3f5;border-radius:6px;padding:10px 12px;overflow-x:auto;font-
 
 
 def page(title: str, body: Sequence[str]) -> str:
-    """Give the page; `body` is HTML."""
+    """Return the page; `body` is HTML."""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -49,17 +49,17 @@ def page(title: str, body: Sequence[str]) -> str:
 
 
 def section(title: str, *parts: str) -> str:
-    """Give a section with a heading; `parts` are HTML."""
+    """Return a section with a heading; `parts` are HTML."""
     return f"<section><h2>{escape(title)}</h2>\n" + "\n".join(parts) + "\n</section>"
 
 
 def paragraph(text: str, kind: str = "") -> str:
-    """Give a paragraph of plain text."""
+    """Return a paragraph of plain text."""
     return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, ours: Sequence[int] = ()) -> str:
-    """Give a table of plain texts.
+    """Return a table of plain texts.
 
     A row of one text is a group's heading; `ours` are rows to stand out. Numbers stand to the right, but a
     table of two columns explains words.
@@ -76,16 +76,16 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, ours: Sequence[
 
 
 def figure(svg: str, caption: str) -> str:
-    """Give a figure with a caption."""
+    """Return a figure with a caption."""
     return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
 def cards(items: Sequence[tuple[str, str]]) -> str:
-    """Give big numbers, each with what it says."""
+    """Return big numbers, each with what it says."""
     parts = "".join(f'<div class="card"><b>{escape(n)}</b><span>{escape(w)}</span></div>' for n, w in items)
     return f'<div class="cards">{parts}</div>'
 
 
 def code(text: str) -> str:
-    """Give preformatted text."""
+    """Return preformatted text."""
     return f"<pre>{escape(text)}</pre>"

@@ -89,13 +89,13 @@ def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
 
 
 def _bearings(places: Sequence[Pose]) -> dict[int, float]:
-    """Give for each place but the last the bearing in rad of the next."""
+    """Return for each place but the last the bearing in rad of the next."""
     pairs = enumerate(itertools.pairwise(places))
     return {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in pairs}
 
 
 def refining(models: str = "learned", *, gated: bool = False, speed: bool = False) -> Policy:
-    """Give the policy that refines the naive chain.
+    """Return the policy that refines the naive chain.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ COUNTS = ("higher", "equal", "lower")
 
 
 def verdict(summary: Mapping[str, Any]) -> str:
-    """Say in words what came out."""
+    """Return in words what came out."""
     best = summary.get("gated", summary.get("refined", summary["naive"]))
     low, high = best["improvement_ci95"]
     text = (
@@ -63,7 +63,7 @@ def verdict(summary: Mapping[str, Any]) -> str:
 
 
 def headline(summary: Mapping[str, Any]) -> str:
-    """Give the most important numbers, big."""
+    """Return the most important numbers, big."""
     items = [(f"{summary['naive']['mean_duration_s']:.2f} s", "mean duration, naive")]
     for name in ("gated", "gated_speed", "oracle", "oracle_speed"):
         if name in summary:
@@ -75,7 +75,7 @@ def headline(summary: Mapping[str, Any]) -> str:
 
 
 def table1(summary: Mapping[str, Any]) -> str:
-    """Give Table 1, the paper's rows and ours."""
+    """Return Table 1, the paper's rows and ours."""
     rows: list[tuple[str, ...]] = []
     ours = []
     for name, title in (("refined", "Before filtering"), ("gated", "After filtering")):
@@ -109,13 +109,13 @@ def table1(summary: Mapping[str, Any]) -> str:
 
 
 def _behind(name: str, row: Mapping[str, Any], ours: str) -> str:
-    """Give the interval behind one of our policies: that with the same free variables."""
+    """Return the interval behind one of our policies: that with the same free variables."""
     key = f"behind_{ours}{'_speed' * name.endswith('_speed')}_ci95"
     return _interval(row[key]) if key in row else "-"
 
 
 def policies(summary: Mapping[str, Any], settings: Settings) -> str:
-    """Give all policies, as bars and as a table."""
+    """Return all policies, as bars and as a table."""
     head: tuple[str, ...] = ("policy", "mean s", "of sums %", "95 %", "mean of ratios %", "95 %", *COUNTS)
     rows: list[tuple[str, ...]] = []
     ours: list[int] = []

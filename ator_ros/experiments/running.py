@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -67,14 +68,15 @@ def run_situations(
                 partial.append(record)
             except OSError as error:
                 release()
-                partial.append(record)
+                with contextlib.suppress(OSError):  # then this situation is executed again
+                    partial.append(record)
                 kept = f"{len(partial.records)} of {situations} situations are kept"
                 raise EvaluationError(f"{partial.path}: {error.strerror}; {kept}, {RESUMES}") from error
     return [partial.records[index] for index in range(situations)]
 
 
 def describe(settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
-    """Give what goes into `evaluation.json` beside the runs."""
+    """Return what goes into `evaluation.json` beside the runs."""
     summary: dict[str, Any] = {
         "situations": len(records),
         "seed": settings.seed,
@@ -103,7 +105,7 @@ def _portable(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def table_text(summary: Mapping[str, Any]) -> str:
-    """Give the summary as a table for a terminal."""
+    """Return the summary as a table for a terminal."""
     head = f"{'policy':24}{'mean s':>9}{'gain %':>8}{'95 %':>16}{'higher':>8}{'equal':>7}{'lower':>7}"
     lines = [head + f"{'oracle %':>10}{'failed':>8}"]
     for name, row in summary.items():

@@ -37,7 +37,7 @@ class Outcomes:
 
 
 def outcomes(records: Sequence[Mapping[str, Any]]) -> Outcomes:
-    """Give the outcomes of records as `evaluate_trial` makes them."""
+    """Return the outcomes of records as `evaluate_trial` makes them."""
     duration: dict[str, FloatArray] = {}
     success: dict[str, NDArray[np.bool_]] = {}
     for name in records[0]["policies"]:
@@ -58,7 +58,7 @@ def labels(duration: FloatArray, reference: FloatArray) -> NDArray[np.str_]:
 
 
 def summarise(results: Outcomes) -> dict[str, dict[str, Any]]:
-    """Give for each policy the figures of Table 1, with 95 % bootstrap intervals over situations.
+    """Return for each policy the figures of Table 1, with 95 % bootstrap intervals over situations.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def summarise(results: Outcomes) -> dict[str, dict[str, Any]]:
 
 
 def _resampled_means(table: FloatArray) -> FloatArray:
-    """Give the means, shape (policies, resamples), over situations drawn with replacement."""
+    """Return the means, shape (policies, resamples), over situations drawn with replacement."""
     rng = np.random.default_rng(0)
     count = table.shape[1]
     weights = rng.multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)

@@ -46,12 +46,12 @@ class ToolsetSource:
     experience: tuple[str, ...] = ()
 
     def folder(self) -> Path:
-        """Give the folder of the model files."""
+        """Return the folder of the model files."""
         top = Path(self.models) if self.models else resource_path("models")
         return top / model_path("gate", self.action_set).parent
 
     def digest(self, policies: Iterable[str], chain: str) -> str:
-        """Give a digest of the robot's description and of all files that the policies' choices depend on."""
+        """Return a digest of the robot's description and of all files that the policies depend on."""
         robot = load_robot()
         sha = hashlib.sha256(robot.digest().encode())
         calls = random_trial(0, 0, chain, robot, make_library(robot, self)).chain.calls
@@ -76,7 +76,7 @@ def read_rows(tables: Iterable[Path | str]) -> dict[str, pd.DataFrame]:
 
 
 def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Give the policies that can be run with what there is, and the others with what they lack."""
+    """Return the policies that can be run with what there is, and the others with what they lack."""
     missing: dict[str, str] = {}
     if not (source.folder() / BASELINES).exists():
         why = f"{source.folder() / BASELINES} is not there; the tool `gate` makes it"
@@ -90,7 +90,7 @@ def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str
 
 
 def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
-    """Give the TOP library with the actions of the source."""
+    """Return the TOP library with the actions of the source."""
     return TopLibrary(robot, source.action_set)
 
 

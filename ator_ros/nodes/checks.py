@@ -28,8 +28,8 @@ class MessageError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
-    """Up to what messages are believed, in each direction.
+class MessageBounds:
+    """Greatest values accepted in messages, in each direction.
 
     Attributes
     ----------
@@ -48,14 +48,14 @@ class Bounds:
     object_speed: float = FASTEST
 
 
-WIDEST = Bounds()
+WIDEST = MessageBounds()
 """For messages that may be about any robot."""
 
 
-def bounds_of(robot: Robot) -> Bounds:
+def bounds_of(robot: Robot) -> MessageBounds:
     """Return what is believed of `robot` and its field: twice the floor, three times its limits."""
     field, limits = robot.field, robot.limits
-    return Bounds(
+    return MessageBounds(
         field.length + 2.0 * field.margin,
         field.width + 2.0 * field.margin,
         3.0 * limits.v,
@@ -65,7 +65,7 @@ def bounds_of(robot: Robot) -> Bounds:
 
 
 def number(value: float, where: str, *, low: float, high: float, unit: str = "") -> float:
-    """Give `value` if it is a finite number in [low, high].
+    """Return `value` if it is a finite number in [low, high].
 
     Raises
     ------
@@ -96,7 +96,7 @@ def zero(values: Iterable[float], where: str) -> None:
 
 
 def planar_yaw(quaternion: Any, where: str) -> float:
-    """Give the heading in rad of a quaternion that has unit length, roll 0 and pitch 0.
+    """Return the heading in rad of a quaternion that has unit length, roll 0 and pitch 0.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def count(items: Sized, where: str, *, least: int, most: int) -> None:
 
 
 def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> frozenset[str]:
-    """Give the names as a set if all are allowed and none comes twice.
+    """Return the names as a set if all are allowed and none comes twice.
 
     Raises
     ------

@@ -18,7 +18,7 @@ import ator_interfaces.msg as msg
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes import checks
-from ator_ros.nodes.checks import WIDEST, Bounds, MessageError
+from ator_ros.nodes.checks import WIDEST, MessageBounds, MessageError
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
@@ -34,17 +34,17 @@ DEFAULT_ACTION_SET = "default"
 
 
 def seconds_from(stamp: Time) -> float:
-    """Give a stamp as seconds."""
+    """Return a stamp as seconds."""
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
 def stamp_of(seconds: float) -> Time:
-    """Give seconds as a stamp, to the nanosecond."""
+    """Return seconds as a stamp, to the nanosecond."""
     nanoseconds = round(seconds * 1e9)
     return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
 
-def pose_from(pose: PoseMessage, where: str, bounds: Bounds = WIDEST) -> Pose:
+def pose_from(pose: PoseMessage, where: str, bounds: MessageBounds = WIDEST) -> Pose:
     """Read a planar pose."""
     return Pose(
         checks.position(pose.position.x, f"{where}.position.x", most=bounds.x),
@@ -84,7 +84,7 @@ def twist_of(command: Command) -> Twist:
 
 
 def robot_from(
-    odometry: Odometry, *, frame: str, where: str = "odom", bounds: Bounds = WIDEST
+    odometry: Odometry, *, frame: str, where: str = "odom", bounds: MessageBounds = WIDEST
 ) -> tuple[float, RobotState]:
     """Read time in s and state of the robot from its odometry, whose twist is in the robot's own frame."""
     checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
@@ -98,7 +98,7 @@ def robot_from(
 
 
 def ball_from(
-    odometry: Odometry, *, frame: str, where: str = "ball", bounds: Bounds = WIDEST
+    odometry: Odometry, *, frame: str, where: str = "ball", bounds: MessageBounds = WIDEST
 ) -> tuple[float, BallState]:
     """Read time in s and state of the ball, whose twist is in the header's frame, as child_frame_id says."""
     checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
@@ -108,7 +108,7 @@ def ball_from(
     return seconds_from(odometry.header.stamp), ball
 
 
-def _ball(position: Any, linear: Any, place: str, motion: str, bounds: Bounds) -> BallState:
+def _ball(position: Any, linear: Any, place: str, motion: str, bounds: MessageBounds) -> BallState:
     return BallState(
         checks.position(position.x, f"{place}: x", most=bounds.x),
         checks.position(position.y, f"{place}: y", most=bounds.y),
@@ -137,7 +137,7 @@ def ball_odometry_of(time: float, ball: BallState, *, frame: str, height: float)
 
 
 def world_from(
-    situation: msg.Situation, *, frame: str, where: str = "situation", bounds: Bounds = WIDEST
+    situation: msg.Situation, *, frame: str, where: str = "situation", bounds: MessageBounds = WIDEST
 ) -> World:
     """Read a situation."""
     checks.frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)

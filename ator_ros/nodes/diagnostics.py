@@ -36,7 +36,7 @@ class Lateness:
         self._last = now
 
     def take(self) -> str:
-        """Give the longest time between two in ms, as text, and begin anew."""
+        """Return the longest time between two in ms, as text, and begin anew."""
         longest, self._longest = self._longest, 0.0
         return f"{1000.0 * longest:.1f}"
 

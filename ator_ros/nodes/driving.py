@@ -6,7 +6,7 @@ from ator_ros.foresight import Foresight
 from ator_ros.nodes.execution import Execution
 from ator_ros.nodes.motion_watch import MotionWatch
 from ator_ros.robot import Robot
-from ator_ros.world import Command, World
+from ator_ros.world import Command, RobotState, World
 
 
 class Driving:
@@ -23,7 +23,6 @@ class Driving:
     def __init__(self, robot: Robot, latency: float) -> None:
         self._watch = MotionWatch(robot, latency)
         self._foresight = Foresight(robot, latency)
-        self.punctual = self._foresight.punctual
 
     def reset(self) -> None:
         """Forget everything, as time begins anew."""
@@ -38,6 +37,10 @@ class Driving:
         """Note a command that leaves as the answer to a state of `time` (s)."""
         self._watch.told(time, command)
         self._foresight.told(time, command)
+
+    def punctual(self, robot: RobotState, command: Command, took: float) -> Command:
+        """Return the command to send now for one that took `took` s to compute; see `Foresight.punctual`."""
+        return self._foresight.punctual(robot, command, took)
 
     def ahead(self, world: World, execution: Execution | None, now: float) -> World:
         """Return the world in which the answer to `world` will move the base.

@@ -108,7 +108,7 @@ class Execution:
         return remaining(self.predicted, self.step, now - began)
 
     def silent(self, now: float) -> bool:
-        """Say whether no odometry has come for half its deadline: the robot should stand until it comes."""
+        """Return whether no odometry has come for half its deadline: the robot should stand until then."""
         return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom / 2.0
 
     def tick(self, world: World, now: float, *, ball_overdue: bool = False) -> Command:
@@ -164,7 +164,7 @@ class Execution:
     def refined_to(self, chain: TopChain, refined: bool, reason: str) -> None:
         """Take the answer to `question`; when the robot drives, with the next state.
 
-        A chain that was not refined may have had open variables: in the answer they are filled in.
+        An unrefined answer may differ from the question: naive values replace its placeholders.
         """
         if self.question is None:
             return
@@ -172,7 +172,7 @@ class Execution:
             self._start_with(chain, refined, reason)
         elif refined:
             self._answer = chain, reason
-        else:  # the chain that is executed has nothing open
+        else:  # the chain under way has no placeholders left
             self._go_on(reason, changed=False)
 
     def unrefined(self, why: str) -> None:

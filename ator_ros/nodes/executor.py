@@ -49,10 +49,11 @@ class ExecutorNode(Node):
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
         A result can be asked for in the minute after the goal. More goals than can be kept are rejected.
-        The robot stands before a goal ends (with `latency`, as foreseen), or is told to for 2 s; where a
-        newer goal takes over, odometry is lost or the node ends, the goal ends once the robot is told. The
-        result says in words why it ended. Goals outside the fence are refused; a base that does not move as
-        it is told, and a way that leads out of the fence, end a goal.
+        The robot stands before a goal ends (with `latency`, as foreseen); if it does not within 2 s of being
+        commanded to, the goal ends all the same. Where a newer goal takes over, odometry is lost or the node
+        ends, the goal ends once the command is sent. The result names the reason. Goals outside the fence are
+        refused. A base that does not move as commanded ends a goal, and so does a way that leads out of the
+        fence.
     Subscribes to
         odom, ball (nav_msgs/Odometry): their stamps, `latency` later, are the time of the control programs.
     Publishes

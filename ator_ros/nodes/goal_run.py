@@ -105,7 +105,7 @@ class GoalRun:
         return f"{name} after {execution.elapsed:.2f} s: {execution.reason} ({refinement})"
 
     def new_records(self) -> list[ActionPerformance]:
-        """Give the records of the actions that have ended since the last call."""
+        """Return the records of the actions that have ended since the last call."""
         new = [
             action_record_of(
                 record,
@@ -214,7 +214,7 @@ def _stay_inside(fence: Fence, chain: TopChain, library: TopLibrary) -> None:
 
 
 def id_of(handle: ServerGoalHandle) -> str:
-    """Give the goal's UUID as 32 hexadecimal digits."""
+    """Return the goal's UUID as 32 hexadecimal digits."""
     return bytes(handle.goal_id.uuid).hex()
 
 

@@ -165,7 +165,7 @@ class Inputs:
         )
 
     def _ball_at(self, time: float) -> BallState | None:
-        """Give the newest ball that is not newer than `time`, carried on to it by its velocity.
+        """Return the newest ball that is not newer than `time`, carried on to it by its velocity.
 
         Two topics have no common order, and only the newest message of each is kept for a node that was
         busy: where the only recent ball is a little newer than odometry, it is carried back.

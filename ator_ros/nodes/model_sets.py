@@ -112,13 +112,13 @@ def _calibration(
 
 
 def _digest(folder: Path, action_set: str, models: Mapping[str, PerformanceModel]) -> str:
-    """Give a short digest of the files of models."""
+    """Return a short digest of the files of models."""
     files = sorted(folder / model_path(name, action_set) for name in models)
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
 
 
 def told_of(sets: Mapping[str, ModelSet]) -> dict[str, object]:
-    """Give what diagnostics say of each action set's models."""
+    """Return what diagnostics say of each action set's models."""
     models: dict[str, object] = {
         f"models of {name}": ", ".join(read.models) or read.problem or "no models"
         for name, read in sets.items()
@@ -127,5 +127,5 @@ def told_of(sets: Mapping[str, ModelSet]) -> dict[str, object]:
 
 
 def problems_of(sets: Mapping[str, ModelSet]) -> str:
-    """Say what is wrong with models; empty where nothing is."""
+    """Return what is wrong with models; empty where nothing is."""
     return "; ".join(f"action set {name}: {read.problem}" for name, read in sets.items() if read.problem)

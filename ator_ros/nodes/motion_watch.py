@@ -18,8 +18,8 @@ _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
-    """From when on motion that contradicts the commands is a fault; all of it follows from the robot.
+class Thresholds:
+    """Thresholds above which motion that contradicts the commands is a fault, derived from the robot.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class Bounds:
     aw: float
 
     @classmethod
-    def of(cls, robot: Robot) -> Bounds:
-        """Derive the bounds from the description of a robot."""
+    def of(cls, robot: Robot) -> Thresholds:
+        """Derive the thresholds from the description of a robot."""
         limits = robot.limits
         return cls(
             asked=0.04 * limits.v,
@@ -76,7 +76,7 @@ class MotionWatch:
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
-        self.bounds = Bounds.of(robot)
+        self.bounds = Thresholds.of(robot)
         self._limits, self._arm = robot.limits, robot.track / 2.0
         self._latency = latency
         self.reset()

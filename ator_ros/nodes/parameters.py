@@ -50,7 +50,7 @@ class Parameter:
     smallest: float = 0.0
 
     def descriptor(self) -> ParameterDescriptor:
-        """Give the description that `ros2 param describe` shows."""
+        """Return the description that `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(description=self.description, read_only=True)
         if self.choices:
             descriptor.additional_constraints = f"one of {', '.join(self.choices)}"
@@ -135,6 +135,6 @@ def _warn_of_strange(node: Node, known: Mapping[str, Any]) -> None:
 
 
 def digest_of(settings: Mapping[str, Any]) -> str:
-    """Give a short digest of parameters and their values."""
+    """Return a short digest of parameters and their values."""
     text = json.dumps(dict(settings), sort_keys=True, default=list)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

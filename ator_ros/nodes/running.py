@@ -68,7 +68,7 @@ def run_node(
 
 
 def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> ArgumentParser:
-    """Give the command line of a node, which takes ROS's own arguments only."""
+    """Return the command line of a node, which takes ROS's own arguments only."""
     lines = [f"  {p.name:24}{p.description} (default: {p.default!r})" for p in parameters]
     return ArgumentParser(
         usage="%(prog)s [-h] [--ros-args -p PARAMETER:=VALUE ... -r NAME:=OTHER ...]",

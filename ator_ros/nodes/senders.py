@@ -10,7 +10,7 @@ from ator_ros.printable import printable
 
 
 def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
-    """Say who publishes something else than `node` listens to; empty where nobody does.
+    """Return who publishes something else than `node` listens to; empty where nobody does.
 
     Parameters
     ----------
@@ -30,6 +30,6 @@ def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
 
 
 def _name_of(kind: type) -> str:
-    """Give the name of a type of message, as in nav_msgs/msg/Odometry."""
+    """Return the name of a type of message, as in nav_msgs/msg/Odometry."""
     package, folder, *_ = kind.__module__.split(".")
     return f"{package}/{folder}/{kind.__name__}"

@@ -94,7 +94,7 @@ class SimulatedWorld:
         return stop
 
     def command(self, command: Command) -> None:
-        """Give the base a velocity command."""
+        """Send the base a velocity command."""
         self._simulation.command(command)
         self._commanded, self._command, self._told = self.time, command, True
         if command != STOP:

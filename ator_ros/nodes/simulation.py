@@ -198,7 +198,7 @@ class SimulationNode(Node):
         self.get_logger().warning(f"ignored: {reason}", throttle_duration_sec=_WARNING_PERIOD)
 
     def _guarded(self, handle: Callable[[Any], str]) -> Callable[[Any, Any], Any]:
-        """Give a service callback that answers with what `handle` says, or with why it could not."""
+        """Return a service callback that answers with what `handle` says, or with why it could not."""
 
         def serve(request: Any, response: Any) -> Any:
             try:

@@ -20,7 +20,7 @@ AT_REST = 1e-3
 def bootstrap_ci95(
     values: FloatArray, statistic: Callable[[FloatArray], FloatArray], *, seed: int = 0
 ) -> list[float]:
-    """Give the 95 % bootstrap interval of a statistic.
+    """Return the 95 % bootstrap interval of a statistic.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
 
 
 def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[str, Any]:
-    """Give the Brier score of predicted success on fresh episodes, beside that of their own success rate.
+    """Return the Brier score of predicted success on fresh episodes, beside that of their own success rate.
 
     Parameters
     ----------

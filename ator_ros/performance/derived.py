@@ -95,7 +95,7 @@ class Geometry:
     def _motions(
         self, family: Family, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray
     ) -> Motions:
-        """Give the fastest motions to the fastest of m destinations, shape (m, n), and speeds there (m/s)."""
+        """Return the fastest motions to the fastest of m destinations, shape (m, n), and speeds, m/s."""
         from_x, from_y, yaw, opening = self._opening
         dx, dy = x - from_x, y - from_y
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -130,7 +130,7 @@ class Geometry:
         return self._to_goal(dribble_family(self.robot))
 
     def turn_drive_turn(self, *, reverse: bool = False) -> FloatArray:
-        """Give the time in s of turning on the spot, driving, and turning again."""
+        """Return the time in s of turning on the spot, driving, and turning again."""
         first, last = np.abs(self.to_dest), np.abs(self.at_dest)
         if reverse:
             first, last = np.pi - first, np.pi - last

@@ -77,7 +77,7 @@ def _number_or_array(value: Any) -> float | FloatArray:
 
 
 def direct_variables(state: RobotState, goal: Goal) -> dict[str, float]:
-    """Give the direct variables of one situation."""
+    """Return the direct variables of one situation."""
     return {
         "x": state.pose.x,
         "y": state.pose.y,

@@ -24,13 +24,13 @@ class Rates(NamedTuple):
 
 
 def rates_of(limits: Limits) -> Rates:
-    """Give limits as plain numbers."""
+    """Return limits as plain numbers."""
     return Rates(limits.v, limits.w, limits.a, limits.brake, limits.aw)
 
 
 @compiled
 def turn_time(angle: Real, rate: float, aw: float) -> Real:
-    """Give the time in s of turns by `angle` (rad, not negative) at up to `rate` (rad/s), rest to rest."""
+    """Return the time in s of turns by `angle` (rad, not negative) at up to `rate` (rad/s), rest to rest."""
     ramped = rate * rate * (1.0 / aw)
     short = 2.0 * np.sqrt(np.minimum(angle, ramped) * (1.0 / aw))
     result: Real = short + np.maximum(angle - ramped, 0.0) / rate
@@ -39,7 +39,7 @@ def turn_time(angle: Real, rate: float, aw: float) -> Real:
 
 @compiled
 def change_distance(before: Real, after: Real, rates: Rates) -> Real:
-    """Give the signed distance in m in which the speed goes straight from `before` to `after` (m/s)."""
+    """Return the signed distance in m in which the speed goes straight from `before` to `after` (m/s)."""
     gain = after - before
     time = np.maximum(gain * (1.0 / rates.a), gain * (-1.0 / rates.brake))
     result: Real = 0.5 * (before + after) * time
@@ -48,7 +48,7 @@ def change_distance(before: Real, after: Real, rates: Rates) -> Real:
 
 @compiled
 def drive_time(distance: Real, before: Real, after: Real, rates: Rates) -> Real:
-    """Give the time in s of straight drives over signed `distance` (m) between two speeds (m/s).
+    """Return the time in s of straight drives over signed `distance` (m) between two speeds (m/s).
 
     Where the distance is too short for the change of speed, the motion overshoots and comes back.
     """
@@ -62,7 +62,7 @@ def drive_time(distance: Real, before: Real, after: Real, rates: Rates) -> Real:
 
 @compiled
 def forward_time(distance: Real, before: Real, after: Real, rates: Rates) -> Real:
-    """Give the time in s of drives that gain speed first, or keep it, and lose it at the end."""
+    """Return the time in s of drives that gain speed first, or keep it, and lose it at the end."""
     up, down = rates.a, rates.brake
     square1, square2 = before * before, after * after
     square = (down * square1 + up * square2 + (2.0 * up * down) * distance) * (1.0 / (up + down))

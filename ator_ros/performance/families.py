@@ -94,7 +94,7 @@ class Family:
         return np.array(rows, dtype=KIND)
 
     def rules(self, hold: float) -> Rules:
-        """Give what holds for all kinds, with a ball `hold` m ahead of the destination."""
+        """Return what holds for all kinds, with a ball `hold` m ahead of the destination."""
         run = np.nan if self.run is None else self.run
         return Rules(rates_of(self.limits), run, self.passing, self.forward, hold)
 
@@ -150,7 +150,7 @@ _SHOTS = (
 
 @lru_cache(maxsize=8)
 def drive_family(robot: Robot) -> Family:
-    """Give the motions without a ball, forward or in reverse."""
+    """Return the motions without a ball, forward or in reverse."""
     limits = robot.limits
     kinds = (
         Kind(Way(first * limits.a, limits.w), Way(last * limits.a, limits.w), backward=backward)
@@ -161,7 +161,7 @@ def drive_family(robot: Robot) -> Family:
 
 @lru_cache(maxsize=8)
 def approach_family(robot: Robot) -> Family:
-    """Give the motions up to a ball: forward or in reverse to behind it, then straight."""
+    """Return the motions up to a ball: forward or in reverse to behind it, then straight."""
     limits = robot.limits
     kinds = (
         Kind(Way(first * limits.a, limits.w), Way(last * limits.a, limits.w), share, backward=backward)
@@ -172,13 +172,13 @@ def approach_family(robot: Robot) -> Family:
 
 @lru_cache(maxsize=8)
 def dribble_family(robot: Robot) -> Family:
-    """Give the motions with the ball: forward only; the more speed a last turn loses, the wider it is."""
+    """Return the motions with the ball: forward only; the more speed a last turn loses, the wider it is."""
     return _pushing(robot.dribble_limits, _DRIBBLES)
 
 
 @lru_cache(maxsize=8)
 def shot_family(robot: Robot) -> Family:
-    """Give the motions with the ball that end in a run at full speed; where it leads there is a choice."""
+    """Return the motions with the ball that end in a run at full speed; where it leads there is a choice."""
     return _pushing(robot.dribble_limits, _SHOTS)
 
 

@@ -114,7 +114,7 @@ FEATURES: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11,
 
 
 def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
-    """Give the names of `features`."""
+    """Return the names of `features`."""
     return tuple(feature.name for feature in features)
 
 
@@ -149,5 +149,5 @@ def table_of(geometry: Geometry, names: Sequence[str]) -> FloatArray:
 
 
 def derived_from(names: Iterable[str]) -> frozenset[str]:
-    """Give the direct variables that the features `names` derive from (paper, section 4.2)."""
+    """Return the direct variables that the features `names` derive from (paper, section 4.2)."""
     return frozenset().union(*(FEATURES[name].derives for name in names))

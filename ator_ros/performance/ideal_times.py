@@ -34,19 +34,19 @@ class Motions:
     turn: FloatArray
 
     def best_of(self, count: int) -> Motions:
-        """Give the fastest of several motions in each of `count` situations, from shape (m * count,)."""
+        """Return the fastest of several motions in each of `count` situations, from shape (m * count,)."""
         if len(self.time) == count:
             return self
         best = self.time.reshape(-1, count).argmin(axis=0) * count + np.arange(count)
         return Motions(self.time[best], self.turn[best])
 
     def after(self, time: FloatArray) -> Motions:
-        """Give the motions with `time` (s) before them."""
+        """Return the motions with `time` (s) before them."""
         return Motions(self.time + time, self.turn)
 
 
 def fastest_motions(ends: FloatArray, family: Family, *, hold: float) -> Motions:
-    """Give the fastest motion of `family` in each of n situations.
+    """Return the fastest motion of `family` in each of n situations.
 
     Parameters
     ----------

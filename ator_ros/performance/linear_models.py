@@ -45,20 +45,20 @@ class Standardised:
         return cls(rows, mean, scale)
 
     def to_units(self, models: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Give intercepts (n_nodes,) and slopes (n_nodes, n_features) of models (n_nodes, 1 + n_features)."""
+        """Return intercepts (n_nodes,) and slopes (n_nodes, n_features) of models (n_nodes, 1+n_features)."""
         slopes = models[:, 1:] * self.scale[-1] / self.scale[:-1]
         intercepts = models[:, 0] * self.scale[-1] + self.mean[-1] - slopes @ self.mean[:-1]
         return intercepts, slopes
 
 
 def normal_equations(rows: FloatArray, weight: FloatArray) -> FloatArray:
-    """Give the weighted sums of products of all columns of `rows`, shape (n_columns, n_columns)."""
+    """Return the weighted sums of products of all columns of `rows`, shape (n_columns, n_columns)."""
     moments: FloatArray = (rows * weight[:, None]).T @ rows
     return moments
 
 
 def solve(moments: FloatArray) -> FloatArray:
-    """Give the linear model of one node with all features, shape (1 + n_features,)."""
+    """Return the linear model of one node with all features, shape (1 + n_features,)."""
     left = moments[:-1, :-1] / moments[0, 0]
     left.flat[:: len(left) + 1] += RIDGE
     model: FloatArray = np.linalg.solve(left, moments[:-1, -1] / moments[0, 0])
@@ -66,7 +66,7 @@ def solve(moments: FloatArray) -> FloatArray:
 
 
 def residual_squares(moments: FloatArray) -> FloatArray:
-    """Give the sum of squared residuals of the linear model with all features, shape (…).
+    """Return the sum of squared residuals of the linear model with all features, shape (…).
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def residual_squares(moments: FloatArray) -> FloatArray:
 
 
 def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
-    """Give the sum of squared residuals of each node's model on the rows that its moments were summed over.
+    """Return the sum of squared residuals of each node's model on the rows that its moments were summed over.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
 def corrected_error(
     squared: FloatArray, weight: FloatArray, samples: FloatArray, terms: FloatArray
 ) -> FloatArray:
-    """Give M5's estimate of the root-mean-square error on new rows: RMSE × (n + v) / (n − v).
+    """Return M5's estimate of the root-mean-square error on new rows: RMSE × (n + v) / (n − v).
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def fit_node_models(moments: FloatArray, samples: FloatArray, *, term_cost: floa
 
 
 def _cheapest_removal(swept: FloatArray, kept: BoolArray) -> tuple[IntArray, FloatArray]:
-    """Give each node's term that is missed least and the mean squared error without it (inf: none left)."""
+    """Return each node's term that is missed least and the mean squared error without it (inf: none left)."""
     terms = np.arange(kept.shape[1])
     variance = np.abs(swept[:, terms, terms])
     increase = np.where(kept, swept[:, :-1, -1] ** 2 / variance, np.inf)

@@ -107,11 +107,11 @@ class PerformanceModel:
         return Prediction(**fields)
 
     def rules(self, measure: str = "duration") -> str:
-        """Give the rules of one measure as text in the paper's form, one a line."""
+        """Return the rules of one measure as text in the paper's form, one a line."""
         return self._writer(measure).tree(self.trees[measure])
 
     def explain(self, direct: Direct, measure: str = "duration") -> str:
-        """Give the rule that predicts `measure` in one situation, and what each of its terms adds."""
+        """Return the rule that predicts `measure` in one situation, and what each of its terms adds."""
         tree = self.trees[measure]
         row = table_of(Geometry(direct, self.robot), tree.names)[0]
         return self._writer(measure).explanation(tree, row)
@@ -123,7 +123,7 @@ class PerformanceModel:
 
 
 def narrowed(tree: ModelTree) -> ModelTree:
-    """Give the same tree over the columns that it uses, so that no others need to be computed."""
+    """Return the same tree over the columns that it uses, so that no others need to be computed."""
     used = tree.used_features() or tree.names[:1]
     columns = [tree.names.index(name) for name in used]
     number = np.zeros(len(tree.names), dtype=np.intp)

@@ -49,7 +49,7 @@ class RobotMismatchWarning(UserWarning):
 
 
 def model_path(action: str, action_set: str = "default") -> Path:
-    """Give the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set.
+    """Return the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def load_models(
 
 
 def is_model(file: Path) -> bool:
-    """Say whether `file` is named as models are: other files, such as the gate's, may lie beside them."""
+    """Return whether `file` is named as models are: other files, such as the gate's, may lie beside them."""
     return not file.stem.startswith(("gate", "baselines", "calibration"))
 
 

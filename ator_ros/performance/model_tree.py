@@ -133,7 +133,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return tree.predict_with_spread(features)
 
     def apply(self, X: ArrayLike) -> IntArray:
-        """Give the number of the leaf that each row of `X` (n, n_features) falls into, shape (n,)."""
+        """Return the number of the leaf that each row of `X` (n, n_features) falls into, shape (n,)."""
         tree, features = self._checked(X)
         return tree.apply(features)
 
@@ -197,7 +197,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
 
 def _weights(sample_weight: ArrayLike | None, X: FloatArray) -> FloatArray:
-    """Give the weights of the rows, shape (n,); 1 if there are none."""
+    """Return the weights of the rows, shape (n,); 1 if there are none."""
     if sample_weight is None:
         return np.ones(len(X))
     weight = np.asarray(sample_weight, dtype=np.float64)
@@ -211,7 +211,7 @@ def _weights(sample_weight: ArrayLike | None, X: FloatArray) -> FloatArray:
 
 
 def _group_codes(groups: ArrayLike | None, X: FloatArray) -> IntArray | None:
-    """Give the groups as codes from 0, shape (n,), or None if there are none."""
+    """Return the groups as codes from 0, shape (n,), or None if there are none."""
     if groups is None:
         return None
     labels = column_or_1d(groups)

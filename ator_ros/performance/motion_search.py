@@ -129,7 +129,7 @@ def _set_speeds(
 
 @compiled
 def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, float]:
-    """Give speed (m/s) and distance (m) to the goal where the straight run begins."""
+    """Return speed (m/s) and distance (m) to the goal where the straight run begins."""
     rates, square = rules.rates, arrival * arrival
     if math.isnan(rules.run):
         junction = share * rates.v
@@ -152,7 +152,7 @@ def _fastest(
     tables: TurnTables,
     rules: Rules,
 ) -> tuple[float, float, int]:
-    """Give time (s), turned angle (rad) and kind of the fastest motion to one destination."""
+    """Return time (s), turned angle (rad) and kind of the fastest motion to one destination."""
     cos, sin = math.cos(turn), math.sin(turn)
     ball_x, ball_y = x + rules.hold * cos, y + rules.hold * sin
     # The whole change of heading may go either way round, or a circle more.
@@ -225,7 +225,7 @@ def _time(
     across: FloatArray,
     rules: Rules,
 ) -> float:
-    """Give the time in s of a motion: infinite where it is not allowed, or surely above `best`."""
+    """Return the time in s of a motion: infinite where it is not allowed, or surely above `best`."""
     rates = rules.rates
     turning1 = turn_time(abs(first), kind["first_rate"], rates.aw)
     turning2 = turn_time(abs(last), kind["last_rate"], rates.aw)

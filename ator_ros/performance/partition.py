@@ -223,7 +223,7 @@ class Partition:
         return moments.cumsum(axis=1, out=moments)
 
     def _deviation(self, moments: FloatArray, weight_per_sample: float) -> FloatArray:
-        """Give weight × corrected deviation around the linear models of sides of splits.
+        """Return weight × corrected deviation around the linear models of sides of splits.
 
         The sides come by their normal equations, shape (…, n_columns, n_columns), the result in (…).
         """
@@ -236,7 +236,7 @@ class Partition:
 
 
 def _value_codes(X: FloatArray, order: IntArray) -> IntArray:
-    """Give the number of each value among the distinct ones of its feature, shape (n_features, n).
+    """Return the number of each value among the distinct ones of its feature, shape (n_features, n).
 
     Equal values share a code, so that no split falls between them.
     """

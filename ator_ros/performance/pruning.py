@@ -15,7 +15,7 @@ Children = Sequence[tuple[int, int] | None]
 
 
 def prune(children: Children, error: FloatArray, weight: FloatArray) -> BoolArray:
-    """Give the nodes that become leaves: their own model is expected to err no more than the tree below.
+    """Return the nodes that become leaves: their own model is expected to err no more than the tree below.
 
     Parameters
     ----------

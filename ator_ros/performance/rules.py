@@ -39,7 +39,7 @@ class Rule:
 
 
 def rules(tree: ModelTree) -> Iterator[Rule]:
-    """Give the rules of the tree, from left to right; exactly one holds in any situation."""
+    """Yield the rules of the tree, from left to right; exactly one holds in any situation."""
     waiting: list[tuple[int, dict[str, tuple[float, float]]]] = [(0, {})]
     while waiting:
         node, bounds = waiting.pop()
@@ -54,7 +54,7 @@ def rules(tree: ModelTree) -> Iterator[Rule]:
 
 
 def rule_for(tree: ModelTree, situation: FloatArray) -> Rule:
-    """Give the rule that holds in one situation, an array of shape (n_features,)."""
+    """Return the rule that holds in one situation, an array of shape (n_features,)."""
     leaf = int(tree.apply(np.asarray(situation, dtype=np.float64)[None, :])[0])
     return next(rule for rule in rules(tree) if rule.leaf == leaf)
 
@@ -92,17 +92,17 @@ class RuleWriter:
     digits: int = 3
 
     def rule(self, rule: Rule) -> str:
-        """Give ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist + … [s]``."""
+        """Return ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist + … [s]``."""
         conditions = " & ".join(self._condition(name, *bounds) for name, bounds in rule.bounds.items())
         start = f"if {conditions} then " if conditions else ""
         return f"{start}{self.target} = {self._formula(rule)}  [{self.target_unit}]  {self._certainty(rule)}"
 
     def tree(self, tree: ModelTree) -> str:
-        """Give all rules of the tree, one a line."""
+        """Return all rules of the tree, one a line."""
         return "\n".join(self.rule(rule) for rule in rules(tree))
 
     def explanation(self, tree: ModelTree, situation: FloatArray) -> str:
-        """Give the rule that holds in one situation (n_features,), and what each of its terms adds there."""
+        """Return the rule that holds in one situation (n_features,), and what each of its terms adds."""
         situation = np.asarray(situation, dtype=np.float64)
         rule = rule_for(tree, situation)
         values = dict(zip(tree.names, situation.tolist(), strict=True))

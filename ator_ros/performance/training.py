@@ -52,7 +52,7 @@ class Training:
 
 
 def candidate_features(action: str) -> tuple[str, ...]:
-    """Give the names of the candidate features of `action`; all general ones for an unknown action."""
+    """Return the names of the candidate features of `action`; all general ones for an unknown action."""
     return CHOSEN.get(action, (*GENERAL, *names_of(IDEAL)))
 
 
@@ -124,11 +124,11 @@ def _small_tree(rows: pd.DataFrame, robot: Robot, names: Sequence[str], values: 
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Give the direct variables of rows of an experience table."""
+    """Return the direct variables of rows of an experience table."""
     return {name: rows[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
 
 
 def digest(rows: pd.DataFrame) -> str:
-    """Give a short digest of the rows that a model was learned from."""
+    """Return a short digest of the rows that a model was learned from."""
     numbers = rows[[*DIRECT_VARIABLES, "t", "time_to_go", "success"]].to_numpy(dtype=float)
     return hashlib.sha256(np.ascontiguousarray(numbers).tobytes()).hexdigest()[:16]

@@ -71,13 +71,13 @@ class ModelTree:
         return int(self.is_leaf.sum())
 
     def used_features(self) -> tuple[str, ...]:
-        """Give the features that partition the tree or appear in a leaf's model (paper, section 4.2)."""
+        """Return the features that partition the tree or appear in a leaf's model (paper, section 4.2)."""
         used = (self.coefficients[self.is_leaf] != 0).any(axis=0)
         used[self.feature[~self.is_leaf]] = True
         return tuple(name for name, is_used in zip(self.names, used, strict=True) if is_used)
 
     def apply(self, X: FloatArray) -> IntArray:
-        """Give the leaf that each row falls into.
+        """Return the leaf that each row falls into.
 
         Parameters
         ----------

@@ -21,7 +21,7 @@ class ModelTreeFormatError(ValueError):
 
 
 def tree_to_dict(tree: ModelTree) -> dict[str, Any]:
-    """Give the tree as nested dictionaries, which `json` writes and a person reads.
+    """Return the tree as nested dictionaries, which `json` writes and a person reads.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def _leaf_to_dict(tree: ModelTree, number: int) -> dict[str, Any]:
 
 
 def tree_from_dict(data: object, *, names: Sequence[str] | None = None) -> ModelTree:
-    """Give the tree that `tree_to_dict` stored; it predicts the same to the last bit.
+    """Return the tree that `tree_to_dict` stored; it predicts the same to the last bit.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class _Reader:
         return self.names.index(name)
 
     def tree(self) -> ModelTree:
-        """Give the tree of the nodes added."""
+        """Return the tree of the nodes added."""
         feature, threshold, intercept, lower, upper, spread, samples = np.array(self.rows).T.copy()
         return ModelTree(
             names=self.names,

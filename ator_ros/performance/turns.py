@@ -62,21 +62,21 @@ class TurnTables(NamedTuple):
 
 @compiled
 def row_of(tables: TurnTables, way: int, speed: float) -> int:
-    """Give the row of turns that are driven in `way` from `speed` (m/s)."""
+    """Return the row of turns that are driven in `way` from `speed` (m/s)."""
     row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
     return way * tables.speeds + min(max(row, 0), tables.speeds - 1)
 
 
 @compiled
 def window_of(moved: float) -> tuple[int, int]:
-    """Give where in a row of `fractions` TURNS moved by `moved` (rad, within 540 degrees) begin."""
+    """Return where in a row of `fractions` TURNS moved by `moved` (rad, within 540 degrees) begin."""
     place = int(2 * HALF * FINE + 0.5 + moved * (FINE / STEP))
     return place % FINE, place // FINE
 
 
 @compiled
 def place_of(row: int, angle: float) -> tuple[int, float]:
-    """Give where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
+    """Return where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
     place = angle * (FINE / STEP) + EDGE
     low = int(place)
     return low + row * (2 * EDGE + 1), place - low
@@ -109,7 +109,7 @@ def turn_tables(limits: Limits, ways: tuple[Way, ...]) -> TurnTables:
 def _displacements(
     limits: Limits, way: Way, speeds: FloatArray, angles: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Give along and across, shapes (speeds, angles), of turns to the left in one way."""
+    """Return along and across, shapes (speeds, angles), of turns to the left in one way."""
     ramp = np.minimum(np.sqrt(angles / limits.aw), way.rate / limits.aw)
     time = 2.0 * ramp + np.maximum(angles - limits.aw * ramp * ramp, 0.0) / way.rate
     now, ramp = time[:, None] * _NODES, ramp[:, None]

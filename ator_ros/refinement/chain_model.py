@@ -145,7 +145,7 @@ class ChainModel:
         return fields, _row(searched.cost, row)
 
     def _known(self, index: int, before: FloatArray, after: FloatArray) -> tuple[_Searched, int]:
-        """Give what holds one candidate, and its row there: what was searched is not predicted again."""
+        """Return what holds one candidate, and its row there: what was searched is not predicted again."""
         for searched in reversed(self._searched[index]):
             same = _equal_rows(searched.before, before) & _equal_rows(searched.after, after)
             row = int(same.argmax())
@@ -198,7 +198,7 @@ def predict_chain(
 
 
 def _equal_rows(table: FloatArray, row: FloatArray) -> BoolArray:
-    """Tell which rows of `table` (n, k) equal `row` (k,), shape (n,); all of them where k is 0."""
+    """Return which rows of `table` (n, k) equal `row` (k,), shape (n,); all of them where k is 0."""
     equal: BoolArray = table[:, 0] == row[0] if len(row) else np.ones(len(table), dtype=bool)
     for column in range(1, len(row)):
         equal = equal & (table[:, column] == row[column])
@@ -210,5 +210,5 @@ def _hashable(value: float | FloatArray) -> float | bytes:
 
 
 def _row(value: Any, row: int) -> float:
-    """Give one row of a prediction that is the same for all chains when it has but one."""
+    """Return one row of a prediction that is the same for all chains when it has but one."""
     return float(value[row if len(value) > 1 else 0])

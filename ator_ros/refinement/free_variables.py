@@ -29,7 +29,7 @@ class PerformanceModel(Protocol):
         """Direct variables that the prediction depends on."""
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
-        """Give a prediction whose fields named in `measures` are arrays of shape (n,)."""
+        """Return a prediction whose fields named in `measures` are arrays of shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class Analysis:
 
 
 def goal_values(goal: Goal) -> dict[str, float]:
-    """Give the goal variables of `goal`: x, y, yaw of its pose (m, rad), and its other numbers by name."""
+    """Return the goal variables of `goal`: x, y, yaw of its pose (m, rad), and its other numbers by name."""
     values = dict(zip(goal.pose._fields, goal.pose, strict=True))
     kind: Any = type(goal)  # mypy takes a class whose instances hash for one that does not itself
     for name in _numbers(kind):
@@ -118,19 +118,19 @@ def _numbers(kind: type[Goal]) -> tuple[str, ...]:
 
 
 def with_values(goal: Goal, values: Mapping[str, float]) -> Goal:
-    """Give `goal` with the goal variables in `values` replaced."""
+    """Return `goal` with the goal variables in `values` replaced."""
     pose = goal.pose._replace(**{name: float(v) for name, v in values.items() if name in goal.pose._fields})
     others: dict[str, Any] = {name: float(v) for name, v in values.items() if name not in goal.pose._fields}
     return dataclasses.replace(goal, pose=pose, **others)
 
 
 def goal_variable(name: str) -> str:
-    """Give the direct variable that holds the goal variable `name`: yaw gives yawg."""
+    """Return the direct variable that holds the goal variable `name`: yaw gives yawg."""
     return f"{name}g"
 
 
 def start_variables(name: str, point: Point) -> frozenset[str]:
-    """Give the direct variables of the next action's start that the goal variable `name` changes."""
+    """Return the direct variables of the next action's start that the goal variable `name` changes."""
     if name == "yaw" and point is Point.HOLD:
         return frozenset({"yaw", "x", "y"})
     return frozenset({"v" if name == "speed" else name})

@@ -28,7 +28,7 @@ FEATURES: Mapping[str, str] = {
 def gate_features(
     world: World, chain: TopChain, best: TopChain, before: ChainPrediction, after: ChainPrediction
 ) -> dict[str, float]:
-    """Give the values of `FEATURES` for a chain and the best one found."""
+    """Return the values of `FEATURES` for a chain and the best one found."""
     robot, first = world.robot.pose, chain.calls[0].goal.pose
     following = chain.calls[min(1, len(chain.calls) - 1)].goal.pose
     leg = math.atan2(first.y - robot.y, first.x - robot.x)
@@ -56,7 +56,7 @@ class Gate(Protocol):
     kind: ClassVar[str]
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
-        """Give whether to refine, and the reason in words."""
+        """Return whether to refine, and the reason in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class OpenGate:
     kind: ClassVar[str] = "open"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
-        """Give whether the predicted gain is above 0."""
+        """Return whether the predicted gain is above 0."""
         gain = features["gain"]
         return gain > 0.0, f"predicted gain {gain:.2f} s"
 
@@ -88,7 +88,7 @@ class ThresholdGate:
     kind: ClassVar[str] = "threshold"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
-        """Give whether the predicted gain exceeds the threshold."""
+        """Return whether the predicted gain exceeds the threshold."""
         needed = self.gain + self.spread_factor * features["spread"]
         gain = features["gain"]
         relation = "is above" if gain > needed else "is not above"
@@ -116,7 +116,7 @@ class TreeGate:
     kind: ClassVar[str] = "tree"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
-        """Give whether the tree says Higher; the reason is the rule that applies."""
+        """Return whether the tree says Higher; the reason is the rule that applies."""
         node, conditions = 0, []
         while self.feature[node]:
             name, bound = self.feature[node], self.threshold[node]
@@ -127,7 +127,7 @@ class TreeGate:
         return self.label[node] == "Higher", f"{self.label[node]} performance predicted: {rule}"
 
     def rules(self) -> list[str]:
-        """Give one sentence per leaf, in the order of the leaves."""
+        """Return one sentence per leaf, in the order of the leaves."""
         rules: list[str] = []
         stack: list[tuple[int, tuple[str, ...]]] = [(0, ())]
         while stack:

@@ -90,7 +90,7 @@ class Objective:
         return tuple(dict.fromkeys(fields))
 
     def cost(self, prediction: Any) -> FloatArray:
-        """Give the weighted cost, shape (n,), of a prediction for n candidates.
+        """Return the weighted cost, shape (n,), of a prediction for n candidates.
 
         Raises
         ------

@@ -22,7 +22,7 @@ Columns = dict[str, float | FloatArray]
 
 
 def start_columns(world: World) -> Columns:
-    """Give the start variables x, y, yaw (m, rad), v, w (m/s, rad/s) of the state `world`."""
+    """Return the start variables x, y, yaw (m, rad), v, w (m/s, rad/s) of the state `world`."""
     robot = world.robot
     return {
         "x": robot.pose.x, "y": robot.pose.y, "yaw": robot.pose.yaw, "v": robot.v, "w": robot.w
@@ -30,7 +30,7 @@ def start_columns(world: World) -> Columns:
 
 
 def goal_columns(goal: Goal, names: Sequence[str], values: FloatArray) -> Columns:
-    """Give the goal variables of `goal`, those in `names` replaced by candidates.
+    """Return the goal variables of `goal`, those in `names` replaced by candidates.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def goal_columns(goal: Goal, names: Sequence[str], values: FloatArray) -> Column
 
 
 def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> Columns:
-    """Give the start variables of the action that follows a subgoal reached exactly, not turning."""
+    """Return the start variables of the action that follows a subgoal reached exactly, not turning."""
     x, y, yaw = goal["x"], goal["y"], goal["yaw"]
     if point is Point.HOLD:
         x, y = x - robot.hold * np.cos(yaw), y - robot.hold * np.sin(yaw)
@@ -56,7 +56,7 @@ def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> Column
 
 
 def direct_columns(start: Mapping[str, Any], goal: Mapping[str, Any], point: Point) -> Columns:
-    """Give the direct variables of one action from its start and goal variables."""
+    """Return the direct variables of one action from its start and goal variables."""
     columns: Columns = dict(start)
     columns.update((goal_variable(name), value) for name, value in goal.items())
     columns["hold"] = 1.0 if point is Point.HOLD else 0.0

@@ -130,7 +130,7 @@ def searching(
 
 @lru_cache(maxsize=32)
 def _first_grids(axes: tuple[tuple[Domain, ...], ...]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Give for each subgoal the first candidates, shape (n, k), and their distances, shape (k,).
+    """Return for each subgoal the first candidates, shape (n, k), and their distances, shape (k,).
 
     Plans are repeated, so grids are kept; nobody may write to them.
     """
@@ -155,19 +155,19 @@ def _first_grids(axes: tuple[tuple[Domain, ...], ...]) -> tuple[list[FloatArray]
 
 
 def _with(grid: FloatArray, given: FloatArray) -> FloatArray:
-    """Give `grid` (n, k) and, after it, what is `given` (k,), where that is not among it already."""
+    """Return `grid` (n, k) and, after it, what is `given` (k,), where that is not among it already."""
     return grid if (grid == given).all(axis=1).any() else np.vstack([grid, given])
 
 
 def _product(lines: Sequence[FloatArray]) -> FloatArray:
-    """Give all combinations, shape (n, k), of the values on k lines; (1, 0) for none."""
+    """Return all combinations, shape (n, k), of the values on k lines; (1, 0) for none."""
     if not lines:
         return np.zeros((1, 0))
     return np.stack([axis.ravel() for axis in np.meshgrid(*lines, indexing="ij")], axis=1)
 
 
 def _window(centre: FloatArray, step: FloatArray, domains: Sequence[Domain]) -> FloatArray:
-    """Give candidates, shape (n, k), that divide the steps of the first grid around `centre`."""
+    """Return candidates, shape (n, k), that divide the steps of the first grid around `centre`."""
     count = ZOOM_STEPS[min(len(domains), len(ZOOM_STEPS)) - 1]
     window = _product([c + s * np.linspace(-1.0, 1.0, count) for c, s in zip(centre, step, strict=True)])
     for column, domain in enumerate(domains):
@@ -180,7 +180,7 @@ def _window(centre: FloatArray, step: FloatArray, domains: Sequence[Domain]) -> 
 
 
 def _best_apart(candidates: FloatArray, totals: FloatArray, step: FloatArray) -> list[FloatArray]:
-    """Give the best candidates, at most ZOOM_WINDOWS, of which no two lie in one window."""
+    """Return the best candidates, at most ZOOM_WINDOWS, of which no two lie in one window."""
     chosen: list[FloatArray] = []
     left = totals.copy()
     for _ in range(min(ZOOM_WINDOWS, len(candidates))):

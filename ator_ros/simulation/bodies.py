@@ -23,7 +23,7 @@ WHEEL_NAMES = ("left_wheel_joint", "right_wheel_joint")
 
 
 def robot_urdf(robot: Robot) -> str:
-    """Give the robot's description as URDF, for pybullet and for RViz.
+    """Return the robot's description as URDF, for pybullet and for RViz.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def make_ball(client: int, ball: Ball) -> int:
 
 
 def set_ball_dynamics(client: int, body: int, ball: Ball) -> None:
-    """Give the ball's body its mass and friction: a hollow sphere that decelerates as it rolls."""
+    """Set the ball's mass and friction: a hollow sphere that decelerates as it rolls."""
     inertia = 2.0 / 3.0 * ball.mass * ball.radius**2
     # A rolling hollow ball resists with (1 + 2/3) m a r; Bullet: coefficient times normal force.
     rolling = 5.0 / 3.0 * ball.radius * ball.rolling_deceleration / GRAVITY

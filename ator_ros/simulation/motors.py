@@ -54,7 +54,7 @@ class Motors:
         self._held = None
 
     def _still(self) -> list[float] | None:
-        """Give the wheels' angles in rad, or None while they turn."""
+        """Return the wheels' angles in rad, or None while they turn."""
         states = p.getJointStates(self._body, self._wheels, physicsClientId=self._client)
         return [state[0] for state in states] if all(abs(state[1]) < _STANDING for state in states) else None
 

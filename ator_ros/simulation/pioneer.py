@@ -120,7 +120,7 @@ class PioneerSimulation:
         )
 
     def command(self, command: Command) -> None:
-        """Give the base a velocity command; it holds for 0.15 s and is clipped to the limits.
+        """Send the base a velocity command; it holds for 0.15 s and is clipped to the limits.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class PioneerSimulation:
         self._ticks += 1
 
     def world(self) -> World:
-        """Give the true state: time, robot, and the ball unless it was removed."""
+        """Return the true state: time, robot, and the ball unless it was removed."""
         return World(self.time, self._robot_state(), self._ball_state())
 
     def _robot_state(self) -> RobotState:

@@ -97,7 +97,7 @@ class Sensors:
         self._coming: deque[World] = deque()
 
     def observe(self, world: World) -> World:
-        """Give what is believed of `world`, with the same time; with a latency, of the last there is word of.
+        """Return what is believed of `world`, with the same time; with a latency, of the last that is known.
 
         A robot that has jumped, as when it was placed, is believed to be where it is.
         """
@@ -145,7 +145,7 @@ class Sensors:
         return ball.after(world.time - time)
 
     def _measured(self, world: World, ball: BallState, numbers: list[float]) -> BallState:
-        """Give the ball in the frame of the believed pose, with noise."""
+        """Return the ball in the frame of the believed pose, with noise."""
         config, true = self.config, world.robot.pose
         moving = Pose(true.x + ball.vx, true.y + ball.vy, true.yaw)
         place = self._believed.compose(true.relative(Pose(ball.x, ball.y, 0.0)))

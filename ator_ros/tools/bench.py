@@ -55,7 +55,7 @@ PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, Any]]] = {
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `bench`."""
+    """Return the command line of `bench`."""
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
     for name, text in (("experience", "to learn from"), ("fresh", "to measure learners on")):
@@ -99,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def met(row: Mapping[str, float]) -> dict[str, bool]:
-    """Say whether a row keeps to its limits; nothing where it has none.
+    """Return whether a row keeps to its limits; nothing where it has none.
 
     A limit of speed ("times_…") is a least value, the others are greatest ones; "limit_ms" is the median's.
     """
@@ -112,7 +112,7 @@ def met(row: Mapping[str, float]) -> dict[str, bool]:
 
 
 def rows(part: str, results: Mapping[str, Mapping[str, float | str]]) -> list[str]:
-    """Give the lines of a part of the table: one for each case, the numbers by name."""
+    """Return the lines of a part of the table: one for each case, the numbers by name."""
     return [
         f"{part:11} {case:34} " + "  ".join(f"{name} {_shown(value)}" for name, value in row.items())
         for case, row in results.items()

@@ -21,7 +21,7 @@ LEAST_SPEEDUP = 1.8
 
 
 def measure(blocks: int = 3, episodes: int = 60) -> dict[str, dict[str, float]]:
-    """Give s per episode with one process and with two workers, and what a whole collection takes from these.
+    """Return s per episode with one process and with two workers, and the time of a whole collection.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def measure(blocks: int = 3, episodes: int = 60) -> dict[str, dict[str, float]]:
 
 
 def _seconds(episodes: int, divisor: int, workers: int, seed: int) -> float:
-    """Give the wall time in s that `episodes` of each action take, divided by `divisor`."""
+    """Return the wall time in s that `episodes` of each action take, divided by `divisor`."""
     factories = {name: ACTION_SETS["default"][name] for name in ACTIONS}
     began = time.perf_counter()
     for _ in collect(factories, load_robot(), episodes=episodes, seed=seed, jobs=workers):

@@ -156,7 +156,7 @@ def _table(file: Path, seed: int) -> Experience:
 def _rows(
     experience: Experience, action: str, names: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Give features, times to go and episodes of all examples of episodes of `action` that succeeded."""
+    """Return features, times to go and episodes of all examples of episodes of `action` that succeeded."""
     frame = experience.of(action)
     frame = frame[frame["success"]]
     X = np.ascontiguousarray(feature_table(direct_of(frame), load_robot(), names))

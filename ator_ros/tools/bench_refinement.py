@@ -28,7 +28,7 @@ CASES: dict[str, tuple[str, Callable[[Trial], Any]]] = {
 
 
 def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]:
-    """Give for each case the median and the 99th percentile in ms, and the limit where there is one.
+    """Return for each case the median and the 99th percentile in ms, and the limit where there is one.
 
     The cases are measured in turn, `rounds` times. On a machine that is shared with others the slowest round
     tells of them, so the quietest one counts; the slowest median is told beside it.
@@ -63,7 +63,7 @@ def _row(name: str, rounds: Sequence[Sequence[float]]) -> dict[str, float]:
 
 
 def _times(refiner: Refiner, requests: Sequence[tuple[Trial, Any]]) -> list[float]:
-    """Give the time in ms of each request after the warm-up."""
+    """Return the time in ms of each request after the warm-up."""
     times = []
     for trial, chain in requests:
         began = time.perf_counter()

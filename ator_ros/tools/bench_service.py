@@ -23,20 +23,17 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.actions.base import Goal
 from ator_ros.experiments.trials import random_trial
-from ator_ros.geometry import Pose
 from ator_ros.nodes import conversions
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.nodes.running import run_node
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.answer import Refinement
-from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import load_robot
 from ator_ros.tools.processes import own_nodes
-from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+from ator_ros.tools.requests import worst_request
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world import BallState, RobotState, World
 
 SEED = 802
 LIMIT_RATIO, LIMIT_P99_MS = 1.5, 5.0
@@ -57,7 +54,7 @@ def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> Refi
 
 
 def _messages_alone() -> Answer:
-    """Give what reads each request and writes a full answer as `refinement` does, but refines only once."""
+    """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
     robot = load_robot()
     library, refiner = TopLibrary(robot), Refiner(robot, load_models(robot))
     known: list[Refinement] = []
@@ -87,7 +84,7 @@ def yardstick(name: str) -> Node:
 
 
 def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
-    """Give medians and 99th percentiles, and the refinement node's growth of memory over `requests` requests.
+    """Return medians and 99th percentiles, and how the node's memory grows over `requests` requests.
 
     The last row is of requests beside which another process asks for the worst that there is.
 
@@ -141,18 +138,7 @@ def _delayed(domain: int, requests: int, alone: float) -> dict[str, dict[str, fl
 
 def _ask_the_worst() -> None:
     """Ask for all that may be free in the longest chain, again and again, until the process is ended."""
-    library = TopLibrary(load_robot())
-    tops = [library[top] for top in ["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2)]
-    places = [Pose(0.1 * ((step + 1) // 2), 0.0, 0.3) for step in range(LONGEST_CHAIN)]
-    calls = [
-        TopCall(top, Goal(place, 0.0, top.point), frozenset({EVERYTHING}))
-        for top, place in zip(tops, places, strict=True)
-    ]
-    world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
-    request = RefineSubgoal.Request(
-        situation=conversions.situation_of(world, frame=_FRAME),
-        chain=conversions.chain_of(TopChain(tuple(calls)), action_set="", frame=_FRAME),
-    )
+    request = worst_request()
     with _clients(int(os.environ["ROS_DOMAIN_ID"]), [REFINE]) as (client,):
         while True:
             client.call(request, timeout_sec=_PATIENCE)
@@ -169,7 +155,7 @@ def _row(times: Sequence[float], empty: Sequence[float]) -> dict[str, float]:
 
 @contextmanager
 def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
-    """Give clients of the services `names`, once these are there; a thread spins their node."""
+    """Yield clients of the services `names`, once these are there; a thread spins their node."""
     context = rclpy.Context()
     context.init(domain_id=domain)
     node = Node("bench", context=context)
@@ -216,7 +202,7 @@ def _spin(executor: SingleThreadedExecutor) -> None:
 
 
 def resident_mib(pid: int) -> float:
-    """Give the resident memory of a process in MiB."""
+    """Return the resident memory of a process in MiB."""
     pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 

@@ -20,7 +20,7 @@ _SPEEDS = (Command(0.6, 0.3), Command(0.6, -0.3))
 
 
 def measure(blocks: int = 12) -> dict[str, dict[str, float]]:
-    """Give for each case the simulated seconds per second and the cost over the bare loop.
+    """Return for each case the simulated seconds per second and the cost over the bare loop.
 
     Blocks of 5 simulated seconds of both loops alternate and the fastest of each counts, so that a busy
     machine disturbs both alike.
@@ -40,7 +40,7 @@ def measure(blocks: int = 12) -> dict[str, dict[str, float]]:
 
 
 def _timed(loop: Callable[[PioneerSimulation, int], None], *, ball: bool) -> float:
-    """Give how long `loop` takes for a block, in a world in which the robot drives in bends."""
+    """Return how long `loop` takes for a block, in a world in which the robot drives in bends."""
     robot = load_robot()
     with PioneerSimulation(robot) as simulation:
         start = Pose(0.0, 0.0, 0.0)

@@ -38,7 +38,7 @@ _EPISODE_BYTES = 10_000
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `collect`."""
+    """Return the command line of `collect`."""
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
     parser.add_argument("--actions", nargs="+", choices=list(SITUATIONS), default=list(SITUATIONS))
     parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")

@@ -174,7 +174,7 @@ def destination(text: str) -> Path:
 
 
 def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:
-    """Give a type for argparse: a whole number from `least` to `most`, where there is a most."""
+    """Return a type for argparse: a whole number from `least` to `most`, where there is a most."""
     expected = f"a whole number from {least}" + (f" to {most}" if most is not None else "")
 
     def read(text: str) -> int:

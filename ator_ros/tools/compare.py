@@ -32,7 +32,7 @@ _FRAME = "odom"
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `compare`."""
+    """Return the command line of `compare`."""
     parser = argparse.ArgumentParser(prog="compare", description=__doc__)
     parser.add_argument("--situations", type=whole(1), default=50, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=941, help="of the situations (default: %(default)s)")

@@ -21,7 +21,7 @@ _LONGEST_DEMO = 200
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `demo`."""
+    """Return the command line of `demo`."""
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
     parser.add_argument(
         "--situations", type=whole(1, _LONGEST_DEMO), default=6, metavar="N", help="default: %(default)s"

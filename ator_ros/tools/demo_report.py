@@ -68,7 +68,7 @@ class DemoSituation:
 
 
 def table(situations: Sequence[DemoSituation]) -> str:
-    """Give predicted / actual times in s of each action and chain, a line for each run."""
+    """Return predicted / actual times in s of each action and chain, a line for each run."""
     if not situations:
         return "no situation was finished"
     tops = [call.top.name for call in situations[0].chain.calls]
@@ -98,7 +98,7 @@ def _pair(predicted: float, actual: float) -> str:
 
 
 def summary(situations: Sequence[DemoSituation]) -> str:
-    """Give the whole in a sentence, and why what failed did so."""
+    """Return the whole in a sentence, and why what failed did so."""
     counted = [situation for situation in situations if not math.isnan(situation.gain)]
     naive = math.fsum(situation.naive.total[1] for situation in counted)
     gain = math.fsum(situation.gain for situation in counted)

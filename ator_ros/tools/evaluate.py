@@ -21,7 +21,7 @@ from ator_ros.tools.command_line import add_parallel_options, executed, guarded,
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `evaluate`."""
+    """Return the command line of `evaluate`."""
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
     parser.add_argument("--situations", type=whole(), default=100, metavar="N")
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")

@@ -24,7 +24,7 @@ POLICIES = ("naive", "refined", "refined_speed")
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `gate`."""
+    """Return the command line of `gate`."""
     parser = argparse.ArgumentParser(prog="gate", description=__doc__)
     parser.add_argument("--situations", type=whole(10), default=400, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=301, help="of the situations (default: %(default)s)")

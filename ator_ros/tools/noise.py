@@ -25,7 +25,7 @@ from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `noise`."""
+    """Return the command line of `noise`."""
     parser = argparse.ArgumentParser(prog="noise", description=__doc__)
     parser.add_argument(
         "--situations", type=whole(1), default=200, help="for each chain (default: %(default)s)"

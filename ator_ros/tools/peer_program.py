@@ -53,7 +53,7 @@ def measure(learner: Any, data: Mapping[str, Any], **fit_options: Any) -> dict[s
 
 
 def predict_ms(function: Any, data: Mapping[str, Any], repeats: int = 21) -> float:
-    """Give the median time in ms of predicting 360 rows, after a call that doesn't count."""
+    """Return the median time in ms of predicting 360 rows, after a call that doesn't count."""
     candidates = np.ascontiguousarray(data["test_X"][:CANDIDATES])
     function(candidates)
     times = []
@@ -65,7 +65,7 @@ def predict_ms(function: Any, data: Mapping[str, Any], repeats: int = 21) -> flo
 
 
 def peer(name: str) -> tuple[Any, str]:
-    """Give a peer that is installed here and its version."""
+    """Return a peer that is installed here and its version."""
     # Imported by name: they are absent from the environment that is checked and tested.
     if name == "m5py":
         return importlib.import_module("m5py").M5Prime(), importlib.metadata.version("m5py")

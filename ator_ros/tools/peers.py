@@ -35,7 +35,7 @@ class NotRunError(RuntimeError):
 
 
 def python_of(folder: Path) -> Path:
-    """Give the Python of the peers' own environment in `folder`, made if need be.
+    """Return the Python of the peers' own environment in `folder`, made if need be.
 
     Raises
     ------

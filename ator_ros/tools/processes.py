@@ -65,7 +65,7 @@ class NodeProcesses:
             )
 
     def pid(self, name: str) -> int:
-        """Give the process id of the executable `name`."""
+        """Return the process id of the executable `name`."""
         return self._processes[name].pid
 
     def check(self) -> None:
@@ -119,7 +119,7 @@ class NodeProcesses:
 
 @contextmanager
 def own_nodes() -> Iterator[NodeProcesses]:
-    """Give the installed nodes a domain that nobody else asks for, heard on this machine only, as we are.
+    """Yield the installed nodes on a domain that nobody else uses, heard on this machine only, as we are.
 
     Raises
     ------

@@ -24,7 +24,7 @@ RULED = ("pose", "approach", "dribble")
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `qualify`."""
+    """Return the command line of `qualify`."""
     parser = argparse.ArgumentParser(prog="qualify", description=__doc__)
     parser.add_argument(
         "--situations", type=whole(1), default=1000, help="of each kind (default: %(default)s)"

@@ -25,7 +25,7 @@ from ator_ros.tools.soak_run import run
 
 
 def report_of(soak: Soak, *, duration: float, real_time_factor: float, seed: int) -> dict[str, Any]:
-    """Give what is written: self-explaining, also while the run goes on."""
+    """Return what is written: self-explaining, also while the run goes on."""
     return {
         "command": f"soak --duration {duration:g} --real-time-factor {real_time_factor:g} --seed {seed}",
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}",
@@ -36,7 +36,7 @@ def report_of(soak: Soak, *, duration: float, real_time_factor: float, seed: int
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `soak`."""
+    """Return the command line of `soak`."""
     parser = argparse.ArgumentParser(prog="soak", description=__doc__)
     parser.add_argument("--duration", type=_number, default=120.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--real-time-factor", type=_number, default=0.0, metavar="F", help="0: highest")

@@ -39,6 +39,6 @@ class SoakClient(DemoClient):
             self._came = None
 
     def take_answers(self) -> list[Answer]:
-        """Give the answers since the last call."""
+        """Return the answers since the last call."""
         taken, self._answers = self._answers, []
         return taken

@@ -83,7 +83,7 @@ def sample(pid: int) -> Sample:
 
 
 def summary(soak: Soak, *, real_time: bool = False) -> dict[str, Any]:
-    """Give what was seen, its first fifth beside its last one, and `worse`: what is not as it should be.
+    """Return what was seen, its first fifth beside its last one, and `worse`: what is not as it should be.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def _nodes(soak: Soak) -> tuple[dict[str, Any], list[str]]:
 
 
 def _judge_ticks(soak: Soak, worse: list[str]) -> dict[str, float]:
-    """Give how punctual the commands were, of which each is due at its stamp, by the chain's median."""
+    """Return how punctual the commands were, of which each is due at its stamp, by the chain's median."""
     lateness: list[float] = []
     for chain in soak.answers:
         delays = [answer.told - answer.stamp for answer in chain]

@@ -30,7 +30,7 @@ _MODELS_BYTES = 1_000_000
 
 
 def arguments() -> argparse.ArgumentParser:
-    """Give the command line of `train`."""
+    """Return the command line of `train`."""
     parser = argparse.ArgumentParser(prog="train", description=__doc__)
     parser.add_argument(
         "experience", nargs="*", type=Path, help="tables of collect, or recordings (.mcap or their folders)"

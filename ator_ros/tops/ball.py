@@ -23,7 +23,7 @@ _LOST = 0.12
 
 
 def needs_ball(top: Top) -> bool:
-    """Say whether the conditions of a TOP speak of the ball."""
+    """Return whether the conditions of a TOP speak of the ball."""
     terms = (*top.pre.terms, *top.post.terms)
     return any(str(name).startswith("ball.") for term in terms for name in (term.variable, term.target))
 
@@ -34,27 +34,27 @@ def ball_user(calls: Iterable[TopCall]) -> str | None:
 
 
 def starts_holding(top: Top) -> bool:
-    """Say whether a TOP starts with the ball in front of the robot."""
+    """Return whether a TOP starts with the ball in front of the robot."""
     return _holds(top.pre)
 
 
 def ends_holding(top: Top) -> bool:
-    """Say whether a TOP ends with the ball in front of the robot."""
+    """Return whether a TOP ends with the ball in front of the robot."""
     return _holds(top.post)
 
 
 def keeps_holding(top: Top) -> bool:
-    """Say whether a TOP starts and ends with the ball in front of the robot."""
+    """Return whether a TOP starts and ends with the ball in front of the robot."""
     return starts_holding(top) and ends_holding(top)
 
 
 def drives_to_ball(top: Top) -> bool:
-    """Say whether a TOP's goal is where the ball lies, so that it moves when the ball does."""
+    """Return whether a TOP's goal is where the ball lies, so that it moves when the ball does."""
     return _says(top.pre, _AT_GOAL)
 
 
 def fetches_ball(top: Top) -> bool:
-    """Say whether a TOP drives to the ball and ends with it in front of the robot."""
+    """Return whether a TOP drives to the ball and ends with it in front of the robot."""
     return drives_to_ball(top) and ends_holding(top)
 
 
@@ -67,37 +67,37 @@ def _says(condition: Condition, pairs: frozenset[tuple[str, str]]) -> bool:
 
 
 def at_rest(world: World, robot: Robot) -> World:
-    """Give the world with the ball where it will have rolled out, if nothing stops it before."""
+    """Return the world with the ball where it will have rolled out, if nothing stops it before."""
     if world.ball is None:
         return world
     return dataclasses.replace(world, ball=robot.ball.at_rest(world.ball))
 
 
 def has_left(world: World, call: TopCall, robot: Robot) -> bool:
-    """Say whether the ball is farther from the goal of `call` than its pre-condition allows."""
+    """Return whether the ball is farther from the goal of `call` than its pre-condition allows."""
     state, goal = state_of(world, robot), goal_variables(call.goal)
     terms = (term for term in call.top.pre.terms if (term.variable, term.target) in _AT_GOAL)
     return any((term.error(state, goal) or 0.0) > term.tolerance for term in terms)
 
 
 def at_ball(goal: Goal, world: World) -> Goal:
-    """Give a goal with the position of the ball, where one is known."""
+    """Return a goal with the position of the ball, where one is known."""
     ball = world.ball
     return goal if ball is None else dataclasses.replace(goal, pose=goal.pose._replace(x=ball.x, y=ball.y))
 
 
 def is_lost(world: World, robot: Robot) -> bool:
-    """Say whether a ball that was in front of the robot is there no more."""
+    """Return whether a ball that was in front of the robot is there no more."""
     return world.ball is not None and robot.hold_offset(world) > _LOST
 
 
 def is_at_front(world: World, robot: Robot) -> bool:
-    """Say whether the robot's front touches the ball, or nearly: what moves it then is the robot."""
+    """Return whether the robot's front touches the ball, or nearly: what moves it then is the robot."""
     return robot.hold_offset(world) < robot.fin_length + _TOUCHING
 
 
 def is_in_the_way(world: World, robot: Robot) -> bool:
-    """Say whether the robot, braking as actions do, cannot stop before the ball, much less drive round it.
+    """Return whether the robot, braking as actions do, cannot stop before the ball, much less drive round it.
 
     Planning from there would take long and find nothing.
     """

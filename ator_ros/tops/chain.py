@@ -53,13 +53,13 @@ class TopChain:
         return len(self.calls)
 
     def with_goal(self, index: int, goal: Goal) -> TopChain:
-        """Give the chain with the goal of step `index` (from 0) replaced."""
+        """Return the chain with the goal of step `index` (from 0) replaced."""
         calls = list(self.calls)
         calls[index] = dataclasses.replace(calls[index], goal=goal)
         return TopChain(tuple(calls))
 
     def violations(self, world: World, robot: Robot) -> list[str]:
-        """Say in words why the chain is no valid plan from `world`; an empty list means that it is."""
+        """Return in words why the chain is no valid plan from `world`; an empty list means that it is."""
         if not self.calls:
             return ["expected at least one step, got an empty chain"]
         found = []
@@ -86,7 +86,7 @@ class TopChain:
 
 
 def projected(world: World, call: TopCall, robot: Robot) -> World:
-    """Give the world in which the post-condition of `call` has come to hold."""
+    """Return the world in which the post-condition of `call` has come to hold."""
     variables = {term.variable for term in call.top.post.terms}
     goal = goal_variables(call.goal)
     if variables & {"robot.x", "hold.x"}:

@@ -28,7 +28,7 @@ class Term:
     tolerance: float
 
     def error(self, state: State, goal: Mapping[str, float]) -> float | None:
-        """Give how far the variable is from its target; None where one of the two is unknown."""
+        """Return how far the variable is from its target; None where one of the two is unknown."""
         value = state.get(self.variable)
         target = lookup(self.target, state, goal) if isinstance(self.target, str) else self.target
         if value is None or target is None:
@@ -49,7 +49,7 @@ class Condition:
         return frozenset(target.removeprefix("goal.") for target in targets if target.startswith("goal."))
 
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
-        """Say in words which terms do not hold; an empty list means that the condition holds."""
+        """Return in words which terms do not hold; an empty list means that the condition holds."""
         found = []
         for term in self.terms:
             error = term.error(state, goal)
@@ -63,7 +63,7 @@ class Condition:
         return found
 
     def apply(self, state: State, goal: Mapping[str, float]) -> dict[str, float]:
-        """Give the state with every variable at its target: what the world looks like once this holds."""
+        """Return the state with every variable at its target: what the world looks like once this holds."""
         result = dict(state)
         for term in self.terms:
             target = lookup(term.target, state, goal) if isinstance(term.target, str) else term.target
@@ -73,7 +73,7 @@ class Condition:
 
 
 def lookup(name: str, state: State, goal: Mapping[str, float]) -> float | None:
-    """Give the value of a goal variable ("goal.x") or state variable ("ball.x"), None where it is unknown."""
+    """Return the value of a goal variable ("goal.x") or state variable ("ball.x"), None if unknown."""
     if name.startswith("goal."):
         return goal.get(name.removeprefix("goal."))
     return state.get(name)

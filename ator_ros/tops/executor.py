@@ -162,7 +162,7 @@ class ChainExecutor:
         return Step(STOP, Status.RUNNING, STOPPING)
 
     def _is_blocked(self, world: World) -> bool:
-        """Say whether the ball that is driven to lies where the robot can only stop."""
+        """Return whether the ball that is driven to lies where the robot can only stop."""
         return drives_to_ball(self._run.call.top) and is_in_the_way(world, self._library.robot)
 
     def _replace_run(self, world: World, run: StepRun) -> None:
@@ -171,7 +171,7 @@ class ChainExecutor:
         self._run = run
 
     def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
-        """Give the step that follows, and whether the robot shall stand first; None at the chain's end."""
+        """Return the step that follows, and whether the robot shall stand first; None at the chain's end."""
         if status is Status.SUCCEEDED:
             return (self._index + 1, False) if self._index + 1 < len(self._chain) else None
         fetching = self._fetching_step(world)
@@ -181,7 +181,7 @@ class ChainExecutor:
         return fetching, True
 
     def _fetching_step(self, world: World) -> int | None:
-        """Give the step to go back to for a ball that is lost; None where none is to be fetched."""
+        """Return the step to go back to for a ball that is lost; None where none is to be fetched."""
         top = self._run.call.top
         missed = starts_holding(top) or (fetches_ball(top) and self._run.begun)
         if self.fetched >= self._fetches or not missed or not is_lost(world, self._library.robot):
@@ -194,7 +194,7 @@ class ChainExecutor:
         self._run = self._new_run(self._chain, index, standing_first=standing_first)
 
     def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:
-        """Give a run of the present step with the goal in `chain`; its time goes on."""
+        """Return a run of the present step with the goal in `chain`; its time goes on."""
         return self._new_run(chain, self._index, standing_first=standing_first, since=self._run.since)
 
     def _new_run(

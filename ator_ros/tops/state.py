@@ -15,7 +15,7 @@ GOAL_VARIABLES = ("x", "y", "yaw", "speed")
 
 
 def state_of(world: World, robot: Robot) -> dict[str, float]:
-    """Give the state variables of a world.
+    """Return the state variables of a world.
 
     Returns
     -------
@@ -41,10 +41,10 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
 
 
 def goal_variables(goal: Goal) -> dict[str, float]:
-    """Give the variables of a goal by name: x, y (m), yaw (rad), speed (m/s)."""
+    """Return the variables of a goal by name: x, y (m), yaw (rad), speed (m/s)."""
     return {"x": goal.pose.x, "y": goal.pose.y, "yaw": goal.pose.yaw, "speed": goal.speed}
 
 
 def arrived(world: World, goal: Goal, robot: Robot) -> World:
-    """Give the world when the robot has arrived at `goal` and nothing else has changed."""
+    """Return the world when the robot has arrived at `goal` and nothing else has changed."""
     return dataclasses.replace(world, robot=RobotState(goal.robot_pose(robot), goal.speed, 0.0))

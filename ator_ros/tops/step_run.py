@@ -143,7 +143,7 @@ class StepRun:
         return None
 
     def step(self, world: World) -> Step:
-        """Give the command of this tick; the action starts when its turn has come."""
+        """Return the command of this tick; the action starts when its turn has come."""
         self.since = world.time if self.since is None else self.since
         step = self._next(world)
         if step.status is Status.RUNNING and world.time - self.since > self._time_limit:
@@ -171,7 +171,7 @@ class StepRun:
         return Step(STOP, Status.FAILED, f"post-condition of {top.name}: {'; '.join(violations)}")
 
     def record(self, world: World, step: Step) -> ActionRecord:
-        """Give the record of this step, whose last tick was `step`, in the state `world`."""
+        """Return the record of this step, whose last tick was `step`, in the state `world`."""
         call, start, robot = self.call, self._start or world, self._library.robot
         pose, goal = world.robot.pose, call.goal.robot_pose(robot)
         return ActionRecord(
@@ -190,12 +190,12 @@ class StepRun:
         )
 
     def _has_lost_ball(self, world: World) -> bool:
-        """Say whether the ball that this step holds, or should have started with, is not in front."""
+        """Return whether the ball that this step holds, or should have started with, is not in front."""
         top = self.call.top
         meant = keeps_holding(top) or (starts_holding(top) and not self.begun)
         return meant and is_lost(world, self._library.robot)
 
 
 def is_standing(robot: RobotState) -> bool:
-    """Say whether the robot stands."""
+    """Return whether the robot stands."""
     return abs(robot.v) < _STANDING_V and abs(robot.w) < _STANDING_W

@@ -117,7 +117,7 @@ class Arena:
         return READY[name] in node.output
 
     def visit(self) -> Visit:
-        """Give a client that has come after the last node was started."""
+        """Return a client that has come after the last node was started."""
         if self._visit is None:
             self._visit = Visit(Client(self.domain), self.ledger)
         return self._visit
@@ -149,7 +149,7 @@ class Arena:
 
 @contextmanager
 def arena_with(logs: Path, settings: dict[str, dict[str, object]] | None = None) -> Iterator[Arena]:
-    """Give an arena, without nodes, on a domain that nobody else uses."""
+    """Yield an arena, without nodes, on a domain that nobody else uses."""
     with domain_coordinator.domain_id() as domain:
         arena = Arena(domain, logs, settings)
         try:

@@ -25,7 +25,7 @@ def call(top: str, pose: Pose, *, opened: tuple[str, ...] = ()) -> TopCall:
 
 
 def chain_of_the_paper() -> list[TopCall]:
-    """Give the chain goToBall, dribbleBall, shoot for a ball at (0, 0); the angle at the ball is free."""
+    """Return the chain goToBall, dribbleBall, shoot for a ball at (0, 0); the angle at the ball is free."""
     return [
         call("goToBall", Pose(0.0, 0.0, 0.5), opened=("yaw",)),
         call("dribbleBall", Pose(2.4, 0.3, -0.1)),
@@ -47,7 +47,7 @@ class Sent:
         assert future.result().goals_canceling
 
     def ended(self) -> bool:
-        """Say whether it has ended."""
+        """Return whether it has ended."""
         return bool(self._future.done())
 
     def result(self, patience: float = 2 * PATIENCE) -> ExecuteChain.Result:
@@ -110,7 +110,7 @@ class ChainClient:
         return Sent(self.ros, future.result(), feedback)
 
     def standing(self) -> bool:
-        """Say whether the robot stands."""
+        """Return whether the robot stands."""
         robot = self.ros.robot()
         return abs(robot.v) < 0.03 and abs(robot.w) < 0.06
 

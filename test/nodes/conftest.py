@@ -22,14 +22,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def domain() -> Iterator[int]:
-    """Give a ROS domain that no other test uses at the same time, in this run or another."""
+    """Yield a ROS domain that no other test uses at the same time, in this run or another."""
     with domain_coordinator.domain_id() as number:
         yield number
 
 
 @pytest.fixture
 def start(domain: int, tmp_path: Path) -> Iterator[Start]:
-    """Give a function that starts executables: start("simulation", namespace="a", real_time_factor=0.0)."""
+    """Yield a function that starts executables: start("simulation", namespace="a", real_time_factor=0.0)."""
     processes = Processes(domain, tmp_path)
     yield processes.start
     processes.kill()
@@ -37,7 +37,7 @@ def start(domain: int, tmp_path: Path) -> Iterator[Start]:
 
 @pytest.fixture
 def client(domain: int) -> Iterator[Client]:
-    """Give a client in no namespace."""
+    """Yield a client in no namespace."""
     made = Client(domain)
     yield made
     made.close()

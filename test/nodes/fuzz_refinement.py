@@ -22,7 +22,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
 from ator_ros.nodes import conversions
-from ator_ros.nodes.checks import FARTHEST, Bounds, MessageError, bounds_of
+from ator_ros.nodes.checks import FARTHEST, MessageBounds, MessageError, bounds_of
 from ator_ros.nodes.refinement import refining_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models
@@ -45,13 +45,13 @@ _PROGRESS = 1000
 class Generator:
     """Makes requests: mostly valid plans, with edges, and now and then nonsense in one of the numbers."""
 
-    def __init__(self, seed: int, tops: list[str], bounds: Bounds) -> None:
+    def __init__(self, seed: int, tops: list[str], bounds: MessageBounds) -> None:
         self._random = random.Random(seed)
         self._tops = tops
         self._bounds = bounds
 
     def request(self) -> RefineSubgoal.Request:
-        """Give the next request."""
+        """Return the next request."""
         draw = self._random
         request = RefineSubgoal.Request(want_curve=draw.random() < 0.3)
         self._fill(request.situation.robot)
@@ -131,7 +131,7 @@ def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary)
 
 
 def kind_of(error: str) -> str:
-    """Give the first words of what was expected: errors of one kind differ in names and numbers."""
+    """Return the first words of what was expected: errors of one kind differ in names and numbers."""
     expected = error[error.index("expected") :].partition(", got")[0]  # ours all say what was expected
     return " ".join(re.findall(r"[a-zA-Z']+", expected)[:WORDS_OF_A_KIND])
 

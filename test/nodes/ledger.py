@@ -42,7 +42,7 @@ class Ledger:
         self._client.node.create_subscription(kind, topic, heard.append, qos, event_callbacks=events)
 
     def listens_to(self, executors: int) -> bool:
-        """Say whether it hears the latest of so many executors that were started one after the other."""
+        """Return whether it hears the latest of so many executors that were started one after the other."""
         return min(self._matched.values()) >= executors
 
     def expect(self, record: ChainPerformance) -> None:
@@ -64,11 +64,11 @@ class Ledger:
         self._client.eventually(happened, what, _PATIENCE)
 
     def _records(self) -> dict[str, list[str]]:
-        """Give the records of chains by chain; as text, since NaN differs from itself."""
+        """Return the records of chains by chain; as text, since NaN differs from itself."""
         return by_chain(self._chains)
 
     def _steps(self) -> dict[str, list[str]]:
-        """Give the records of actions by chain."""
+        """Return the records of actions by chain."""
         return by_chain(self._actions)
 
 

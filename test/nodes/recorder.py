@@ -48,6 +48,6 @@ class Recorder:
 
 
 def type_name(kind: Any) -> str:
-    """Give the name of a message class as ROS writes it, like geometry_msgs/msg/Twist."""
+    """Return the name of a message class as ROS writes it, like geometry_msgs/msg/Twist."""
     package, folder, *_ = kind.__module__.split(".")
     return f"{package}/{folder}/{kind.__name__}"

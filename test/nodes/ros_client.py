@@ -74,15 +74,15 @@ class Client:
         raise AssertionError(f"expected within {patience:g} s: {what}")
 
     def robot(self) -> RobotState:
-        """Give the robot's state, once one is known."""
+        """Return the robot's state, once one is known."""
         return self.eventually(lambda: self.robots and self.robots[-1][1], "odometry")
 
     def ball(self) -> BallState:
-        """Give the ball's state, once one is known."""
+        """Return the ball's state, once one is known."""
         return self.eventually(lambda: self.balls and self.balls[-1][1], "a ball")
 
     def time(self) -> float:
-        """Give the simulated time of the last odometry in s."""
+        """Return the simulated time of the last odometry in s."""
         self.robot()
         return self.robots[-1][0]
 
@@ -137,5 +137,5 @@ class Client:
 
 
 def stamp(message: Any) -> float:
-    """Give the time in s of a message with a header."""
+    """Return the time in s of a message with a header."""
     return seconds_from(message.header.stamp)

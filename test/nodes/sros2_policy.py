@@ -52,7 +52,7 @@ def faults(element: ET.Element) -> Iterator[str]:
 
 
 def allowed(policy: ET.Element, node: str) -> Surface:
-    """Give what the profile of a node allows it to open, with full names."""
+    """Return what the profile of a node allows it to open, with full names."""
     (profile,) = policy.iterfind(f".//profile[@node='{node}']")
 
     def names(kind: str, rule: str) -> frozenset[str]:

@@ -81,5 +81,5 @@ def few(values: Iterable[Any], *kept: Any) -> list[Any]:
 
 
 def said(sent: Sent, words: str) -> bool:
-    """Say whether a goal's feedback has held these words."""
+    """Return whether a goal's feedback has held these words."""
     return any(words in told.status for told in sent.feedback)

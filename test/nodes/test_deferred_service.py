@@ -50,7 +50,7 @@ class FakeNode:
 def served(
     monkeypatch: pytest.MonkeyPatch, failures: list[Exception]
 ) -> tuple[FakeNode, list[Any], list[Any]]:
-    """Give a node, what its service has begun, and what was sent once `failures` have been raised."""
+    """Return a node, what its service has begun, and what was sent once `failures` have been raised."""
     node, begun, sent = FakeNode(), [], []
 
     def send(_: Any, response: Any, header: Any) -> None:

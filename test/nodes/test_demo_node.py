@@ -32,7 +32,7 @@ def demo(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def nodes_of(demo: subprocess.Popen[str]) -> list[int]:
-    """Give the process ids of the nodes that the demo has started."""
+    """Return the process ids of the nodes that the demo has started."""
     return [int(word) for word in Path(f"/proc/{demo.pid}/task/{demo.pid}/children").read_text().split()]
 
 

@@ -1,4 +1,4 @@
-"""The printed commands that use ROS, word for word; where there is no `ros2`, ros2_stand_in.py is used."""
+"""The printed commands that use ROS, word for word; where there is no `ros2`, ros2cli_subset.py is used."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from documentation import ROOT, commands
 pytestmark = [pytest.mark.node, pytest.mark.long]
 PATIENCE = 600.0
 TEXTS = [printed.text for printed in commands()]
-KEPT = shutil.ignore_patterns(".git", ".venv*", "build", "install", "log", "out", "__pycache__", ".*_cache")
+IGNORED = shutil.ignore_patterns(
+    ".git", ".venv*", "build", "install", "log", "out", "__pycache__", ".*_cache"
+)
 
 
 class Shell:
@@ -30,8 +32,8 @@ class Shell:
         if shutil.which("ros2") is None:
             ros2 = folder / "bin" / "ros2"
             ros2.parent.mkdir()
-            stand_in = Path(__file__).with_name("ros2_stand_in.py")
-            ros2.write_text(f'#!/bin/sh\nexec {sys.executable} {stand_in} "$@"\n', encoding="utf-8")
+            subset = Path(__file__).with_name("ros2cli_subset.py")
+            ros2.write_text(f'#!/bin/sh\nexec {sys.executable} {subset} "$@"\n', encoding="utf-8")
             ros2.chmod(0o755)
             path = f"{ros2.parent}:{path}"
         self._environment = os.environ | {
@@ -130,7 +132,7 @@ def test_a_node_runs_without_the_command_ros2(shell: Shell) -> None:
 
 
 def test_a_workspace_is_built(shell: Shell) -> None:
-    shutil.copytree(ROOT, shell.folder / "src" / "ator_ros", ignore=KEPT)
+    shutil.copytree(ROOT, shell.folder / "src" / "ator_ros", ignore=IGNORED)
     shell.run(f"python -m {printed('colcon build --base-paths')}")
     launch = printed(". install/setup.sh")
     nodes = shell.start(launch)
@@ -141,7 +143,7 @@ def test_a_workspace_is_built(shell: Shell) -> None:
 
 def test_a_checkout_is_built_by_hand(shell: Shell) -> None:
     copy = shell.folder / "copy"
-    shutil.copytree(ROOT, copy, ignore=KEPT)
+    shutil.copytree(ROOT, copy, ignore=IGNORED)
     (copy / ".venv").symlink_to(ROOT / ".venv")
     shell.run(printed("scripts/run python -m colcon build"), cwd=copy)
     assert (copy / "install" / "lib" / "ator_ros" / "executor").is_file()

@@ -29,7 +29,7 @@ LONG = 120.0
 
 @pytest.fixture(scope="module")
 def chains(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ChainClient]:
-    """Give a client of an executor with a simulation at real time."""
+    """Yield a client of an executor with a simulation at real time."""
     with domain_coordinator.domain_id() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         processes.start("simulation")
@@ -61,7 +61,7 @@ def until(chains: ChainClient, sent: Sent, top: str) -> None:
 
 
 def steps(sent: Sent) -> list[tuple[int, int]]:
-    """Give step and outcome of each action."""
+    """Return step and outcome of each action."""
     return [(action.step, action.outcome.code) for action in sent.result(LONG).record.actions]
 
 
@@ -133,5 +133,5 @@ def test_refinement_is_asked_again_when_the_ball_was_displaced_and_the_robot_dri
 
 
 def longest_run(flags: list[bool]) -> int:
-    """Give the greatest number of true flags in a row."""
+    """Return the greatest number of true flags in a row."""
     return max((len(list(run)) for flag, run in itertools.groupby(flags) if flag), default=0)

@@ -40,7 +40,7 @@ def test_nodes_start_in_any_order(order: tuple[str, ...], tmp_path: Path) -> Non
 
 @pytest.fixture(scope="module")
 def arena(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arena]:
-    """Give simulation and executor; refinement is the test's own."""
+    """Yield simulation and executor; refinement is the test's own."""
     with arena_with(tmp_path_factory.mktemp("logs"), {"executor": {"refinement_timeout": 1.0}}) as made:
         made.start("simulation", "executor")
         yield made

@@ -23,7 +23,7 @@ SLOWLY = 2.0  # s that the simulation waits for commands: this machine may be bu
 
 
 def punctual() -> float:
-    """Give the time in s that the drive takes where nothing is late, without ROS."""
+    """Return the time in s that the drive takes where nothing is late, without ROS."""
     robot = load_robot()
     library = TopLibrary(robot)
     goal = Goal(GOAL, 0.0, library["goToBall"].point)

@@ -9,7 +9,7 @@ from typing import Any
 
 import domain_coordinator
 import pytest
-from load import heavy_request, short_request
+from load import short_request
 from process import PATIENCE, Process, Processes
 from rclpy.action import ActionClient
 from ros_client import Client
@@ -19,16 +19,20 @@ from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes.deferred_action import GOALS_AT_ONCE
 from ator_ros.nodes.qos import SERVICES
+from ator_ros.nodes.refinement import PARAMETERS
 from ator_ros.tools.bench_service import resident_mib
+from ator_ros.tools.requests import worst_request
 
 pytestmark = pytest.mark.node
+
+DEADLINE = next(parameter.default for parameter in PARAMETERS if parameter.name == "deadline")
 
 Nodes = tuple[Processes, Process, Process, Client]
 
 
 @pytest.fixture(scope="module")
 def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
-    """Give processes, one of refinement and one of executor, and a client of them."""
+    """Yield processes, one of refinement and one of executor, and a client of them."""
     with domain_coordinator.domain_id() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes, processes.start("refinement"), processes.start("executor"), client
@@ -38,14 +42,14 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
 
 @pytest.fixture
 def asker(nodes: Nodes) -> Any:
-    """Give a client of refine_subgoal with room for many answers."""
+    """Return a client of refine_subgoal with room for many answers."""
     client = nodes[-1].node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
     assert client.wait_for_service(timeout_sec=PATIENCE)
     return client
 
 
 def answers(futures: Sequence[Any], patience: float = PATIENCE) -> list[Any]:
-    """Give the answers that come in time."""
+    """Return the answers that come in time."""
     end = time.monotonic() + patience
     while time.monotonic() < end and not all(future.done() for future in futures):
         time.sleep(0.01)
@@ -70,12 +74,14 @@ def test_each_of_many_requests_is_answered_or_refused_as_busy(asker: Any, nodes:
 
 
 def test_a_long_chain_is_answered_at_its_deadline_and_says_so(asker: Any) -> None:
-    answer = asker.call(heavy_request(), timeout_sec=PATIENCE)
-    assert answer.accepted
-    assert answer.cut_short
-    assert "deadline" in answer.reason
-    assert answer.cost_after <= answer.cost_before
-    assert answer.computation_time < 2.0  # 9 s without a deadline; the machine may be busy
+    told = [asker.call(worst_request(), timeout_sec=PATIENCE) for _ in range(5)]
+    for answer in told:
+        assert answer.accepted
+        assert answer.cut_short
+        assert "deadline" in answer.reason
+        assert answer.cost_after <= answer.cost_before
+    # 9 s without a deadline; the least of five, since the machine may be busy.
+    assert min(answer.computation_time for answer in told) < 3.0 * DEADLINE
 
 
 def test_ten_megabytes_are_refused_in_a_short_line(asker: Any) -> None:
@@ -85,6 +91,14 @@ def test_ten_megabytes_are_refused_in_a_short_line(asker: Any) -> None:
     assert not answer.accepted
     assert len(answer.reason) <= 200
     assert not answer.chain.calls
+
+
+def until_accepted(asker: Any) -> None:
+    """Wait until a request is not refused as busy."""
+    end = time.monotonic() + PATIENCE
+    while not asker.call(short_request(), timeout_sec=PATIENCE).accepted:
+        assert time.monotonic() < end, "expected a request to be accepted"
+        time.sleep(0.05)
 
 
 def goals(nodes: Nodes, number: int) -> None:
@@ -159,6 +173,7 @@ def test_clients_that_die_delay_nobody(asker: Any, nodes: Nodes) -> None:
     time.sleep(5.0)
     for flood in floods:
         flood.kill()
+    until_accepted(asker)
     assert statistics.median(times()) < 3.0 * alone + 0.02
     assert nodes[1].running
     assert "Traceback" not in nodes[1].output

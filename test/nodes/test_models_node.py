@@ -18,7 +18,7 @@ BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
 
 @pytest.fixture
 def models(tmp_path: Path) -> Path:
-    """Give a folder with the shipped models of the default action set alone."""
+    """Return a folder with the shipped models of the default action set alone."""
     folder = tmp_path / "models"
     folder.mkdir()
     for file in Path(resource_path("models")).glob("*.json"):

@@ -87,7 +87,7 @@ def test_refinement_is_asked_for_at_home(robots: dict[str, Client]) -> None:
 
 
 def answers(health: list[DiagnosticArray], robot: str) -> Callable[[], int | None]:
-    """Give a function that says how many requests the robot's refinement node has answered."""
+    """Return a function that says how many requests the robot's refinement node has answered."""
 
     def last() -> int | None:
         counts = [

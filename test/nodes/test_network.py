@@ -35,14 +35,14 @@ def test_only_who_asks_for_a_network_gets_one(
 
 
 def listens_at(process: Process, domain: int) -> set[str]:
-    """Give the addresses of its sockets but those that only send: their ports were chosen by the kernel."""
+    """Return the addresses of its sockets but those that only send: their ports were chosen by the kernel."""
     low, high = map(int, Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split())
     of_domain = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
     return {address for address, port in udp_sockets(process) if port in of_domain or not low <= port <= high}
 
 
 def udp_sockets(process: Process) -> list[tuple[str, int]]:
-    """Give address and port of each UDP socket of a process."""
+    """Return address and port of each UDP socket of a process."""
     folder = Path("/proc", str(process.pid))
     mine = set()
     for file in (folder / "fd").iterdir():

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, qos_check_compatible
-from ros2_stand_in import echo_options, echo_profile, filled, kind_of
+from ros2cli_subset import echo_options, echo_profile, filled, kind_of
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
@@ -33,7 +33,7 @@ LIBRARY = TopLibrary(ROBOT)
 
 
 def printed(command: str) -> dict[str, Any]:
-    """Give the message that the README's line `command` sends."""
+    """Return the message that the README's line `command` sends."""
     found = re.search(rf'{command}.*?"(\{{.*?\}})"', README, re.DOTALL)
     assert found is not None
     values: dict[str, Any] = yaml.safe_load(found.group(1))
@@ -50,7 +50,7 @@ def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
 
 
 def durations(field: str) -> list[str]:
-    """Give the durations that the README prints in a field of the answer."""
+    """Return the durations that the README prints in a field of the answer."""
     found = re.search(rf"\b{field}=\[?(Performance\(.*?)(?:, after=|\]|,?\n)", README)
     assert found is not None
     return re.findall(r"duration=([\d.]+)", found.group(1))

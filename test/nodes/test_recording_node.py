@@ -73,7 +73,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recording]:
 
 
 def tour(length: int, *, seed: int) -> list[TopCall]:
-    """Give goals, each at least 0.5 m from the one before and away from the ball."""
+    """Return goals, each at least 0.5 m from the one before and away from the ball."""
     draw = random.Random(seed)
     poses = [Pose(draw.uniform(-2.0, 1.5), draw.uniform(-1.5, -0.6), draw.uniform(-3.0, 3.0))]
     while len(poses) < length:

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 import json
-import math
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import domain_coordinator
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from experience_rows import made_up_experience
 from fuzz_refinement import fuzz
 from process import Process, Processes
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
+from refinement_requests import call, refine, request_of_the_paper, save_small_models
 from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.msg import TopCall
-from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.performance.model_file import load_models, save_model
-from ator_ros.performance.training import train
+from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot import load_robot
 
@@ -35,17 +29,15 @@ pytestmark = pytest.mark.node
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a folder with small performance models, learned from made-up experience."""
+    """Return a folder with small performance models."""
     folder = tmp_path_factory.mktemp("models")
-    robot = load_robot()
-    for action in ("goToPose", "dribbleBall", "shoot"):
-        save_model(folder / f"{action}.json", train(action, made_up_experience(action), robot))
+    save_small_models(folder)
     return folder
 
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory, models: Path) -> Iterator[tuple[Process, Client]]:
-    """Give one node for the tests that need nothing special, and a client of it."""
+    """Yield one node for the tests that need nothing special, and a client of it."""
     with domain_coordinator.domain_id() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes.start("refinement", models=models, deadline=20.0), client
@@ -55,30 +47,8 @@ def shared(tmp_path_factory: pytest.TempPathFactory, models: Path) -> Iterator[t
 
 @pytest.fixture
 def asker(shared: tuple[Process, Client]) -> Client:
-    """Give a client of the node that is shared."""
+    """Return a client of the node that is shared."""
     return shared[1]
-
-
-def call(top: str, pose: Pose, *, opened: tuple[str, ...] = ()) -> TopCall:
-    message = TopCall(top=top, open=list(opened))
-    message.goal.pose = pose_of(pose)
-    return message
-
-
-def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:
-    """Ask for the angle at which the ball is approached before it is dribbled, in comparison with `yaw`."""
-    request = RefineSubgoal.Request(want_curve=True, as_given=True)
-    request.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
-    request.situation.ball_known = True
-    request.chain.calls = [
-        call("goToBall", Pose(0.0, 0.0, yaw), opened=("yaw",)),
-        call("dribbleBall", Pose(0.5, 2.0, 1.5)),
-    ]
-    return request
-
-
-def refine(client: Client, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
-    return client.call(RefineSubgoal, "refine_subgoal", request)
 
 
 def test_the_free_angle_is_refined(asker: Client) -> None:
@@ -155,96 +125,6 @@ def test_everything_opened_lists_what_conditions_bind(asker: Client) -> None:
     for old, new in zip(request.chain.calls, response.chain.calls, strict=True):
         assert new.goal.pose.position == old.goal.pose.position
         assert list(new.open) == ["*"]
-
-
-def nan_position(request: RefineSubgoal.Request) -> None:
-    request.situation.robot.position.x = math.nan
-
-
-def zero_quaternion(request: RefineSubgoal.Request) -> None:
-    request.chain.calls[1].goal.pose.orientation.w = 0.0
-    request.chain.calls[1].goal.pose.orientation.z = 0.0
-
-
-def unknown_top(request: RefineSubgoal.Request) -> None:
-    request.chain.calls[0].top = "fly"
-
-
-def wrong_frame(request: RefineSubgoal.Request) -> None:
-    request.chain.calls[0].goal.header.frame_id = "moon"
-
-
-def empty_chain(request: RefineSubgoal.Request) -> None:
-    request.chain.calls = []
-
-
-def enormous_chain(request: RefineSubgoal.Request) -> None:
-    request.chain.calls = [call("goToPose", Pose(0.0, 0.0, 0.0))] * 5000
-
-
-def negative_weight(request: RefineSubgoal.Request) -> None:
-    request.objective.success = -1.0
-
-
-def no_weight(request: RefineSubgoal.Request) -> None:
-    request.objective.duration = 0.0
-
-
-def unknown_set(request: RefineSubgoal.Request) -> None:
-    request.chain.action_set = "../../etc"
-
-
-def unknown_variable(request: RefineSubgoal.Request) -> None:
-    request.chain.calls[0].open = ["heading"]
-
-
-def ball_elsewhere(request: RefineSubgoal.Request) -> None:
-    request.situation.ball.x = 1.0
-
-
-def ball_unknown(request: RefineSubgoal.Request) -> None:
-    request.situation.ball_known = False
-
-
-NONSENSE = {
-    nan_position: "situation.robot.position.x: expected a finite number from -10 to 10 m, got nan",
-    zero_quaternion: "chain.calls[1].goal.pose.orientation: expected a quaternion (x, y, z, w) of length 1",
-    unknown_top: "chain.calls[0].top: expected one of ['dribbleBall', 'goToBall', ",
-    wrong_frame: "chain.calls[0].goal.header.frame_id: expected the frame 'odom', got 'moon'",
-    empty_chain: "chain.calls: expected 1 to 32 items, got 0",
-    enormous_chain: "chain.calls: expected 1 to 32 items, got 5000",
-    negative_weight: "objective: expected a weight of success that is not negative, got -1.0",
-    no_weight: "objective: expected at least one weight above 0, got none",
-    unknown_set: "chain.action_set: expected one of",
-    unknown_variable: "chain.calls[0].open: expected names of ['*', 'speed', 'x', 'y', 'yaw'], each once",
-    ball_elsewhere: "step 1 (goToBall) now: expected ball.x within 0.1 of goal.x, it is 1 off",
-    ball_unknown: "step 1 (goToBall) now: expected ball.x near goal.x, but one of them is unknown",
-}
-
-
-@pytest.mark.parametrize("change", NONSENSE, ids=lambda change: change.__name__)
-def test_nonsense_is_refused_and_the_node_goes_on(shared: tuple[Process, Client], change: Any) -> None:
-    node, client = shared
-    request = request_of_the_paper()
-    change(request)
-    response = refine(client, request)
-    assert not response.accepted
-    assert not response.refined
-    assert NONSENSE[change] in response.reason
-    assert len(response.chain.calls) == (0 if change is enormous_chain else len(request.chain.calls))
-    assert refine(client, request_of_the_paper(yaw=3.0)).accepted
-    assert "Traceback" not in node.output
-
-
-def test_a_flood_of_nonsense_is_told_now_and_then_and_counted(shared: tuple[Process, Client]) -> None:
-    node, client = shared
-    told, request = node.output.count("refused: "), request_of_the_paper()
-    unknown_top(request)
-    began = time.monotonic()
-    for _ in range(100):
-        assert not refine(client, request).accepted
-    most = 1 + (time.monotonic() - began) / 2.0  # a warning in two seconds
-    assert 0 <= node.output.count("refused: ") - told <= most + 1
 
 
 def test_parameters_cannot_be_changed_over_ros(asker: Client) -> None:

@@ -35,7 +35,7 @@ START = Pose(-2.0, 0.0, 0.0)
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Client]]:
-    """Give one simulation for the tests that need no parameters of their own, and a client of it."""
+    """Yield one simulation for the tests that need no parameters of their own, and a client of it."""
     with domain_coordinator.domain_id() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes.start("simulation", real_time_factor=5.0, publish_clock=True), client
@@ -45,7 +45,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, 
 
 @pytest.fixture
 def world(shared: tuple[Process, Client]) -> Client:
-    """Give a client of a simulation that was reset."""
+    """Return a client of a simulation that was reset."""
     client = shared[1]
     assert client.call(Trigger, "reset").success
     # What was published before may still be on its way.
@@ -104,7 +104,7 @@ def test_as_fast_as_possible_waits_for_who_steers(start, client: Client) -> None
 
 
 def is_silent(client: Client) -> bool:
-    """Say whether no tick comes within half a second, in which hundreds would, were there no waiting."""
+    """Return whether no tick comes within half a second, in which hundreds would, were there no waiting."""
     heard = len(client.robots)
     time.sleep(0.5)
     return len(client.robots) == heard

@@ -1,6 +1,6 @@
-"""The part of the command `ros2` that the documentation uses: the wheels of ROS come without that command.
+"""The subset of the `ros2` command line that the documentation prints, for where it is not installed.
 
-Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy), as far as they are here.
+ROS itself is real. Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy); prints differ.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
@@ -100,7 +99,7 @@ def call(node: Node, words: list[str]) -> None:
 
 
 def send_goal(node: Node, words: list[str]) -> None:
-    """Send a goal and print its feedback and its result."""
+    """Send a goal and print its feedback and its result, or that it was rejected."""
     (name, type_name, values) = (word for word in words if word != "--feedback")
     kind = kind_of(type_name)
     client = ActionClient(node, kind, name)
@@ -109,6 +108,9 @@ def send_goal(node: Node, words: list[str]) -> None:
     show = (lambda told: print(f"Feedback: {told.feedback}")) if "--feedback" in words else None
     sent = client.send_goal_async(goal, feedback_callback=show)
     rclpy.spin_until_future_complete(node, sent)
+    if not sent.result().accepted:
+        print("Goal was rejected.")
+        return
     ended = sent.result().get_result_async()
     rclpy.spin_until_future_complete(node, ended)
     print(f"Result: {ended.result().result}")
@@ -146,9 +148,16 @@ def _node(node: ET.Element, put: Any, namespace: str) -> subprocess.Popen[bytes]
         if param.get("from"):
             words += ["--params-file", put(param.get("from"))]
         else:
-            words += ["-p", f"{param.get('name')}:={put(param.get('value')) or chr(39) * 2}"]
+            words += ["-p", f"{param.get('name')}:={typed(put(param.get('value')), param.get('type'))}"]
     words += ["-r", f"__ns:=/{namespace}"] if namespace else []
     return subprocess.Popen([executable(node.get("pkg", ""), node.get("exec", "")), *words])
+
+
+def typed(value: str, kind: str | None) -> str:
+    """Return a parameter's value as YAML reads it: of the type that the launch file names, if any."""
+    if kind == "float":
+        return repr(float(value))
+    return f"'{value}'" if kind == "str" or not value else value
 
 
 def executable(package: str, name: str) -> str:
@@ -169,7 +178,7 @@ def main(words: list[str]) -> int:
     verbs = {("service", "call"): call, ("action", "send_goal"): send_goal, ("topic", "echo"): echo}
     verb = verbs[words[0], words[1]]
     rclpy.init()
-    node = Node(f"ros2_stand_in_{time.monotonic_ns()}")
+    node = Node(f"_ros2cli_{os.getpid()}")
     verb(node, words[2:])
     return 0
 

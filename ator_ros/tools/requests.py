@@ -1,0 +1,31 @@
+"""Requests to refinement that load the node: the most expensive one that is a valid plan."""
+
+from __future__ import annotations
+
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.actions.base import Goal
+from ator_ros.geometry import Pose
+from ator_ros.nodes import conversions
+from ator_ros.refinement.refiner import LONGEST_CHAIN
+from ator_ros.robot import load_robot
+from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world import BallState, RobotState, World
+
+_FRAME = "odom"
+
+
+def worst_request() -> RefineSubgoal.Request:
+    """Return a request for everything that may be free in the longest chain."""
+    library = TopLibrary(load_robot())
+    tops = [library[top] for top in ["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2)]
+    places = [Pose(0.1 * ((step + 1) // 2), 0.0, 0.3) for step in range(LONGEST_CHAIN)]
+    calls = [
+        TopCall(top, Goal(place, 0.0, top.point), frozenset({EVERYTHING}))
+        for top, place in zip(tops, places, strict=True)
+    ]
+    world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
+    return RefineSubgoal.Request(
+        situation=conversions.situation_of(world, frame=_FRAME),
+        chain=conversions.chain_of(TopChain(tuple(calls)), action_set="", frame=_FRAME),
+    )

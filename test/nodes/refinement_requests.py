@@ -1,0 +1,47 @@
+"""Requests to the node `refinement`, and small models for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from experience_rows import made_up_experience
+from ros_client import Client
+
+from ator_interfaces.msg import TopCall
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_of
+from ator_ros.performance.model_file import save_model
+from ator_ros.performance.training import train
+from ator_ros.robot import load_robot
+
+
+def save_small_models(folder: Path) -> None:
+    """Write small performance models, learned from made-up experience."""
+    robot = load_robot()
+    for action in ("goToPose", "dribbleBall", "shoot"):
+        save_model(folder / f"{action}.json", train(action, made_up_experience(action), robot))
+
+
+def call(top: str, pose: Pose, *, opened: tuple[str, ...] = ()) -> TopCall:
+    """Return a step in which `opened` is left to refinement."""
+    message = TopCall(top=top, open=list(opened))
+    message.goal.pose = pose_of(pose)
+    return message
+
+
+def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:
+    """Ask for the angle at which the ball is approached before it is dribbled, in comparison with `yaw`."""
+    request = RefineSubgoal.Request(want_curve=True, as_given=True)
+    request.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
+    request.situation.ball_known = True
+    request.chain.calls = [
+        call("goToBall", Pose(0.0, 0.0, yaw), opened=("yaw",)),
+        call("dribbleBall", Pose(0.5, 2.0, 1.5)),
+    ]
+    return request
+
+
+def refine(client: Client, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
+    """Return the node's answer."""
+    return client.call(RefineSubgoal, "refine_subgoal", request)
