@@ -19,7 +19,7 @@ _DIGITS = 300
 
 @contextlib.contextmanager
 def replaced(path: Path | str) -> Iterator[Path]:
-    """Give a temporary file beside `path` to write to; it takes the place of `path` when the block ends well.
+    """Yield a temporary file beside `path` to write to; it takes the place of `path` when the block ends well.
 
     Missing folders are made. When the block raises, `path` is left as it was.
     """
@@ -56,7 +56,7 @@ def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
     Yields
     ------
     callable
-        Gives the room free before the block ends.
+        Frees the room before the block ends.
 
     Raises
     ------
@@ -66,22 +66,16 @@ def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
     place = Path(folder)
     try:
         place.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".reserved.", dir=place)
+        ballast = tempfile.TemporaryFile(dir=place)  # without a name: nothing remains of a process that is killed
     except OSError as error:
         raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
-    ballast = Path(name)
-    try:
-        os.posix_fallocate(handle, 0, size)
-    except OSError as error:
-        ballast.unlink(missing_ok=True)
-        needed = f"{size / 1e6:.1f} MB"
-        raise OSError(f"{place}: expected room for {needed} of results: {error.strerror}") from error
-    finally:
-        os.close(handle)
-    try:
-        yield lambda: ballast.unlink(missing_ok=True)
-    finally:
-        ballast.unlink(missing_ok=True)
+    with ballast:
+        try:
+            os.posix_fallocate(ballast.fileno(), 0, size)
+        except OSError as error:
+            needed = f"{size / 1e6:.1f} MB"
+            raise OSError(f"{place}: expected room for {needed} of results: {error.strerror}") from error
+        yield ballast.close
 
 
 @contextlib.contextmanager
@@ -105,12 +99,12 @@ def limited_memory(extra: int) -> Iterator[None]:
 
 
 def is_name(value: object) -> bool:
-    """Say whether `value` may name an action or a set of them, and so a file or a folder."""
+    """Return whether `value` may name an action or a set of them, and so a file or a folder."""
     return isinstance(value, str) and value.isascii() and value.isidentifier()
 
 
 def portable_command(name: str, words: Sequence[str]) -> str:
-    """Give a command line as it is to be recorded: files without the folders of this machine."""
+    """Return a command line as it is to be recorded: files without the folders of this machine."""
     return shlex.join([name, *(Path(word).name if "/" in word else word for word in words)])
 
 
