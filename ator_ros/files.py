@@ -19,7 +19,7 @@ _DIGITS = 300
 
 @contextlib.contextmanager
 def replaced(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary file beside `path` to write to; it takes the place of `path` when the block ends well.
+    """Yield a temporary file beside `path` to write to; it replaces `path` when the block ends well.
 
     Missing folders are made. When the block raises, `path` is left as it was.
     """
@@ -66,7 +66,8 @@ def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
     place = Path(folder)
     try:
         place.mkdir(parents=True, exist_ok=True)
-        ballast = tempfile.TemporaryFile(dir=place)  # without a name: nothing remains of a process that is killed
+        # It has no name, so that nothing remains of a process that is killed.
+        ballast = tempfile.TemporaryFile(dir=place)  # noqa: SIM115 (the block below closes it)
     except OSError as error:
         raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
     with ballast:

@@ -58,7 +58,7 @@ def free_what_is_reserved(folder: Path) -> None:
     """Empty the files without a name on the disk of `folder` that this process keeps open."""
     for link in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(OSError):
-            if os.readlink(link).startswith(f"{folder}/") and link.stat().st_nlink == 0:
+            if folder in link.readlink().parents and link.stat().st_nlink == 0:
                 os.truncate(link, 0)
 
 
