@@ -125,7 +125,7 @@ def drive(
             if seen.time > last:
                 last = seen.time
                 command = execution.tick(driving.ahead(seen, execution, now), now)
-                driving.told(seen.time, command)
+                driving.sent(seen.time, command)
                 simulation.command(motors(now, command) if motors else base.obey(command))
                 done.commands.append(command)
                 done.worlds.append(world)

@@ -10,7 +10,7 @@ from ator_ros.world import Command, World
 
 
 class Driving:
-    """Carries late states on, and ends a goal whose base does not move as it was told.
+    """Carries late states on, and ends a goal whose base does not move as it was commanded to.
 
     Parameters
     ----------
@@ -30,14 +30,18 @@ class Driving:
         self._foresight.reset()
         self._watch.reset()
 
-    def begin(self) -> None:
-        """Begin to watch, for a goal: before it, anybody may have steered or pushed the base."""
-        self._watch.reset()
+    def begin(self, *, preempts: bool) -> None:
+        """Begin to watch, for a goal: before it, anybody may have steered or pushed the base.
 
-    def told(self, time: float, command: Command) -> None:
+        Where it `preempts` another, only we have steered, and commands may still be on their way.
+        """
+        if not preempts:
+            self._watch.reset()
+
+    def sent(self, time: float, command: Command) -> None:
         """Note a command that leaves as the answer to a state of `time` (s)."""
-        self._watch.told(time, command)
-        self._foresight.told(time, command)
+        self._watch.sent(time, command)
+        self._foresight.sent(time, command)
 
     def ahead(self, world: World, execution: Execution | None, now: float) -> World:
         """Return the world in which the answer to `world` will move the base.
