@@ -74,7 +74,7 @@ def run_situations(
 
 
 def describe(settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
-    """Give what goes into `evaluation.json` beside the runs."""
+    """Return what goes into `evaluation.json` beside the runs."""
     summary: dict[str, Any] = {
         "situations": len(records),
         "seed": settings.seed,
@@ -89,6 +89,7 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
         "settings": _portable(asdict(settings)),
         "executed": sum(record["executed"] for record in records),
         "digest": settings.source.digest(settings.policies, settings.chain),
+        "digests": settings.source.digests(settings.chain),
         "versions": library_versions(),
         "machine": platform.platform(),
     }
