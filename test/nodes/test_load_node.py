@@ -74,7 +74,6 @@ def test_a_long_chain_is_answered_at_its_deadline_and_says_so(asker: Any) -> Non
     assert answer.accepted
     assert answer.cut_short
     assert "deadline" in answer.reason
-    assert answer.cost_after <= answer.cost_before
     assert answer.computation_time < 2.0  # 9 s without a deadline; the machine may be busy
 
 
