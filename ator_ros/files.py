@@ -56,7 +56,7 @@ def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
     Yields
     ------
     callable
-        Gives the room free before the block ends.
+        Frees the room before the block ends.
 
     Raises
     ------
@@ -66,22 +66,17 @@ def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
     place = Path(folder)
     try:
         place.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".reserved.", dir=place)
+        # It has no name, so that nothing remains of a process that is killed.
+        ballast = tempfile.TemporaryFile(dir=place)  # noqa: SIM115 (the block below closes it)
     except OSError as error:
         raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
-    ballast = Path(name)
-    try:
-        os.posix_fallocate(handle, 0, size)
-    except OSError as error:
-        ballast.unlink(missing_ok=True)
-        needed = f"{size / 1e6:.1f} MB"
-        raise OSError(f"{place}: expected room for {needed} of results: {error.strerror}") from error
-    finally:
-        os.close(handle)
-    try:
-        yield lambda: ballast.unlink(missing_ok=True)
-    finally:
-        ballast.unlink(missing_ok=True)
+    with ballast:
+        try:
+            os.posix_fallocate(ballast.fileno(), 0, size)
+        except OSError as error:
+            needed = f"{size / 1e6:.1f} MB"
+            raise OSError(f"{place}: expected room for {needed} of results: {error.strerror}") from error
+        yield ballast.close
 
 
 @contextlib.contextmanager

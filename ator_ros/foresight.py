@@ -34,25 +34,25 @@ class Foresight:
     def __init__(self, robot: Robot, latency: float) -> None:
         self._limits = robot.limits
         self._latency = latency
-        self._told: deque[tuple[float, Command]] = deque()
+        self._sent: deque[tuple[float, Command]] = deque()
         self._held_back = False
 
     def reset(self) -> None:
         """Forget all commands, as time begins anew."""
-        self._told.clear()
+        self._sent.clear()
         self._held_back = False
 
-    def told(self, time: float, command: Command) -> None:
+    def sent(self, time: float, command: Command) -> None:
         """Note a command that leaves as the answer to a state of `time` (s); of several the last counts."""
         self._forget(time)
-        while self._told and self._told[-1][0] >= time:
-            self._told.pop()
-        self._told.append((time, command))
+        while self._sent and self._sent[-1][0] >= time:
+            self._sent.pop()
+        self._sent.append((time, command))
 
     def punctual(self, robot: RobotState, command: Command, took: float) -> Command:
         """Return the answer to send to a robot in this foreseen state, where `command` took so long (s).
 
-        A robot that stands is not told to start by an answer that leaves late, as where planning has taken
+        A robot that stands is not started by an answer that leaves late, as where planning has taken
         its time: it would be foreseen to drive before it does. Its plan starts with the next state instead,
         whatever that one's answer takes: on a computer that is always late it starts all the same.
         """
@@ -67,7 +67,7 @@ class Foresight:
         self._forget(world.time)
         robot, now, end = world.robot, world.time, world.time + self._latency
         command: Command | None = None
-        for left, following in (*self._told, (world.time, None)):
+        for left, following in (*self._sent, (world.time, None)):
             acts = min(left + self._latency, end)
             if acts > now + _ROUNDING:
                 robot, now = _driven(robot, command, acts - now, self._limits), acts
@@ -76,8 +76,8 @@ class Foresight:
         return World(end, robot, ball)
 
     def _forget(self, time: float) -> None:
-        while self._told and self._told[0][0] < time - self._latency - _HOLDS:
-            self._told.popleft()
+        while self._sent and self._sent[0][0] < time - self._latency - _HOLDS:
+            self._sent.popleft()
 
 
 def _driven(robot: RobotState, command: Command | None, duration: float, limits: Limits) -> RobotState:

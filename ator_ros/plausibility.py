@@ -54,7 +54,7 @@ class VelocityCheck:
         ball : BallState
             The sight, with a velocity that can be believed.
         remark : str or None
-            What was wrong with its velocity; said once.
+            What was wrong with its velocity; once for each time that it was wrong without a pause of 1 s.
         """
         if self._sights and not 0.0 <= time - self._sights[-1][0] <= _FORGET:
             self._sights.clear()
@@ -69,7 +69,7 @@ class VelocityCheck:
         if math.hypot(ball.vx - vx, ball.vy - vy) <= most:
             return ball, None
         if time - self._contradicted > _FORGET:
-            self._doubted = time
+            self._doubted, self._said = time, False
         self._contradicted = time
         if time - self._doubted < _BASELINE - _ROUNDING:
             return ball, None

@@ -37,7 +37,7 @@ DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 
 
 def ros_prefix() -> str:
-    """Give the folder of the ROS that is sourced, or the word `wheels`."""
+    """Return the folder of the ROS that is sourced, or the word `wheels`."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     if os.environ.get("ROS_DISTRO") != "jazzy" or str(VENV) in prefixes:
         return WHEELS
@@ -250,9 +250,10 @@ def package_digest(environment: str) -> str:
 def main() -> int:
     """Set up; 0 when everything is in place."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    lock = os.open(ROOT, os.O_RDONLY)
+    lock, ours = os.open(ROOT, os.O_RDONLY), False
     try:
         take_turns(lock)
+        ours = True
         end_leftovers()
         set_up_environment(ros_prefix())
         environment = digest([VENV_STAMP])
@@ -262,6 +263,9 @@ def main() -> int:
         print(f"setup: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
+        if not ours:  # what is at work belongs to the set-up that was waited for
+            print("\nsetup: interrupted while it waited for another set-up", file=sys.stderr)
+            return 130
         end_leftovers()
         print("\nsetup: interrupted; the next call does this step again", file=sys.stderr)
         return 130

@@ -123,7 +123,7 @@ def drive(
             if seen.time > last:
                 last = seen.time
                 command = execution.tick(driving.ahead(seen, execution, now), now)
-                driving.told(seen.time, command)
+                driving.sent(seen.time, command)
                 simulation.command(motors(now, command) if motors else base.obey(command))
                 if done.ended is None and execution.ending is not None:
                     done.ended = now

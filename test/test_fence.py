@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
@@ -9,8 +10,9 @@ from driving import drive
 from executions import LIBRARY, ROBOT, chain
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.fence import Fence
-from ator_ros.nodes.phases import Ending
+from ator_ros.nodes.fence import Fence, FenceWatch
+from ator_ros.nodes.phases import Deadlines, Ending
+from ator_ros.tops.chain import TopChain
 from ator_ros.world import STOP, BallState, RobotState, World
 
 FENCE = Fence.around(ROBOT)
@@ -31,7 +33,7 @@ def test_edges_that_are_none_are_refused(edges: list[float]) -> None:
 @pytest.mark.parametrize(
     ("top", "pose", "fine"),
     [
-        ("goToPose", Pose(4.9, 3.4, 0.0), True),
+        ("goToPose", Pose(4.85, 3.35, 0.0), True),
         ("goToPose", Pose(5.1, 0.0, 0.0), False),
         ("goToBall", Pose(0.0, -3.6, 0.0), False),
         ("dribbleBall", Pose(4.9, 0.0, math.pi), False),  # the axle is behind the ball
@@ -42,6 +44,50 @@ def test_steps_that_lead_out_are_named(top: str, pose: Pose, fine: bool) -> None
     said = FENCE.violation(chain((top, pose)), ROBOT)
     assert (said is None) is fine
     assert fine or f"chain.calls[0].goal ({top}): expected a place for the robot inside" in (said or "")
+
+
+@pytest.mark.parametrize(
+    ("pose", "speed", "fine"),
+    [
+        (Pose(4.9, 0.0, 0.0), 0.0, False),
+        (Pose(4.85, 0.0, 0.0), 0.0, True),
+        (Pose(4.5, 0.0, 0.0), 0.8, False),  # 0.08 m to a full stop, but 0.4 m as the base brakes
+        (Pose(4.5, 0.0, math.pi), 0.8, True),
+        (Pose(4.4, 0.0, 0.0), 0.8, True),
+    ],
+)
+def test_a_goal_leaves_room_for_errors_and_to_stop(pose: Pose, speed: float, fine: bool) -> None:
+    plan = chain(("goToPose", pose))
+    said = FENCE.violation(plan.with_goal(0, dataclasses.replace(plan.calls[0].goal, speed=speed)), ROBOT)
+    assert (said is None) is fine
+    room = ", with room to stop" if speed else ""
+    assert fine or f"0.15 m from its edge{room}, got the axle" in (said or "")
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.4, 0.8])
+def test_what_is_accepted_beside_the_edge_succeeds(speed: float) -> None:
+    def plan(x: float) -> TopChain:
+        made = chain(("goToPose", Pose(x, 1.0, 0.0)))
+        return made.with_goal(0, dataclasses.replace(made.calls[0].goal, speed=speed))
+
+    small = Fence(-3.0, -3.0, 1.0, 3.0)
+    x = max(x for x in (0.01 * cm for cm in range(100)) if small.violation(plan(x), ROBOT) is None)
+    for y in (-1.0, 0.0, 1.0, 2.5):
+        done = drive(LIBRARY, World(0.0, RobotState(Pose(-2.0, y, 0.0))), plan(x), fence=small)
+        assert done.ending is Ending.SUCCEEDED, done.reason
+
+
+def test_the_reaction_takes_as_long_as_odometry_does() -> None:
+    """At 6 Hz the robot drives on for longer before a command reaches it than at 20 Hz."""
+    faults = []
+    for period in (0.05, 0.17):
+        watch = FenceWatch(FENCE, ROBOT, Deadlines().longest_gap)
+        call = chain(("goToPose", Pose(4.9, 0.0, 0.0))).calls[0]
+        x = 5.0 - (0.8**2 / (2.0 * ROBOT.limits.brake) + 0.8 * (0.15 + ROBOT.motor_time_constant))
+        for time, at in ((0.0, 0.0), (period, x)):
+            fault = watch.fault(World(time, RobotState(Pose(at, 0.0, 0.0), 0.8)), call)
+        faults.append(fault is not None)
+    assert faults == [False, True]
 
 
 @pytest.mark.parametrize("velocity", [(1.5, 0.0), (40.0, 0.0)])

@@ -25,7 +25,7 @@ STANDING = RobotState(Pose(0.0, 0.0, 0.0))
 
 def test_a_state_that_is_not_late_is_taken_as_it_is() -> None:
     foresight = Foresight(ROBOT, 0.0)
-    foresight.told(0.9, Command(1.0, 0.0))
+    foresight.sent(0.9, Command(1.0, 0.0))
     world = World(1.0, RobotState(Pose(1.0, 2.0, 3.0), 0.5, 0.1), BallState(1.0, 1.0, 1.0))
     assert foresight.ahead(world) is world
 
@@ -41,32 +41,32 @@ def test_who_was_told_nothing_goes_on_as_he_does_and_the_ball_rolls_on() -> None
 
 def test_a_base_keeps_to_its_limits() -> None:
     foresight = Foresight(ROBOT, 0.2)
-    foresight.told(0.8, Command(1.2, -2.4))
+    foresight.sent(0.8, Command(1.2, -2.4))
     ahead = foresight.ahead(World(1.0, STANDING)).robot
     assert (ahead.v, ahead.w) == pytest.approx((0.2 * ROBOT.limits.a, -0.2 * ROBOT.limits.aw))
 
 
 def test_a_command_acts_only_after_the_latency() -> None:
     foresight = Foresight(ROBOT, 0.2)
-    foresight.told(0.8, STOP)
-    foresight.told(0.9, Command(1.0, 0.0))
+    foresight.sent(0.8, STOP)
+    foresight.sent(0.9, Command(1.0, 0.0))
     ahead = foresight.ahead(World(1.0, STANDING)).robot
     assert ahead.v == pytest.approx(0.1 * ROBOT.limits.a)
 
 
 def test_of_several_answers_to_one_state_the_last_counts() -> None:
     foresight = Foresight(ROBOT, 0.2)
-    foresight.told(0.9, Command(1.0, 0.0))
-    foresight.told(0.9, STOP)
+    foresight.sent(0.9, Command(1.0, 0.0))
+    foresight.sent(0.9, STOP)
     assert foresight.ahead(World(1.0, STANDING)).robot == STANDING
 
 
 def test_what_was_told_long_ago_or_before_a_reset_counts_no_more() -> None:
     moving = World(3.0, RobotState(Pose(0.0, 0.0, 0.0), 0.5))
     foresight = Foresight(ROBOT, 0.1)
-    foresight.told(2.0, STOP)
+    foresight.sent(2.0, STOP)
     assert foresight.ahead(moving).robot.v == 0.5
-    foresight.told(2.9, STOP)
+    foresight.sent(2.9, STOP)
     assert foresight.ahead(moving).robot.v < 0.5
     foresight.reset()
     assert foresight.ahead(moving).robot.v == 0.5
@@ -95,7 +95,7 @@ def test_it_foresees_what_the_simulated_base_does(ticks: int) -> None:
             command = Command(stepped(command.v, goal.v, limits.a), stepped(command.w, goal.w, limits.aw))
             if tick % 50 > 40:  # a stop, harder than any plan's
                 command = STOP
-            foresight.told(seen[0].time, command)
+            foresight.sent(seen[0].time, command)
             simulation.command(command)
             simulation.tick()
     assert worst[0] < 0.008 * ticks  # the lag of the motors is not foreseen
@@ -128,7 +128,7 @@ def approach(ticks: int, *, late: int, held_back: bool) -> tuple[float, float]:
                     seen.append(simulation.world())
                 began = True
                 command = foresight.punctual(world.robot, step.command, took if held_back else 0.0)
-                foresight.told(world.time - ticks * TICK, command)
+                foresight.sent(world.time - ticks * TICK, command)
                 simulation.command(command)
             simulation.tick()
         ball = simulation.world().ball
@@ -185,5 +185,5 @@ def test_a_chain_takes_the_same_time_though_its_states_come_late(index: int) -> 
 def test_it_remembers_no_more_than_it_needs(latency: float) -> None:
     foresight = Foresight(ROBOT, latency)
     for tick in range(1000):
-        foresight.told(tick * TICK, STOP)
-    assert len(foresight._told) < 20
+        foresight.sent(tick * TICK, STOP)
+    assert len(foresight._sent) < 20

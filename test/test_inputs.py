@@ -152,6 +152,14 @@ def test_one_stamp_an_hour_ahead_is_named_and_ignored() -> None:
         both.robot(1.15 + HOUR, robot)
 
 
+def test_one_stamp_an_hour_ahead_is_ignored_also_after_a_silence() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    both.robot(1.0, robot, 0.0)
+    with pytest.raises(StampError, match="another clock, or odometry had ceased"):
+        both.robot(1.0 + HOUR, robot, 4.0)
+    assert both.robot(5.0, robot, 4.05) is not None
+
+
 def test_stamps_that_stay_an_hour_ahead_are_a_jump_ahead_and_then_one_back() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.robot(1.0, robot)

@@ -25,9 +25,14 @@ Space = namedtuple("Space", ["f_bavail", "f_frsize"])
         ({"HOME": "/h"}, "/h/.ros/log"),
         ({"HOME": "/h", "ROS_HOME": "/r"}, "/r/log"),
         ({"HOME": "/h", "ROS_HOME": "/r", "ROS_LOG_DIR": "/l"}, "/l"),
+        ({"HOME": "/h", "ROS_HOME": "~/r"}, "/h/r/log"),
+        ({"HOME": "/h", "ROS_LOG_DIR": "~/l"}, "/h/l"),
     ],
 )
-def test_the_log_folder_is_ros_s(environment: dict[str, str], folder: str) -> None:
+def test_the_log_folder_is_ros_s(
+    environment: dict[str, str], folder: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", "/h")
     assert log_folder(environment) == Path(folder)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from driving import LATE, SLOW, Base, Drive, drive
@@ -13,9 +15,11 @@ from executions import LIBRARY, ROBOT, chain
 from ator_ros.experiments.noise import REALISTIC
 from ator_ros.experiments.trials import random_trial
 from ator_ros.geometry import Pose
+from ator_ros.nodes.driving import Driving
 from ator_ros.nodes.fence import Fence
 from ator_ros.nodes.motion_watch import MotionWatch, Thresholds
 from ator_ros.nodes.phases import Ending
+from ator_ros.ramp import ramped
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.step_run import is_standing
 from ator_ros.world import STOP, Command, RobotState, World
@@ -82,11 +86,11 @@ def test_blocked_wheels_end_the_goal_within_half_a_second(since: float) -> None:
 
 
 @pytest.mark.parametrize("speeds", [Command(0.6, 0.0), Command(0.0, 1.0), Command(-0.6, 0.0)])
-def test_a_base_that_moves_without_being_told_ends_the_goal(speeds: Command) -> None:
+def test_a_base_that_moves_without_a_command_ends_the_goal(speeds: Command) -> None:
     waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # for a ball, standing
     done = drive(LIBRARY, START, waits, motors=runaway(0.5, speeds), limit=3.0)
     assert done.ending is Ending.BASE_FAULT
-    assert "moves without being told" in done.reason
+    assert "moves although it was not commanded to" in done.reason
     assert done.execution.records == []
     assert done.ended is not None
     assert 0.5 < done.ended <= 0.5 + MOTORS + Thresholds.of(ROBOT).patience + 2.0 * TICK
@@ -112,12 +116,31 @@ def test_nobody_minds_what_happened_before_the_goal() -> None:
     assert watch.fault(2.05, RobotState(Pose(1.64, 0.0, 0.0), 0.8), 2.05) is None
 
 
+@pytest.mark.parametrize("preempts", [True, False])
+def test_commands_on_their_way_count_when_another_goal_takes_over(preempts: bool) -> None:
+    """They reach the base after the newer goal has told it to stand, which takes as long."""
+    latency, v, x, ended = 0.5, 0.0, 0.0, []
+    driving, sent = Driving(ROBOT, latency), []
+    goal: Any = SimpleNamespace(misbehaved=ended.append)
+    for tick in range(40):
+        time = tick * TICK
+        driving.ahead(World(time, RobotState(Pose(x, 0.0, 0.0), v)), goal, time)
+        if tick == 9:  # the base does not move yet
+            driving.begin(preempts=preempts)
+        sent.append(Command(0.8, 0.0) if tick < 9 else STOP)
+        driving.sent(time, sent[-1])
+        acting = sent[tick - 10] if tick >= 10 else STOP
+        v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits).v
+        x += v * TICK
+    assert bool(ended) is not preempts
+
+
 def fault_of_coasting(deceleration: float) -> str | None:
     """Return what is said of a base at full speed that is told to stand and slows down like this (m/s^2)."""
     watch, x, v, said = MotionWatch(ROBOT, 0.0), 0.0, ROBOT.limits.v, None
     for tick in range(80):
         said = said or watch.fault(tick * TICK, RobotState(Pose(x, 0.0, 0.0), v), tick * TICK)
-        watch.told(tick * TICK, STOP)
+        watch.sent(tick * TICK, STOP)
         v = max(0.0, v - deceleration * TICK)
         x += v * TICK
     return said
@@ -125,7 +148,7 @@ def fault_of_coasting(deceleration: float) -> str | None:
 
 def test_a_base_may_coast_as_slowly_as_half_its_described_braking() -> None:
     assert fault_of_coasting(0.5 * ROBOT.limits.brake) is None
-    assert "without being told" in (fault_of_coasting(0.0) or "")
+    assert "not commanded to" in (fault_of_coasting(0.0) or "")
 
 
 def test_commands_need_real_time_however_fast_simulated_time_is() -> None:
@@ -133,7 +156,7 @@ def test_commands_need_real_time_however_fast_simulated_time_is() -> None:
     said = []
     for tick in range(60):
         said.append(watch.fault(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), 0.002 * tick))
-        watch.told(tick * TICK, Command(0.5, 0.0))
+        watch.sent(tick * TICK, Command(0.5, 0.0))
     assert said[45] is None
     assert said[-1] is not None
 
@@ -175,5 +198,5 @@ def test_a_pose_in_a_bend_is_not_frozen() -> None:
     for tick in range(100):
         angle = tick * TICK
         pose = Pose(math.sin(angle), 1.0 - math.cos(angle), angle)
-        watch.told(tick * TICK, Command(1.0, 1.0))
+        watch.sent(tick * TICK, Command(1.0, 1.0))
         assert watch.fault(tick * TICK, RobotState(pose, 1.0, 1.0), tick * TICK) is None

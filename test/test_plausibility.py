@@ -83,6 +83,13 @@ def test_noise_is_no_contradiction() -> None:
         assert checked(lambda t, v=told: v * t, lambda _, v=told: v, noise=0.015, seconds=60.0)[1] == []
 
 
+def test_a_velocity_that_is_wrong_again_after_a_pause_is_named_again() -> None:
+    def told(time: float) -> float:
+        return 5.0 if time % 3.0 < 1.0 else 0.0
+
+    assert len(checked(lambda _: 1.0, told, seconds=8.9)[1]) == 3
+
+
 def test_a_ball_that_was_long_gone_or_repeats_its_stamp_begins_anew() -> None:
     check = VelocityCheck(0.0, 0.0)
     for tick in range(10):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import importlib.util
 import json
 import os
@@ -150,6 +151,29 @@ def test_what_a_killed_set_up_left_at_work_is_ended(
         assert processes(tmp_path, "sleep") == []
     finally:
         for process in (left, other):
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_set_up_that_only_waits_ends_nothing_of_the_other(number: signal.Signals, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "scripts", tmp_path / "scripts")
+    lock = os.open(tmp_path, os.O_RDONLY)
+    fcntl.flock(lock, fcntl.LOCK_EX)  # the other holds it, and has this at work
+    other = subprocess.Popen(["sleep", "60"], env={**os.environ, "ATOR_ROS_SETUP": str(tmp_path)})
+    command = [sys.executable, str(tmp_path / "scripts" / "setup_workspace.py")]
+    waiting = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert waiting.stdout is not None
+        assert "waiting for another set-up" in waiting.stdout.readline()
+        time.sleep(0.2)
+        waiting.send_signal(number)
+        assert "interrupted while it waited" in waiting.communicate(timeout=20.0)[1]
+        assert waiting.returncode == 130
+        assert other.poll() is None
+    finally:
+        os.close(lock)
+        for process in (waiting, other):
             process.kill()
             process.wait()
 

@@ -8,6 +8,7 @@ import os
 import resource
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 import pytest
 from experience_rows import made_up_experience
 
-from ator_ros.experience.table import read_experience
+from ator_ros.experience.table import join, read_experience
 from ator_ros.experiments import running
 from ator_ros.experiments.errors import EvaluationError
 from ator_ros.experiments.evaluation import Record, Settings
@@ -64,6 +65,14 @@ def fill(folder: Path) -> Path:
     return file
 
 
+def free_what_is_reserved(folder: Path) -> None:
+    """Empty the files without a name on the disk of `folder` that this process keeps open."""
+    for link in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(OSError):
+            if folder in link.readlink().parents and link.stat().st_nlink == 0:
+                os.truncate(link, 0)
+
+
 def outcome(task: tuple[Settings, int]) -> Record:
     """Return what is kept of a situation, without executing it."""
     return {"index": task[1], "policies": {"naive": {"duration": 1.5}}, "note": "x" * 3000}
@@ -105,6 +114,16 @@ def test_room_is_kept_and_given_back(small_disk: Path) -> None:
         release()
         (small_disk / "result").write_bytes(bytes(1_400_000))
     assert sorted(path.name for path in small_disk.rglob("*")) == ["fill", "new", "result"]
+
+
+def test_of_a_killed_process_no_reserved_room_remains(tmp_path: Path) -> None:
+    program = (
+        "import os, sys; from ator_ros.files import reserved\n"
+        "with reserved(sys.argv[1], 1_000_000): os.kill(os.getpid(), 9)"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("place", ["disk", "file"])
@@ -188,8 +207,7 @@ def test_collect_keeps_its_table_elsewhere_when_the_disk_fills(
 ) -> None:
     def filling(*args: Any, **options: Any) -> Iterator[Any]:
         yield made_up_experience("goToPose", episodes=3)
-        for file in small_disk.glob(".reserved*"):
-            file.unlink()
+        free_what_is_reserved(small_disk)
         fill(small_disk)
 
     monkeypatch.setattr(collect, "collect", filling)
@@ -200,6 +218,26 @@ def test_collect_keeps_its_table_elsewhere_when_the_disk_fills(
     assert read_experience(kept).frame["episode"].nunique() == 3
     assert str(kept) in capsys.readouterr().out
     assert not file.exists()
+
+
+def test_a_second_signal_while_the_table_is_joined_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*args: Any, **options: Any) -> Iterator[Any]:
+        yield made_up_experience("goToPose", episodes=3)
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5.0)
+
+    def joined(frames: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGTERM)
+        return join(frames)
+
+    monkeypatch.setattr(collect, "collect", stopped)
+    monkeypatch.setattr(collect, "join", joined)
+    file = tmp_path / "table.parquet"
+    words = ["--actions", "goToPose", "--episodes", "9", "--out", str(file)]
+    assert collect.main(words) == INTERRUPTED
+    assert read_experience(file).frame["episode"].nunique() == 3
 
 
 @pytest.mark.parametrize("kind", ["foreign", "changed", "no JSON", "no record"])

@@ -188,4 +188,11 @@ def test_errors_of_predictions_are_reported_and_too_few_learn_nothing(
     assert data["summary"]["command"] in told
     assert calibrate_main([str(out), "--models", str(models)]) == 1
     assert "expected chains of at least 20 situations" in capsys.readouterr().err
+    assert calibrate_main([str(out)]) == 1  # about the shipped models
+    error = capsys.readouterr().err
+    assert f"{out / 'evaluation.json'}: expected chains executed with the robot and the models of" in error
+    assert "got another goToPose, another dribbleBall: evaluate again" in error
+    (tmp_path / "evaluation.json").write_text(json.dumps({**data, "digests": None}))
+    assert calibrate_main([str(tmp_path), "--models", str(models)]) == 1
+    assert "expected the digests of robot and models, got none" in capsys.readouterr().err
     assert not (models / CALIBRATION).exists()

@@ -53,6 +53,21 @@ def test_work_without_competition_is_done_at_its_deadline(clock: Clock) -> None:
     assert 0.05 <= clock.now <= 0.05 + 5 * SLICE
 
 
+def test_work_that_fails_is_gone_and_the_others_go_on(clock: Clock) -> None:
+    def failing() -> Slices[bool]:
+        yield
+        raise ZeroDivisionError
+
+    two, results = turns(clock), []
+    two.add(clock.work(10), results.append, size=2)
+    two.add(failing(), results.append, size=1)
+    with pytest.raises(ZeroDivisionError):
+        two.work()
+    while two:
+        two.work()
+    assert results == [True]
+
+
 @pytest.mark.parametrize("long", [1, 4, 30])
 @pytest.mark.parametrize("ahead", [0, 1, 7, 20, 60])
 def test_a_short_request_is_hardly_delayed_by_long_ones(clock: Clock, long: int, ahead: int) -> None:

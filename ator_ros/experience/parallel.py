@@ -82,6 +82,8 @@ def _joblib_version() -> tuple[int, int]:
 
 def _in_worker(function: Callable[[Task], Result], task: Task, parent: int | None) -> Result:
     """Execute a task in a worker, of the process `parent` unless it is a cluster's."""
+    if os.getpid() == parent:  # with one core joblib starts no workers
+        return function(task)
     # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent may act.
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

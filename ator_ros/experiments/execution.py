@@ -100,7 +100,7 @@ def run_chain(
             step = executor.step(foresight.ahead(seen))
             if step.status is not Status.RUNNING:
                 return _judge(simulation, executor, chain, step.status, step.message, tuple(path))
-            foresight.told(seen.time, step.command)
+            foresight.sent(seen.time, step.command)
             simulation.command(step.command)
             simulation.tick()
         return _judge(

@@ -91,6 +91,7 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
         "settings": _portable(asdict(settings)),
         "executed": sum(record["executed"] for record in records),
         "digest": settings.source.digest(settings.policies, settings.chain),
+        "digests": settings.source.digests(settings.chain),
         "versions": library_versions(),
         "machine": platform.platform(),
     }

@@ -15,6 +15,7 @@ from ator_ros.experiments.heuristics import bitbots, booster, load_baselines
 from ator_ros.experiments.policies import POLICIES, Models, Toolset
 from ator_ros.experiments.trials import random_trial
 from ator_ros.performance.model_file import load_model, model_path
+from ator_ros.refinement.calibration import model_digest
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.gate_file import load_gate
@@ -51,16 +52,33 @@ class ToolsetSource:
         return top / model_path("gate", self.action_set).parent
 
     def digest(self, policies: Iterable[str], chain: str) -> str:
-        """Return a digest of the robot's description and of all files that the policies depend on."""
+        """Return a digest of the robot's description and of all files that the choices depend on."""
         robot = load_robot()
         sha = hashlib.sha256(robot.digest().encode())
-        calls = random_trial(0, 0, chain, robot, make_library(robot, self)).chain.calls
-        names = [f"{call.top.action}.json" for call in calls] + [CALIBRATION]
+        names = [f"{action}.json" for action in self._actions(chain, robot)] + [CALIBRATION]
         names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
         names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []
         for file in [*(self.folder() / name for name in names), *map(Path, self.experience)]:
             sha.update(file.read_bytes() if file.exists() else b"none")
         return sha.hexdigest()[:16]
+
+    def digests(self, chain: str) -> dict[str, str]:
+        """Return the digests of the robot and of the learned models that the actions of a chain have.
+
+        Raises
+        ------
+        ModelFileError
+            A model cannot be used.
+        """
+        robot = load_robot()
+        files = {action: self.folder() / f"{action}.json" for action in self._actions(chain, robot)}
+        models = {action: model_digest(load_model(file, robot)) for action, file in files.items()}
+        return {"robot": robot.digest(), **models}
+
+    def _actions(self, chain: str, robot: Robot) -> list[str]:
+        """Return the actions of a chain, one for each step."""
+        trial = random_trial(0, 0, chain, robot, make_library(robot, self))
+        return [call.top.action for call in trial.chain.calls]
 
 
 def read_rows(tables: Iterable[Path | str]) -> dict[str, pd.DataFrame]:

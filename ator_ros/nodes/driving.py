@@ -10,7 +10,7 @@ from ator_ros.world import Command, RobotState, World
 
 
 class Driving:
-    """Carries late states on, and ends a goal whose base does not move as it was told.
+    """Carries late states on, and ends a goal whose base does not move as it was commanded to.
 
     Parameters
     ----------
@@ -29,14 +29,18 @@ class Driving:
         self._foresight.reset()
         self._watch.reset()
 
-    def begin(self) -> None:
-        """Begin to watch, for a goal: before it, anybody may have steered or pushed the base."""
-        self._watch.reset()
+    def begin(self, *, preempts: bool) -> None:
+        """Begin to watch, for a goal: before it, anybody may have steered or pushed the base.
 
-    def told(self, time: float, command: Command) -> None:
+        Where it `preempts` another, only we have steered, and commands may still be on their way.
+        """
+        if not preempts:
+            self._watch.reset()
+
+    def sent(self, time: float, command: Command) -> None:
         """Note a command that leaves as the answer to a state of `time` (s)."""
-        self._watch.told(time, command)
-        self._foresight.told(time, command)
+        self._watch.sent(time, command)
+        self._foresight.sent(time, command)
 
     def punctual(self, robot: RobotState, command: Command, took: float) -> Command:
         """Return the command to send now for one that took `took` s to compute; see `Foresight.punctual`."""

@@ -64,7 +64,8 @@ class Execution:
         self.records: list[tuple[ActionRecord, World, Ending]] = []
         self.elapsed = 0.0
         self._library, self._predictor, self._deadlines = library, predictor, deadlines
-        self._fence, self._fetches = FenceWatch(fence, library.robot), fetches
+        self._fence = FenceWatch(fence, library.robot, deadlines.longest_gap)
+        self._fetches = fetches
         self._seen: World | None = None
         self._accepted, self._heard = now, math.inf
         self._stopped_at = math.inf
@@ -109,7 +110,7 @@ class Execution:
 
     def silent(self, now: float) -> bool:
         """Return whether no odometry has come for half its deadline: the robot should stand until then."""
-        return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom / 2.0
+        return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.silence
 
     def tick(self, world: World, now: float, *, ball_overdue: bool = False) -> Command:
         """Take a newer state of the world and return the command for it.

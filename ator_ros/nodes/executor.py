@@ -26,7 +26,7 @@ from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.inputs import ClockJumpError, StampError
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.parameters import declare_parameters, digest_of, robot_of
-from ator_ros.nodes.phases import Ending, Phase
+from ator_ros.nodes.phases import WATCH_PERIOD, Ending, Phase
 from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.rehearsal import rehearse
@@ -34,7 +34,6 @@ from ator_ros.nodes.running import run_node
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import STOP, Command, World
 
-_WATCH_PERIOD = 0.05
 _WARNING_PERIOD = 2.0
 _RESET_PERIOD = 1.0
 """Real s within which nobody resets twice: then two nodes publish odometry."""
@@ -52,7 +51,7 @@ class ExecutorNode(Node):
         The robot stands before a goal ends (with `latency`, as foreseen); if it does not within 2 s of being
         commanded to, the goal ends all the same. Where a newer goal takes over, odometry is lost or the node
         ends, the goal ends once the command is sent. The result names the reason. Goals outside the fence are
-        refused. A base that does not move as commanded ends a goal, and so does a way that leads out of the
+        refused. A base that does not follow its commands ends a goal, and so does a way that leads out of the
         fence.
     Subscribes to
         odom, ball (nav_msgs/Odometry): their stamps, `latency` later, are the time of the control programs.
@@ -104,7 +103,7 @@ class ExecutorNode(Node):
         self._server = DeferredActionServer(
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
         )
-        self._watchdog = self.create_timer(_WATCH_PERIOD, self._watch, clock=STEADY)
+        self._watchdog = self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     # Inputs
 
@@ -173,9 +172,9 @@ class ExecutorNode(Node):
         except MessageError as error:  # the running goal goes on
             self._refuse(handle, str(error))
             return
+        self._driving.begin(preempts=self._run is not None)
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run = run
-        self._driving.begin()
         # A simulation as fast as possible waits for who steers: so also while the first action plans.
         self._send(STOP)
 
@@ -237,7 +236,7 @@ class ExecutorNode(Node):
         """Send a command, which counts as sent now, or with the newest state where it answers that."""
         if self._inputs.time is not None:
             after = 0.0 if answers else time.monotonic() - self._heard
-            self._driving.told(self._inputs.time + after, command)
+            self._driving.sent(self._inputs.time + after, command)
         twist = conversions.twist_of(command)
         if not self._settings["stamped_commands"]:
             self._commands.publish(twist)

@@ -7,7 +7,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ator_ros.actions.base import Point
+from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.planned.planned_action import POSITION_TOLERANCE
 from ator_ros.ramp import clip, stopping_way
 from ator_ros.robot import Robot
 from ator_ros.tops.ball import at_ball, at_rest, drives_to_ball, has_left, is_at_front
@@ -16,6 +17,17 @@ from ator_ros.world import RobotState, World
 
 _DOUBT = 0.3
 """Time in s for which the ball must lead out: its velocity may be false until its positions tell."""
+_ROUNDING = 1e-9
+_PERIOD = 0.05
+"""Time in s between two commands where a goal is judged before anything is known of odometry's rate."""
+
+
+def room_inside(robot: Robot) -> float:
+    """Return the distance in m from the edge at which a goal must lie so that `FenceWatch` does not end it.
+
+    It is the tolerance of a position, and what the robot drives at full speed until it follows a command.
+    """
+    return POSITION_TOLERANCE + robot.limits.v * (_PERIOD + robot.motor_time_constant)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,24 +70,35 @@ class Fence:
         """Return in words which step of a chain leads out of the area; None where none does."""
         for number, call in enumerate(chain.calls):
             if self.leads_out(call, robot):
-                x, y, _ = call.goal.pose
+                (x, y, _), speed = call.goal.robot_pose(robot), call.goal.speed
+                room = f"{room_inside(robot):.2f} m from its edge" + (", with room to stop" if speed else "")
                 return (
                     f"chain.calls[{number}].goal ({call.top.name}): expected a place for the robot inside "
-                    f"the {self}, got x {x:.2f} m, y {y:.2f} m"
+                    f"the {self}, {room}, got the axle at x {x:.2f} m, y {y:.2f} m"
+                    + (f", {speed:.2f} m/s" if speed else "")
                 )
         return None
 
     def leads_out(self, call: TopCall, robot: Robot) -> bool:
         """Return whether a step would bring the robot, or the ball that it holds then, out of the area.
 
-        What is shot may lie anywhere.
+        The robot must come to stand `room_inside` the edge, also where it arrives at speed. What is shot may
+        lie anywhere.
         """
         if not {term.variable for term in call.top.post.terms} & {"robot.x", "hold.x"}:
             return False
-        places = [call.goal.pose]
-        if call.goal.point is Point.HOLD:
-            places.append(call.goal.robot_pose(robot))
-        return any(self.outside(place.x, place.y) > 0.0 for place in places)
+        goal = call.goal
+        ball_out = goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0
+        return ball_out or not self._has_room(goal, robot)
+
+    def _has_room(self, goal: Goal, robot: Robot) -> bool:
+        """Return whether the robot can arrive at `goal`, and stop from its speed, far enough inside."""
+        x, y, yaw = goal.robot_pose(robot)
+        way = max(stopping_way(goal.speed), goal.speed**2 / (2.0 * robot.limits.brake))
+        room = room_inside(robot)
+        inner = Fence(self.x_min + room, self.y_min + room, self.x_max - room, self.y_max - room)
+        places = [(x, y), (x + way * math.cos(yaw), y + way * math.sin(yaw))]
+        return all(inner.outside(*place) <= _ROUNDING for place in places)
 
     def __str__(self) -> str:
         """Return the area in words."""
@@ -94,10 +117,12 @@ class FenceWatch:
         The area.
     robot : Robot
         Limits, with which the robot brakes, and lag of its motors.
+    longest_gap : float
+        Time in s between two states after which the robot is commanded to stand anyway.
     """
 
-    def __init__(self, fence: Fence, robot: Robot) -> None:
-        self._fence, self._robot = fence, robot
+    def __init__(self, fence: Fence, robot: Robot, longest_gap: float) -> None:
+        self._fence, self._robot, self._longest_gap = fence, robot, longest_gap
         self._allowed = math.inf
         self._time: float | None = None
         self._leads_out_since = math.inf
@@ -128,7 +153,7 @@ class FenceWatch:
 
     def _reaction(self, time: float) -> float:
         """Return the time in s from this state until a command that answers the next one is followed."""
-        period = 0.0 if self._time is None else min(time - self._time, 0.1)
+        period = 0.0 if self._time is None else min(time - self._time, self._longest_gap)
         self._time = time
         return period + self._robot.motor_time_constant
 

@@ -15,6 +15,8 @@ _JUMP = 20.0
 """Time in s between two stamps that is another clock's, if it came at once."""
 _FASTEST = 1000.0
 """Simulated seconds in a real one that are believed besides: simulations run at a few hundred."""
+_LONGEST = 1.0
+"""Real s of a silence in which simulated time is believed to have passed so fast."""
 _STALE = 1.0
 """Time in s for which all sights must be old before their clock is blamed: after a reset some are."""
 
@@ -84,7 +86,7 @@ class Inputs:
         Returns
         -------
         str or None
-            That its velocity contradicts its positions, and is not trusted; said once.
+            That its velocity contradicts its positions, and is not trusted; once for each such spell.
 
         Raises
         ------
@@ -129,7 +131,7 @@ class Inputs:
             The stamp is older than the one before, or the second one far ahead. What was known is forgotten:
             the next stamp counts.
         """
-        last, most = self._time, _JUMP + _FASTEST * (now - self._came)
+        last, most = self._time, _JUMP + _FASTEST * min(now - self._came, _LONGEST)
         self._came = now
         self._check_stamp(time, last, most)
         self._time, self._ahead = time, None

@@ -47,9 +47,9 @@ def log_folder(environment: Mapping[str, str]) -> Path:
         No variable names one.
     """
     if chosen := environment.get("ROS_LOG_DIR"):
-        return Path(chosen)
+        return Path(chosen).expanduser()
     if home := environment.get("ROS_HOME"):
-        return Path(home) / "log"
+        return Path(home).expanduser() / "log"
     if home := environment.get("HOME"):
         return Path(home) / ".ros" / "log"
     raise MachineError("HOME is not set, where ROS keeps its log files: set HOME or ROS_LOG_DIR")

@@ -1,4 +1,4 @@
-"""Whether the base moves as it is told, judged by odometry (without ROS; both clocks are passed in)."""
+"""Whether the base moves as it is commanded to, by odometry (without ROS; both clocks are passed in)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Thresholds:
     frozen : float
         Time in s in which the pose may contradict the velocity: three messages at 20 Hz.
     v, w : float
-        Speeds in m/s and rad/s by which the base may exceed what it is told: a tenth of the limits.
+        Speeds in m/s and rad/s by which the base may exceed the commands: a tenth of the limits.
     brake, aw : float
         Decelerations in m/s^2 and rad/s^2 that a slow base must reach: half of the limits.
     """
@@ -82,8 +82,8 @@ class MotionWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past, as when a goal begins: nobody knows what the base was told before."""
-        self._told: deque[tuple[float, Command]] = deque()
+        """Forget the past, as when a goal begins: nobody knows what the base was commanded to before."""
+        self._sent: deque[tuple[float, Command]] = deque()
         self._last: tuple[float, RobotState] | None = None
         self._expected = STOP
         self._unanswered = _Stretch()
@@ -91,12 +91,12 @@ class MotionWatch:
         self._frozen = _Stretch()
         self._bands: tuple[_Band, _Band] | None = None
 
-    def told(self, time: float, command: Command) -> None:
+    def sent(self, time: float, command: Command) -> None:
         """Note a command that was sent as the answer to a state of `time` (s)."""
         acts = time + self._latency
-        while self._told and self._told[-1][0] >= acts:
-            self._told.pop()
-        self._told.append((acts, command))
+        while self._sent and self._sent[-1][0] >= acts:
+            self._sent.pop()
+        self._sent.append((acts, command))
 
     def fault(self, time: float, robot: RobotState, now: float) -> str | None:
         """Take a state of the robot as odometry tells it, at `time` s by its stamp and `now` s of real time.
@@ -104,7 +104,7 @@ class MotionWatch:
         Returns
         -------
         str or None
-            What is wrong, in words; None where the base moves as it is told.
+            What is wrong, in words; None where the base moves as it is commanded to.
         """
         last, self._last = self._last, (time, robot)
         if last is None or self._bands is None or time <= last[0]:
@@ -143,13 +143,13 @@ class MotionWatch:
         if not self._unanswered.lasts(unanswered, dt, now, self.bounds.patience):
             return None
         return (
-            f"the base does not move: told to go at {command.v:.2f} m/s and {command.w:.2f} rad/s, odometry "
+            f"the base does not move: commanded to {command.v:.2f} m/s and {command.w:.2f} rad/s, odometry "
             f"has shown no motion for {self._unanswered.seconds:.2f} s: blocked wheels, motors off, or "
             "frozen odometry"
         )
 
     def _excess(self, time: float, robot: RobotState, elapsed: float, now: float) -> str | None:
-        """Return the fault where the base moves beyond all that it was told, coasting included."""
+        """Return the fault where the base moves beyond all commands, coasting included."""
         assert self._bands is not None
         commands = self._recent(time - elapsed)
         v, w = self._bands
@@ -160,19 +160,19 @@ class MotionWatch:
             return None
         last = commands[-1] if commands else STOP
         return (
-            f"the base moves without being told: odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
-            f"the last command was {last.v:.2f} m/s and {last.w:.2f} rad/s"
+            f"the base moves although it was not commanded to: odometry shows {robot.v:.2f} m/s and "
+            f"{robot.w:.2f} rad/s, the last command was {last.v:.2f} m/s and {last.w:.2f} rad/s"
         )
 
     def _in_force(self, time: float) -> Command:
         """Return the command that moves the base at `time` s."""
-        return next((command for acts, command in reversed(self._told) if acts <= time + _ROUNDING), STOP)
+        return next((command for acts, command in reversed(self._sent) if acts <= time + _ROUNDING), STOP)
 
     def _recent(self, time: float) -> list[Command]:
         """Return the commands, the oldest first, that `time` s may still show, and forget older ones."""
-        while len(self._told) > 1 and self._told[1][0] < time - self.bounds.patience:
-            self._told.popleft()
-        return [command for _, command in self._told]
+        while len(self._sent) > 1 and self._sent[1][0] < time - self.bounds.patience:
+            self._sent.popleft()
+        return [command for _, command in self._sent]
 
     def _speed_by_pose(self, before: RobotState, robot: RobotState, elapsed: float) -> float:
         """Return the speed in m/s of the faster wheel, as the difference of two poses tells it."""
@@ -202,7 +202,7 @@ class _Stretch:
 
 
 class _Band:
-    """The speeds that the commands explain: between 0 and what was told, or where the base still brakes."""
+    """The speeds that the commands explain: between 0 and the commands, or where the base still brakes."""
 
     def __init__(self, low: float, high: float) -> None:
         self._low, self._high = low, high

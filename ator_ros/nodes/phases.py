@@ -5,6 +5,9 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+WATCH_PERIOD = 0.05
+"""Real time in s between two looks for deadlines that have passed."""
+
 
 class Ending(enum.Enum):
     """How a goal ended; names and values are those of Outcome.msg."""
@@ -52,3 +55,13 @@ class Deadlines:
     odom: float = 0.3
     refinement: float = 0.5
     action: float = 30.0
+
+    @property
+    def silence(self) -> float:
+        """Real time in s without newer odometry after which the robot should stand until it comes."""
+        return self.odom / 2.0
+
+    @property
+    def longest_gap(self) -> float:
+        """Time in s after which a robot without newer odometry is commanded to stand at the latest."""
+        return self.silence + WATCH_PERIOD

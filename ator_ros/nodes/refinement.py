@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
+import traceback
 from pathlib import Path
 
 from rclpy.node import Node
@@ -146,7 +147,16 @@ class RefinementNode(Node):
             self._go_on.trigger()
 
     def _serve(self, request: RefineSubgoal.Request) -> Slices[RefineSubgoal.Response]:
-        """Answer a request, in slices."""
+        """Answer a request, in slices; a fault of ours must not take along the others that are under way."""
+        try:
+            return (yield from self._response_to(request))
+        except Exception as error:
+            self._refused, self._last_refusal = self._refused + 1, f"internal error: {error!r}"
+            self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
+            return refused(self._last_refusal)
+
+    def _response_to(self, request: RefineSubgoal.Request) -> Slices[RefineSubgoal.Response]:
+        """Return the response to a request, in slices."""
         began, frame = time.perf_counter(), self._settings["frame"]
         try:
             action_set = conversions.action_set_from(request.chain, allowed=self._libraries)

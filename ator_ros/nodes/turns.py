@@ -81,6 +81,9 @@ class Turns:
                 self._jobs.remove(job)
                 job.finish(end.value)
                 return
+            except BaseException:
+                self._jobs.remove(job)  # the others must not come to it again
+                raise
             now = self._clock()
         job.had += now - began
 

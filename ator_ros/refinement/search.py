@@ -79,7 +79,7 @@ class _Path:
 
 
 def search(
-    step_cost: StepCost, axes: Sequence[Sequence[Domain]], given: Sequence[FloatArray | None] | None = None
+    step_cost: StepCost, axes: Sequence[Sequence[Domain]], given: Sequence[FloatArray] | None = None
 ) -> Optimum:
     """Find the values of all free variables for which the cost of the whole chain is least.
 
@@ -90,7 +90,7 @@ def search(
         0).
     axes : sequence, one item per subgoal
         Domains of the subgoal's free variables; empty where none is free.
-    given : sequence, optional
+    given : sequence, one item per subgoal, optional
         Values of each subgoal, shape (k,), that shall be among the candidates, so that the result is never
         worse.
     """
@@ -98,16 +98,16 @@ def search(
 
 
 def searching(
-    step_cost: StepCost, axes: Sequence[Sequence[Domain]], given: Sequence[FloatArray | None] | None = None
+    step_cost: StepCost, axes: Sequence[Sequence[Domain]], given: Sequence[FloatArray] | None = None
 ) -> Slices[Optimum]:
     """Search as `search` does, in slices; when time is up, subgoals not yet searched keep what is `given`.
 
-    Without given values for every subgoal, all of the first grid is searched nevertheless.
+    Without given values, all of the first grid is searched nevertheless.
     """
     grids, steps = _first_grids(tuple(map(tuple, axes)))
-    known = list(given) if given is not None else [None] * len(grids)
-    candidates = [g if v is None else _with(g, v) for g, v in zip(grids, known, strict=True)]
-    first = yield from _least_path(step_cost, candidates, [v for v in known if v is not None])
+    known = list(given) if given is not None else []
+    candidates = [_with(g, v) for g, v in zip(grids, known, strict=True)] if known else grids
+    first = yield from _least_path(step_cost, candidates, known)
     curves = tuple(
         Curve(grid, total[: len(grid)]) if searched is offered else Curve(searched, total)
         for grid, offered, searched, total in zip(

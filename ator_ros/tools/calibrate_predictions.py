@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +70,7 @@ def _learn(options: argparse.Namespace, command: str) -> int:
     learned_from: list[dict[str, Any]] = []
     for folder, result in results:
         seed, chain = result["settings"]["seed"], result["settings"]["chain"]
+        _check(folder / RESULT, result, source)
         records = to_records(result["runs"], result["summary"]["situations"])
         try:
             examples += step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
@@ -84,6 +85,19 @@ def _learn(options: argparse.Namespace, command: str) -> int:
     _report(checked)
     print(f"wrote {path}: {', '.join(calibration.shortfalls)}")
     return 0
+
+
+def _check(file: Path, result: Mapping[str, Any], source: ToolsetSource) -> None:
+    """Make sure that an evaluation was executed with our robot and models: only these are learned about."""
+    ours, found = source.digests(result["settings"]["chain"]), result.get("digests")
+    if not isinstance(found, dict):
+        raise EvaluationError(f"{file}: expected the digests of robot and models, got none: evaluate again")
+    others = [name for name, digest in ours.items() if found.get(name) != digest]
+    if others:
+        raise EvaluationError(
+            f"{file}: expected chains executed with the robot and the models of {source.folder()}, "
+            f"got another {', another '.join(others)}: evaluate again"
+        )
 
 
 def _report(checked: dict[str, dict[str, Any]]) -> None:

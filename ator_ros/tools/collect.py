@@ -58,7 +58,7 @@ def _table(text: str) -> Path:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; give the exit code."""
+    """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     options = arguments().parse_args(words)
     command = portable_command("collect", words)
@@ -89,18 +89,18 @@ def _collect(options: argparse.Namespace, command: str) -> int:
             stopped = error
         finally:
             bar.close()
-    metadata = {
-        "seed": options.seed,
-        "robot_digest": robot.digest(),
-        "action_set": options.action_set,
-        "complete": stopped is None,
-        "command": command,
-        "versions": library_versions(),
-    }
     if isinstance(stopped, BackendError) and not frames:
         raise stopped
-    frame = join(frames)
     with undisturbed():
+        metadata = {
+            "seed": options.seed,
+            "robot_digest": robot.digest(),
+            "action_set": options.action_set,
+            "complete": stopped is None,
+            "command": command,
+            "versions": library_versions(),
+        }
+        frame = join(frames)
         file = _kept(Experience(frame, metadata), options.out)
         _report(frame, file, stopped)
     if isinstance(stopped, KeyboardInterrupt):

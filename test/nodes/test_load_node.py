@@ -79,7 +79,6 @@ def test_a_long_chain_is_answered_at_its_deadline_and_says_so(asker: Any) -> Non
         assert answer.accepted
         assert answer.cut_short
         assert "deadline" in answer.reason
-        assert answer.cost_after <= answer.cost_before
     # 9 s without a deadline; the least of five, since the machine may be busy.
     assert min(answer.computation_time for answer in told) < 3.0 * DEADLINE
 
