@@ -157,7 +157,7 @@ class Execution:
             self._heard = self._accepted
 
     def misbehaved(self, reason: str) -> None:
-        """End because the base does not move as it is told, also where only its standing is awaited."""
+        """End because the base does not follow its commands, also where only its standing is awaited."""
         if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
             self.ending, self.reason = Ending.BASE_FAULT, reason
         self.end(Ending.BASE_FAULT, reason)
@@ -201,17 +201,16 @@ class Execution:
         answer, question, robot, self._answer = self._answer, self.question, self._library.robot, None
         if answer is None or question is None:
             return
-        chain, reason = answer
         if question.step != self.step:
             self.unrefined("its step was over when the answer came")
             return
         try:
-            changed = refined_chain(self.chain, question, chain, at_rest(world, robot), robot)
+            changed = refined_chain(self.chain, question, answer[0], at_rest(world, robot), robot)
         except InvalidChainError as error:
             self.unrefined(f"its answer cannot be used: {error}")
             return
         if executor.head_for(world, changed):
-            self._go_on(reason, changed=True)
+            self._go_on(answer[1], changed=True)
         else:
             self.unrefined("there is no way from here to the refined subgoal")
 

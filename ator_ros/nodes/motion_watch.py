@@ -12,6 +12,7 @@ from ator_ros.robot import Robot
 from ator_ros.world import STOP, Command, RobotState
 
 _TENTH = 0.1
+_QUARTER = 0.25
 _LONGEST_GAP = 0.1  # s between two states that counts: what happened in a longer one is not known
 _SHORTEST_WAIT = 0.1  # real s: commands need some, in which simulated time may run far ahead
 _ROUNDING = 1e-6
@@ -116,7 +117,7 @@ class MotionWatch:
         by_pose = self._speed_by_pose(before, robot, elapsed)
         return (
             self._contradiction(robot, by_pose, dt, now)
-            or self._silence(robot, by_pose, command, dt, now)
+            or self._silence(before, robot, by_pose, command, dt, now)
             or self._excess(time, robot, elapsed, now)
         )
 
@@ -132,14 +133,20 @@ class MotionWatch:
         )
 
     def _silence(
-        self, robot: RobotState, by_pose: float, command: Command, dt: float, now: float
+        self, before: RobotState, robot: RobotState, by_pose: float, command: Command, dt: float, now: float
     ) -> str | None:
-        """Return the fault where the base does not answer commands."""
+        """Return the fault where the base does not answer commands.
+
+        A base whose velocity changes answers them, though it may be passing through zero: a weak one stands
+        nearly still for a while when it goes from backward to forward.
+        """
         self._expected = ramped(self._expected, command, dt, self._limits)
         wanted = self._wheel(self._expected.v, self._expected.w)
         asked = self._wheel(command.v, command.w) >= self.bounds.asked
         shown = min(self._wheel(robot.v, robot.w), by_pose)
-        unanswered = asked and shown < _TENTH * wanted
+        changed = self._wheel(robot.v - before.v, robot.w - before.w)
+        gained = _QUARTER * self._wheel(self._limits.a * dt, self._limits.aw * dt)
+        unanswered = asked and shown < _TENTH * wanted and changed < gained
         if not self._unanswered.lasts(unanswered, dt, now, self.bounds.patience):
             return None
         return (
