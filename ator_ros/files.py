@@ -135,8 +135,10 @@ def read_text(path: Path, largest: int) -> str:
     OSError
         The file cannot be read.
     ValueError
-        It is larger, or not in UTF-8.
+        It is larger, not in UTF-8, or no ordinary file.
     """
+    if not path.is_file() and path.exists():  # opening a pipe would wait for its other end
+        raise ValueError("expected an ordinary file, got a folder, a pipe or a device")
     with path.open("rb") as file:
         data = file.read(largest + 1)  # not more, whatever kind of file it is
     if len(data) > largest:

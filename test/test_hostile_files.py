@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import time
 from pathlib import Path
@@ -76,10 +77,19 @@ def test_robots_that_cannot_be_are_refused_in_one_line(text: str, message: str, 
 
 def test_a_file_of_numbers_without_end_is_refused(tmp_path: Path) -> None:
     (tmp_path / "model.json").symlink_to("/dev/zero")
-    with pytest.raises(ModelFileError, match="expected at most 20 MB, got more"):
-        load_model(tmp_path / "model.json", ROBOT)
-    with pytest.raises(RefinementError, match="expected at most 20 MB, got more"):
-        load_gate(tmp_path / "model.json")
+    refuses_both(tmp_path / "model.json")
+
+
+def test_a_pipe_that_nobody_writes_to_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "model.json")
+    refuses_both(tmp_path / "model.json")
+
+
+def refuses_both(file: Path) -> None:
+    with pytest.raises(ModelFileError, match="expected an ordinary file, got a folder, a pipe or a device"):
+        load_model(file, ROBOT)
+    with pytest.raises(RefinementError, match="expected an ordinary file"):
+        load_gate(file)
 
 
 def test_a_tree_with_more_names_than_features_is_refused_before_it_is_built() -> None:

@@ -200,3 +200,27 @@ def test_a_pose_in_a_bend_is_not_frozen() -> None:
         pose = Pose(math.sin(angle), 1.0 - math.cos(angle), angle)
         watch.sent(tick * TICK, Command(1.0, 1.0))
         assert watch.fault(tick * TICK, RobotState(pose, 1.0, 1.0), tick * TICK) is None
+
+
+@pytest.mark.parametrize("rate", [20, 50, 200])
+def test_a_frozen_pose_that_jitters_is_still_frozen(rate: int) -> None:
+    watch, period, said = MotionWatch(ROBOT, 0.0), 1.0 / rate, None
+    for tick in range(rate):
+        time = tick * period
+        watch.sent(time - period, Command(1.0, 0.0))
+        pose = Pose(1.0 + 0.004 * (tick % 2), 0.0, 0.0)
+        said = watch.fault(time, RobotState(pose, 1.0, 0.0), time)
+        if said:
+            assert time < 0.4
+            break
+    assert "odometry is frozen" in (said or "")
+
+
+def test_odometry_at_5_hz_blames_no_base_that_stands_between_two_messages() -> None:
+    watch = MotionWatch(ROBOT, 0.0)
+    for tick in range(20):
+        time = 0.2 * tick
+        state = RobotState(Pose(0.0, 0.0, 0.0))  # it has hardly begun to move when it is stopped again
+        assert watch.fault(time, state, time) is None
+        watch.sent(time, Command(0.5, 0.0))
+        watch.sent(time + 0.15, STOP)

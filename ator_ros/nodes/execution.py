@@ -189,12 +189,13 @@ class Execution:
     def _start_with(self, chain: TopChain, refined: bool, reason: str) -> None:
         assert self.start is not None
         assert self.question is not None
+        planned = self.chain
         try:
-            self.chain = refined_chain(self.chain, self.question, chain, self.start, self._library.robot)
+            self.chain = refined_chain(planned, self.question, chain, self.start, self._library.robot)
         except InvalidChainError as error:
             self.unrefined(f"its answer cannot be used: {error}")
         else:
-            self._go_on(reason, changed=refined)
+            self._go_on(reason, changed=refined and self.chain != planned)
 
     def _take_answer(self, world: World, executor: ChainExecutor) -> None:
         """Head for other goals from where the robot is, if that is still possible."""

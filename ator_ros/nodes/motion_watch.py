@@ -13,6 +13,7 @@ from ator_ros.world import STOP, Command, RobotState
 
 _TENTH = 0.1
 _QUARTER = 0.25
+_WINDOW = 0.1  # s over which the motion of the pose is judged
 _LONGEST_GAP = 0.1  # s between two states that counts: what happened in a longer one is not known
 _SHORTEST_WAIT = 0.1  # real s: commands need some, in which simulated time may run far ahead
 _ROUNDING = 1e-6
@@ -90,6 +91,7 @@ class MotionWatch:
         self._unanswered = _Stretch()
         self._unasked = _Stretch()
         self._frozen = _Stretch()
+        self._poses: deque[tuple[float, RobotState]] = deque()
         self._bands: tuple[_Band, _Band] | None = None
 
     def sent(self, time: float, command: Command) -> None:
@@ -113,23 +115,32 @@ class MotionWatch:
             return None
         before, elapsed = last[1], time - last[0]
         dt = min(elapsed, _LONGEST_GAP)
-        command = self._in_force(last[0])
+        command = self._weakest(last[0], time)
         by_pose = self._speed_by_pose(before, robot, elapsed)
         return (
-            self._contradiction(robot, by_pose, dt, now)
+            self._contradiction(time, robot, dt, now)
             or self._silence(before, robot, by_pose, command, dt, now)
             or self._excess(time, robot, elapsed, now)
         )
 
-    def _contradiction(self, robot: RobotState, by_pose: float, dt: float, now: float) -> str | None:
-        """Return the fault where the pose stands, though odometry says that it moves."""
+    def _contradiction(self, time: float, robot: RobotState, dt: float, now: float) -> str | None:
+        """Return the fault where the pose stands, though odometry says that it moves.
+
+        The pose is compared with one some messages ago: between two that come soon after each other jitter
+        looks like motion.
+        """
+        self._poses.append((time, robot))
+        while len(self._poses) > 1 and self._poses[1][0] <= time - _WINDOW + _ROUNDING:
+            self._poses.popleft()
+        then, before = self._poses[0]
         said = self._wheel(robot.v, robot.w)
+        by_pose = self._speed_by_pose(before, robot, time - then) if time > then else math.inf
         frozen = said >= self.bounds.asked and by_pose < _TENTH * said
-        if not self._frozen.lasts(frozen, dt, now, self.bounds.frozen):
+        if not self._frozen.lasts(frozen, dt, now, self.bounds.frozen - _WINDOW):
             return None
         return (
             f"odometry is frozen: it says that the robot moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
-            f"but its pose has stood still for {self._frozen.seconds:.2f} s"
+            f"but its pose has stood still for {_WINDOW + self._frozen.seconds:.2f} s"
         )
 
     def _silence(
@@ -171,9 +182,14 @@ class MotionWatch:
             f"{robot.w:.2f} rad/s, the last command was {last.v:.2f} m/s and {last.w:.2f} rad/s"
         )
 
-    def _in_force(self, time: float) -> Command:
-        """Return the command that moves the base at `time` s."""
-        return next((command for acts, command in reversed(self._sent) if acts <= time + _ROUNDING), STOP)
+    def _weakest(self, since: float, time: float) -> Command:
+        """Return the slowest command that moved the base between two times in s.
+
+        Between messages that are far apart the robot is commanded to stand.
+        """
+        at_first = next((sent for acts, sent in reversed(self._sent) if acts <= since + _ROUNDING), STOP)
+        later = [sent for acts, sent in self._sent if since + _ROUNDING < acts <= time]
+        return min([at_first, *later], key=lambda command: self._wheel(command.v, command.w))
 
     def _recent(self, time: float) -> list[Command]:
         """Return the commands, the oldest first, that `time` s may still show, and forget older ones."""

@@ -42,14 +42,14 @@ class Outbox:
 
     Parameters
     ----------
-    pace : Pace
-        How often one may leave.
+    urgent, others : Pace
+        How often one of each kind may leave.
     most : int
         How many may wait; beyond that they leave at once, so that memory stays bounded.
     """
 
-    def __init__(self, pace: Pace, *, most: int) -> None:
-        self._pace, self._most = pace, most
+    def __init__(self, urgent: Pace, others: Pace, *, most: int) -> None:
+        self._paces, self._most = (urgent, others), most
         self._urgent: deque[Send] = deque()
         self._others: deque[Send] = deque()
 
@@ -62,6 +62,7 @@ class Outbox:
         (self._urgent if urgent else self._others).append(send)
 
     def work(self) -> None:
-        """Send as many of the messages that wait as the pace allows."""
-        while self and (len(self) > self._most or self._pace.allows()):
-            (self._urgent or self._others).popleft()()
+        """Send as many of the messages that wait as the paces allow."""
+        for queue, pace in zip((self._urgent, self._others), self._paces, strict=True):
+            while queue and (len(self) > self._most or pace.allows()):
+                queue.popleft()()

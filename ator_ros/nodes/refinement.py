@@ -50,6 +50,7 @@ _FEW = 4
 """Requests that may be answered all at once. Each client of a service receives the answers to all of them and
 keeps ten by default, so it loses its own when more come faster than it reads."""
 _ANSWERS_PER_SECOND = 150.0
+_REFUSALS_PER_SECOND = 1000.0
 _MOST_WAITING = 2000
 
 
@@ -86,10 +87,11 @@ class RefinementNode(Node):
         )
         self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin, work=self._work)
         self._go_on = self.create_guard_condition(self._work)
-        pace = Pace(time.monotonic, rate=_ANSWERS_PER_SECOND, at_once=1)
-        self._outbox = Outbox(pace, most=_MOST_WAITING)
+        answers = Pace(time.monotonic, rate=_ANSWERS_PER_SECOND, at_once=1)
+        refusals = Pace(time.monotonic, rate=_REFUSALS_PER_SECOND, at_once=_FEW)
+        self._outbox = Outbox(answers, refusals, most=_MOST_WAITING)
         self._crowded = False
-        self._posting = self.create_timer(1.0 / _ANSWERS_PER_SECOND, self._post, clock=STEADY)
+        self._posting = self.create_timer(1.0 / _REFUSALS_PER_SECOND, self._post, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(f"refining chains of the action sets {', '.join(self._refiners) or '(none)'}")
 

@@ -97,7 +97,7 @@ class Refining:
 
     def close(self, why: str, *, changed: bool, elapsed: float) -> None:
         """Note why the chain that was asked about was changed or left alone, `elapsed` s after its start."""
-        self.question = None
+        self.question, why = None, why or "no reason given"
         self.refined = self.refined or changed
         if self._first is None:
             self._first = why
