@@ -133,7 +133,8 @@ class MotionWatch:
         while len(self._poses) > 1 and self._poses[1][0] <= time - _WINDOW + _ROUNDING:
             self._poses.popleft()
         then, before = self._poses[0]
-        said = self._wheel(robot.v, robot.w)
+        states, count = [state for _, state in self._poses], len(self._poses)
+        said = self._wheel(sum(state.v for state in states) / count, sum(state.w for state in states) / count)
         by_pose = self._speed_by_pose(before, robot, time - then) if time > then else math.inf
         frozen = said >= self.bounds.asked and by_pose < _TENTH * said
         if not self._frozen.lasts(frozen, dt, now, self.bounds.frozen - _WINDOW):
