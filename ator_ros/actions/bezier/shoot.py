@@ -51,11 +51,11 @@ class Shoot(Action):
         self._released = False
 
     def _half_mouth(self) -> float:
-        """Give half the width in m in which the ball's centre passes clear of the posts."""
+        """Return half the width in m in which the ball's centre passes clear of the posts."""
         return self.robot.field.goal_width / 2 - self.robot.ball.radius - _POST_ROOM
 
     def step(self, world: World) -> Step:
-        """Give the next command; see `Action.step`."""
+        """Return the next command; see `Action.step`."""
         ball = world.ball
         if ball is None:
             return finished(Status.FAILED, "lost the ball: it is not seen any more")
@@ -75,7 +75,7 @@ class Shoot(Action):
         return self._run_up(world, -depth, crossing)
 
     def _crossing(self, pose: Pose) -> float | None:
-        """Give y (m) where the robot's straight way ahead crosses the goal line; None where it doesn't."""
+        """Return y (m) where the robot's straight way ahead crosses the goal line; None where it doesn't."""
         hold = self.robot.hold_point(pose)
         forward = self._side * math.cos(pose.yaw)
         short = self.robot.field.length / 2 - self._side * hold.x
