@@ -175,7 +175,7 @@ def read_experience(path: Path | str) -> Experience:
         raise ExperienceError(
             f"{path}: expected the columns {', '.join(COLUMNS)}; missing: {', '.join(missing)}"
         )
-    frame = table.to_pandas(ignore_metadata=True)[list(COLUMNS)]  # that of pandas may be damaged
+    frame = table.replace_schema_metadata(None).to_pandas()[list(COLUMNS)]  # pandas' own may be damaged
     return Experience(checked_rows(path, frame, metadata.get("action_set", "default")), metadata)
 
 

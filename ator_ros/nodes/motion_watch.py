@@ -139,10 +139,7 @@ class MotionWatch:
         frozen = said >= self.bounds.asked and by_pose < _TENTH * said
         if not self._frozen.lasts(frozen, dt, now, self.bounds.frozen - _WINDOW):
             return None
-        return (
-            f"odometry is frozen: it says that the robot moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
-            f"but its pose has stood still for {_WINDOW + self._frozen.seconds:.2f} s"
-        )
+        return _frozen_pose(robot, _WINDOW + self._frozen.seconds)
 
     def _silence(
         self, before: RobotState, robot: RobotState, by_pose: float, command: Command, dt: float, now: float
@@ -161,6 +158,8 @@ class MotionWatch:
         unanswered = asked and shown < _TENTH * wanted and changed < gained
         if not self._unanswered.lasts(unanswered, dt, now, self.bounds.patience):
             return None
+        if self._wheel(robot.v, robot.w) >= self.bounds.asked:
+            return _frozen_pose(robot, self._unanswered.seconds)
         return (
             f"the base does not move: commanded to {command.v:.2f} m/s and {command.w:.2f} rad/s, odometry "
             f"has shown no motion for {self._unanswered.seconds:.2f} s: blocked wheels, motors off, or "
@@ -207,6 +206,13 @@ class MotionWatch:
     def _wheel(self, v: float, w: float) -> float:
         """Return the speed in m/s of the faster wheel, without its sign."""
         return abs(v) + abs(w) * self._arm
+
+
+def _frozen_pose(robot: RobotState, seconds: float) -> str:
+    return (
+        f"odometry is frozen: it says that the robot moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
+        f"but its pose has stood still for {seconds:.2f} s"
+    )
 
 
 class _Stretch:
