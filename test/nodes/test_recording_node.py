@@ -123,6 +123,7 @@ def test_records_of_the_executor_are_the_episodes(recording: Recording, tmp_path
         check_places(episodes, records, within=1e-9)
 
 
+@pytest.mark.long  # beside a second worker that starts nodes, messages come too unevenly to tell drives apart
 def test_drives_are_found_in_odometry_and_commands(recording: Recording, tmp_path: Path) -> None:
     folder = recording.recorder.write(tmp_path / "bag", "/odom", "/cmd_vel")
     drives = starts(read_recording(folder, load_robot()).of("goToPose")).head(DRIVES)
