@@ -11,9 +11,9 @@ from ator_ros.actions.base import Action, Status, Step
 from ator_ros.experience.episode import coast, place
 from ator_ros.experience.situations import Situation, random_situation
 from ator_ros.geometry import wrap_angle
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 _RATE = 20
 

@@ -22,10 +22,10 @@ from ator_ros.actions.bezier.dribble_ball import dribbling
 from ator_ros.actions.bezier.driver import PERIOD, Driver, Pushing
 from ator_ros.actions.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experiments.action_quality import execute, tasks
+from ator_ros.evaluation.action_quality import execute, tasks
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.robot import Robot, load_robot
-from ator_ros.world import BallState, Command, RobotState, World
+from ator_ros.robot.description import Robot, load_robot
+from ator_ros.world.state import BallState, Command, RobotState, World
 
 COUNT = 20
 AXLE_GOAL = Goal(Pose(1.0, 0.0, 0.0))

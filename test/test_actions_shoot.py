@@ -14,8 +14,8 @@ from ator_ros.actions.planned.shoot import Shoot
 from ator_ros.actions.planned.trajectory import Trajectory
 from ator_ros.experience.situations import random_situation
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.robot.description import load_robot
+from ator_ros.world.state import BallState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = Shoot(ROBOT).plan_limits

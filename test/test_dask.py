@@ -13,12 +13,12 @@ import pandas as pd
 import pytest
 from experience_rows import made_up_experience
 
+from ator_ros.evaluation.toolset import ACTIONS
 from ator_ros.experience.parallel import BackendError, check_cluster, cluster, run_tasks
 from ator_ros.experience.table import read_experience
-from ator_ros.experiments.toolset import ACTIONS
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, evaluate
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.experiments.trials import random_trial
-from ator_ros.robot import load_robot
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.demo_report import DemoRun, DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
 from ator_ros.tops.library import TopLibrary

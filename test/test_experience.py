@@ -12,6 +12,7 @@ import pytest
 from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.goals import touches_goals
 from ator_ros.experience.collect import EpisodeTask, collect, run_task
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.errors import ExperienceError
@@ -32,10 +33,9 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.geometry import Pose
-from ator_ros.goals import touches_goals
-from ator_ros.robot import Robot, load_robot
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world import BallState, RobotState
+from ator_ros.world.state import BallState, RobotState
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,10 @@ import pandas as pd
 import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
 
-from ator_ros.experience.situations import CLEARANCE, SHORTEST
-from ator_ros.experiments.execution import TIME_LIMIT, run_chain
-from ator_ros.experiments.heuristics import LinearTime, bitbots, booster, linear_terms, refit
-from ator_ros.experiments.policies import MODEL_SETS, POLICIES, Toolset
-from ator_ros.experiments.trials import (
+from ator_ros.evaluation.chain_run import TIME_LIMIT, run_chain
+from ator_ros.evaluation.heuristics import LinearTime, bitbots, booster, linear_terms, refit
+from ator_ros.evaluation.policies import MODEL_SETS, POLICIES, Toolset
+from ator_ros.evaluation.trials import (
     CHAINS,
     OPEN_HEADING,
     SHOOTING_DISTANCE,
@@ -23,6 +22,7 @@ from ator_ros.experiments.trials import (
     random_trial,
     with_headings,
 )
+from ator_ros.experience.situations import CLEARANCE, SHORTEST
 from ator_ros.refinement.gate import ThresholdGate
 
 

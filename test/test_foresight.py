@@ -9,15 +9,15 @@ import pytest
 
 from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.actions.planned.go_to_pose import GoToPose
-from ator_ros.experiments.execution import run_chain
-from ator_ros.experiments.trials import random_trial, with_headings
-from ator_ros.foresight import Foresight
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
+from ator_ros.robot.foresight import Foresight
 from ator_ros.simulation.pioneer import TICK, PioneerSimulation
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world import STOP, BallState, Command, RobotState, World
+from ator_ros.world.state import STOP, BallState, Command, RobotState, World
 
 ROBOT = load_robot()
 STANDING = RobotState(Pose(0.0, 0.0, 0.0))

@@ -12,17 +12,17 @@ import pytest
 from driving import LATE, SLOW, Base, Drive, drive
 from executions import LIBRARY, ROBOT, chain
 
-from ator_ros.experiments.noise import REALISTIC
-from ator_ros.experiments.trials import random_trial
+from ator_ros.evaluation.noise import REALISTIC
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.execution.driving import Driving
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.motion_watch import MotionWatch, Thresholds
+from ator_ros.execution.phases import Ending
+from ator_ros.execution.step_run import is_standing
 from ator_ros.geometry import Pose
-from ator_ros.nodes.driving import Driving
-from ator_ros.nodes.fence import Fence
-from ator_ros.nodes.motion_watch import MotionWatch, Thresholds
-from ator_ros.nodes.phases import Ending
-from ator_ros.ramp import ramped
+from ator_ros.robot.ramp import ramped
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.step_run import is_standing
-from ator_ros.world import STOP, Command, RobotState, World
+from ator_ros.world.state import STOP, Command, RobotState, World
 
 TICK = 0.05
 MOTORS = 0.1

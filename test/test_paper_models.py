@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ator_ros.experiments.paper_models import at_rest, main
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
+from ator_ros.tools.paper_models import at_rest, main
 
 
 @pytest.mark.parametrize("action", ["goToPose", "dribbleBall"])

@@ -18,13 +18,13 @@ from ator_ros.actions.planned.planned_action import PlannedAction
 from ator_ros.actions.planned.planner import free_sides, run_sides
 from ator_ros.actions.planned.screening import Verdict, screened
 from ator_ros.actions.planned.search import find_candidates
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.bench_planning import hard_situations
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.executor import ChainExecutor
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world import STOP, BallState, RobotState, World
+from ator_ros.world.state import STOP, BallState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = GoToPose(ROBOT).plan_limits

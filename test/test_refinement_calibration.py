@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from refinement_fakes import ANGLE, BOTH, LIBRARY, ROBOT, models, two_steps, world
 
-from ator_ros.experiments.calibration_learning import (
+from ator_ros.evaluation.calibration_learning import (
     StepExample,
     cross_validated,
     fit_calibration,
     step_examples,
 )
-from ator_ros.experiments.errors import EvaluationError
-from ator_ros.experiments.policies import Toolset, naive
-from ator_ros.experiments.trials import random_trial
-from ator_ros.nodes.predictions import Predictor
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.policies import Toolset, naive
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.execution.predictions import Predictor
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall, Step, chain_steps, model_digest
 from ator_ros.refinement.calibration_file import (

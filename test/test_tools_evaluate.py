@@ -11,11 +11,11 @@ import pytest
 from experience_rows import made_up_experience
 from refinement_fakes import ROBOT
 
+from ator_ros.evaluation.running import run_situations
+from ator_ros.evaluation.situation import Settings, evaluate_trial
+from ator_ros.evaluation.storage import PARTIAL, to_records
+from ator_ros.evaluation.toolset import ACTIONS, BASELINES, GATE, ToolsetSource
 from ator_ros.experience.table import Experience, join, write_experience
-from ator_ros.experiments.evaluation import Settings, evaluate_trial
-from ator_ros.experiments.running import run_situations
-from ator_ros.experiments.storage import PARTIAL, to_records
-from ator_ros.experiments.toolset import ACTIONS, BASELINES, GATE, ToolsetSource
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
 from ator_ros.refinement.calibration_file import CALIBRATION

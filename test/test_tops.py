@@ -7,15 +7,15 @@ import math
 import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.executor import ChainExecutor
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.top import TOPS, Top
-from ator_ros.world import STOP, BallState, RobotState, World
+from ator_ros.world.state import STOP, BallState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = TopLibrary(ROBOT)

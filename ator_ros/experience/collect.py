@@ -14,7 +14,7 @@ from ator_ros.experience.episode import TIME_LIMIT, run_episode
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.situations import Situation, random_situation
 from ator_ros.experience.table import episode_frame
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 
 ActionFactory = Callable[[Robot], Action]

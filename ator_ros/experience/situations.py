@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.goals import touches_goals
 from ator_ros.geometry import Pose
-from ator_ros.goals import touches_goals
-from ator_ros.robot import Robot
-from ator_ros.world import BallState, RobotState
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState, RobotState
 
 END_MARGIN = 0.9  # m that starts and goals keep from the goal lines, where the goals' posts are
 SIDE_MARGIN = 0.4  # m that they keep from the side lines

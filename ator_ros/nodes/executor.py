@@ -16,23 +16,23 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.execution.driving import Driving
+from ator_ros.execution.phases import WATCH_PERIOD, Ending, Phase
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.rehearsal import rehearse
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.driving import Driving
 from ator_ros.nodes.executor_settings import PARAMETERS, deadlines_of, fence_of, inputs_of
 from ator_ros.nodes.goal_run import GoalRun, unstarted
-from ator_ros.nodes.inputs import ClockJumpError, StampError
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.parameters import declare_parameters, digest_of, robot_of
-from ator_ros.nodes.phases import WATCH_PERIOD, Ending, Phase
-from ator_ros.nodes.predictions import Predictor
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA, SERVICES
-from ator_ros.nodes.rehearsal import rehearse
 from ator_ros.nodes.running import run_node
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world import STOP, Command, World
+from ator_ros.world.inputs import ClockJumpError, StampError
+from ator_ros.world.state import STOP, Command, World
 
 _WARNING_PERIOD = 2.0
 _RESET_PERIOD = 1.0

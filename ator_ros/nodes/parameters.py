@@ -14,7 +14,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
 from ator_ros.printable import printable, quoted
-from ator_ros.robot import ConfigError, Robot, load_robot
+from ator_ros.robot.description import ConfigError, Robot, load_robot
 
 
 class SetupError(Exception):

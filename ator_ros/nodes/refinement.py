@@ -12,6 +12,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.execution.rehearsal import rehearse_refinement
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
@@ -21,7 +22,6 @@ from ator_ros.nodes.pacing import Outbox, Pace
 from ator_ros.nodes.parameters import ROBOT, Parameter, declare_parameters, digest_of, robot_of
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
-from ator_ros.nodes.rehearsal import rehearse_refinement
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
 from ator_ros.performance.model_file import model_path
@@ -31,7 +31,7 @@ from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 
 PARAMETERS = (

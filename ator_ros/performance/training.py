@@ -12,9 +12,9 @@ import pandas as pd
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import IDEAL, PAPER_3, SHOT, SIGNED, feature_table, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
-from ator_ros.performance.model_tree import ModelTreeRegressor
-from ator_ros.performance.tree import ModelTree
-from ator_ros.robot import Robot
+from ator_ros.performance.tree.model_tree import ModelTreeRegressor
+from ator_ros.performance.tree.nodes import ModelTree
+from ator_ros.robot.description import Robot
 
 GENERAL = (*names_of(PAPER_3), *names_of(SIGNED))
 DRIVING = (*names_of(PAPER_3), "drive_time", "drive_turn", "v", "w_by_turn", "speedg", "hold")

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.experience.situations import ARRIVAL_SPEED
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 

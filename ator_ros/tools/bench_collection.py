@@ -8,7 +8,7 @@ import time
 
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.experience.collect import collect
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 ACTIONS = ("goToPose", "dribbleBall")
 SEED = 803

@@ -19,9 +19,9 @@ from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import PAPER_11, feature_table, names_of
-from ator_ros.performance.model_tree import ModelTreeRegressor
 from ator_ros.performance.training import candidate_features, direct_of
-from ator_ros.robot import load_robot
+from ator_ros.performance.tree.model_tree import ModelTreeRegressor
+from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, peers
 from ator_ros.tools.peer_program import measure as measured
 from ator_ros.tools.peer_program import predict_ms

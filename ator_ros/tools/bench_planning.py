@@ -11,9 +11,9 @@ import numpy as np
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.geometry import Pose
-from ator_ros.ramp import ramped
-from ator_ros.robot import Robot, load_robot
-from ator_ros.world import BallState, Command, RobotState, World
+from ator_ros.robot.description import Robot, load_robot
+from ator_ros.robot.ramp import ramped
+from ator_ros.world.state import BallState, Command, RobotState, World
 
 LIMIT_MS = 40.0
 _TICKS = 40

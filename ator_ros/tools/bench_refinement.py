@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ator_ros.experiments.toolset import ToolsetSource, make_library, make_toolset
-from ator_ros.experiments.trials import Trial, open_speeds, random_trial
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.refinement.refiner import Refiner
 
 SEED = 801

@@ -23,14 +23,14 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.experiments.trials import random_trial
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes import conversions
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.nodes.running import run_node
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.processes import own_nodes
 from ator_ros.tools.requests import worst_request
 from ator_ros.tops.library import TopLibrary

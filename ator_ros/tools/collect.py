@@ -23,7 +23,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import portable_command, reserved
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import (
     INTERRUPTED,
     add_parallel_options,

@@ -13,15 +13,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ator_ros.evaluation.chain_run import TIME_LIMIT, run_chain
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.statistics import OURS, prediction_errors
+from ator_ros.evaluation.toolset import ToolsetSource, make_toolset
+from ator_ros.evaluation.trials import CHAINS, Trial, random_trial
 from ator_ros.experience.table import library_versions
-from ator_ros.experiments.execution import TIME_LIMIT, run_chain
-from ator_ros.experiments.policies import POLICIES
-from ator_ros.experiments.statistics import OURS, prediction_errors
-from ator_ros.experiments.toolset import ToolsetSource, make_toolset
-from ator_ros.experiments.trials import CHAINS, Trial, random_trial
 from ator_ros.files import portable_command, write_text
 from ator_ros.nodes.machine import MachineError
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import INTERRUPTED, destination, whole
 from ator_ros.tools.processes import NodeEndedError, all_nodes
 from ator_ros.tops.library import TopLibrary

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ator_ros.experiments.trials import Trial, open_speeds, random_trial
+from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.nodes.machine import MachineError
-from ator_ros.robot import Robot, load_robot
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tools.command_line import INTERRUPTED, destination, whole, write_plainly
 from ator_ros.tools.demo_report import DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, all_nodes

@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experiments.errors import EvaluationError
-from ator_ros.experiments.evaluation import Settings
-from ator_ros.experiments.policies import POLICIES
-from ator_ros.experiments.report import write_report
-from ator_ros.experiments.running import RESUMES, describe, prediction_text, table_text
-from ator_ros.experiments.storage import PartialResults, write_result
-from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
-from ator_ros.experiments.trials import CHAINS
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.running import RESUMES, describe, prediction_text, table_text
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.storage import PartialResults, write_result
+from ator_ros.evaluation.toolset import ToolsetSource, available_policies, make_toolset
+from ator_ros.evaluation.trials import CHAINS
 from ator_ros.files import portable_command
+from ator_ros.report.evaluation_page import write_report
 from ator_ros.tools.command_line import add_parallel_options, executed, guarded, whole
 
 

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experiments.evaluation import Settings
-from ator_ros.experiments.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
-from ator_ros.experiments.heuristics import save_baselines
-from ator_ros.experiments.running import RESUMES
-from ator_ros.experiments.toolset import BASELINES, GATE, ToolsetSource, read_rows
+from ator_ros.evaluation.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
+from ator_ros.evaluation.heuristics import save_baselines
+from ator_ros.evaluation.running import RESUMES
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, read_rows
 from ator_ros.files import portable_command, reserved
 from ator_ros.refinement.gate_file import save_gate
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import add_parallel_options, executed, guarded, whole
 
 _GATE_BYTES = 100_000

@@ -13,13 +13,13 @@ from typing import Any
 from tqdm import tqdm
 
 from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.evaluation.noise import CONDITIONS, POINTS, TRUTH, NoiseTask, execute, summarise
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.evaluation.trials import CHAINS
 from ator_ros.experience.parallel import run_tasks
-from ator_ros.experiments.noise import CONDITIONS, POINTS, TRUTH, NoiseTask, execute, summarise
-from ator_ros.experiments.policies import POLICIES
-from ator_ros.experiments.toolset import ToolsetSource
-from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command, write_text
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.simulation.sensors import REALISTIC
 from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
 

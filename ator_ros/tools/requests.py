@@ -7,10 +7,10 @@ from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
 from ator_ros.nodes import conversions
 from ator_ros.refinement.refiner import LONGEST_CHAIN
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
 
 _FRAME = "odom"
 

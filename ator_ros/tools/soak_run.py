@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ator_ros.experiments.trials import random_trial
-from ator_ros.robot import Robot, load_robot
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tools.processes import NodeProcesses, all_nodes
 from ator_ros.tools.soak_report import NODES, Soak, sample
 from ator_ros.tops.library import TopLibrary

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from ator_ros.actions.base import Action
 from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.top import TOPS, Top
 
 

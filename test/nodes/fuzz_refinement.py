@@ -30,7 +30,7 @@ from ator_ros.refinement.changes import allowed_changes
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.experiments.trials import random_trial
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes.conversions import chain_of, situation_of
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.bench_service import YARDSTICKS
 from ator_ros.tops.library import TopLibrary
 

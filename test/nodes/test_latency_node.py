@@ -10,12 +10,12 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome
 from ator_ros.actions.base import Goal
-from ator_ros.experiments.execution import run_chain
+from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
 
 LATENCY = 0.15
 GOAL = Pose(0.0, 0.0, 0.5)

@@ -15,7 +15,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.refinement_answers import refused
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 
 LIBRARY = TopLibrary(load_robot())

@@ -23,7 +23,7 @@ from ator_ros.refinement.calibration_file import load_calibration_if_any
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ator_ros.actions.planned import turns
-from ator_ros.nodes.predictions import Predictor
-from ator_ros.nodes.rehearsal import rehearse
-from ator_ros.robot import load_robot
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.rehearsal import rehearse
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 
 

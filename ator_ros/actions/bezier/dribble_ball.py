@@ -8,8 +8,8 @@ from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step
 from ator_ros.actions.bezier.curve import Shape
 from ator_ros.actions.bezier.driver import Driver, Pushing, Style, check_goal, reached
 from ator_ros.geometry import Pose
-from ator_ros.robot import Robot
-from ator_ros.world import Command, World
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import Command, World
 
 LOST = 0.15
 """Distance in m between ball and hold beyond which the ball counts as lost."""

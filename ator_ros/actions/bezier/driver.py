@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from ator_ros.actions.base import ActionError, Goal
 from ator_ros.actions.bezier.curve import Curve, Shape, curve_to
 from ator_ros.geometry import Pose
-from ator_ros.robot import Limits, Robot
-from ator_ros.world import Command, Field, RobotState
+from ator_ros.robot.description import Limits, Robot
+from ator_ros.world.state import Command, Field, RobotState
 
 PERIOD = 0.05
 """Control period in s for which changes of the command are limited."""

@@ -9,8 +9,8 @@ from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.actions.bezier.curve import Shape
 from ator_ros.actions.bezier.driver import Driver, Style, check_goal, reached, standing_place
 from ator_ros.geometry import Pose
-from ator_ros.robot import Robot
-from ator_ros.world import BallState, Command, World
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState, Command, World
 
 TO_POSE = Style(Shape(0.4, 0.05, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
 TO_BALL = Style(Shape(0.4, 0.22, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)

@@ -9,8 +9,8 @@ from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finis
 from ator_ros.actions.bezier.dribble_ball import LOST, check_held, dribbling
 from ator_ros.actions.bezier.driver import Driver, Pushing, check_goal
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.robot import Robot
-from ator_ros.world import STOP, BallState, Command, World
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import STOP, BallState, Command, World
 
 _POST_ROOM = 0.2
 _ROLL_RESERVE = 0.25

@@ -12,7 +12,7 @@ from ator_ros.actions.planned.manoeuvre import Side
 from ator_ros.actions.planned.profiles import straight_pieces_of, turn_times
 from ator_ros.actions.planned.turns import Driving, displacements
 from ator_ros.geometry import BoolArray, FloatArray, Pose
-from ator_ros.robot import Limits
+from ator_ros.robot.description import Limits
 
 _TOLERANCE = 1e-7  # as of `manoeuvre.closed`
 _STEPS = 12

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.actions.goals import touches_goals
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.trajectory import Trajectory
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.goals import touches_goals
-from ator_ros.robot import Robot
-from ator_ros.world import BallState
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState
 
 STRIDE = 5
 """Every how many samples of a trajectory are looked at: every 50 ms, 6 cm at full speed."""

@@ -8,7 +8,7 @@ from ator_ros.actions.planned.holding_action import HoldingAction
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.planner import fastest
 from ator_ros.actions.planned.planning import Planning
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 
 class DribbleBall(HoldingAction):

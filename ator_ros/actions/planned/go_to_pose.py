@@ -12,8 +12,8 @@ from ator_ros.actions.planned.planned_action import PlannedAction
 from ator_ros.actions.planned.planner import fastest, free_sides, run_sides
 from ator_ros.actions.planned.planning import Planning
 from ator_ros.geometry import Pose
-from ator_ros.robot import Robot
-from ator_ros.world import BallState, World
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState, World
 
 RUN = 0.25  # straight stretch behind the ball, twice the fins' length, in m
 BALL_MARGIN = 0.04

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from ator_ros.actions.planned.manoeuvre import Side
 from ator_ros.actions.planned.turns import Driving
-from ator_ros.robot import Limits, Robot
+from ator_ros.robot.description import Limits, Robot
 
 MARGIN = 0.05  # m/s^2 of push that is always left
 LOST = 0.15  # m off its place at which the ball counts as lost

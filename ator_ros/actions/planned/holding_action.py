@@ -5,8 +5,8 @@ from __future__ import annotations
 from ator_ros.actions.base import ActionError, Goal
 from ator_ros.actions.planned.holding import LOST
 from ator_ros.actions.planned.planned_action import PlannedAction
-from ator_ros.robot import Robot
-from ator_ros.world import World
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import World
 
 
 class HoldingAction(PlannedAction):

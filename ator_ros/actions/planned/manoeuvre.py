@@ -10,7 +10,7 @@ import numpy as np
 from ator_ros.actions.planned.profiles import Piece, straight_pieces, turn_pieces, turn_times
 from ator_ros.actions.planned.turns import Driving, displacements
 from ator_ros.geometry import Pose
-from ator_ros.robot import Limits
+from ator_ros.robot.description import Limits
 
 
 @dataclass(frozen=True, slots=True)

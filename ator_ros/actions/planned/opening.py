@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ator_ros.geometry import Pose
-from ator_ros.world import RobotState
+from ator_ros.world.state import RobotState
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ator_ros.robot import Limits
-from ator_ros.world import STOP, Command, RobotState, World
+from ator_ros.robot.description import Limits
+from ator_ros.world.state import STOP, Command, RobotState, World
 
 _PERIOD = 0.05  # s of a control tick
 _SETTLING = 0.3  # s after which a base counts as standing whatever its odometry says

@@ -15,8 +15,8 @@ from ator_ros.actions.planned.planning import Planning, Search
 from ator_ros.actions.planned.tracker import Tracker
 from ator_ros.actions.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
-from ator_ros.robot import Limits, Robot
-from ator_ros.world import Command, World
+from ator_ros.robot.description import Limits, Robot
+from ator_ros.world.state import Command, World
 
 # Share of the base's limits that plans use; the rest is for feedback.
 PLAN_SHARE = 0.97

@@ -16,7 +16,7 @@ from ator_ros.actions.planned.screening import PORTION_POINTS, Verdict, look_poi
 from ator_ros.actions.planned.search import find_candidates
 from ator_ros.actions.planned.turns import Driving
 from ator_ros.geometry import Pose
-from ator_ros.robot import Limits, Robot
+from ator_ros.robot.description import Limits, Robot
 
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)

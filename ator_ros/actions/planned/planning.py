@@ -7,7 +7,7 @@ from typing import TypeAlias, TypeVar
 
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.opening import Opening
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 Found = TypeVar("Found")
 

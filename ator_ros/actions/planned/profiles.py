@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.robot import Limits
+from ator_ros.robot.description import Limits
 
 
 class Piece(NamedTuple):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.profiles import straight_times
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.robot import Limits, Robot
+from ator_ros.robot.description import Limits, Robot
 
 SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
 # Share of the way that a ball rolls out which it is sent: the rest makes up for losses. The robot, which

@@ -23,7 +23,7 @@ from ator_ros.actions.planned.release import SLANT, release
 from ator_ros.actions.planned.screening import PORTION_POINTS, look_points, portions, touching
 from ator_ros.actions.planned.turns import Driving, displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
-from ator_ros.robot import Limits, Robot
+from ator_ros.robot.description import Limits, Robot
 
 _BLOCK = 16  # entries in a portion of work
 _TRIES = 3000  # where the posts block so many, there is no room

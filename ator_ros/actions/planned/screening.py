@@ -11,13 +11,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ator_ros.actions.goals import wall_distances
 from ator_ros.actions.planned.bundle import Bundle, closed_bundle, courses
 from ator_ros.actions.planned.clearance import STRIDE, Obstacles, ball_distances
 from ator_ros.actions.planned.trajectory import DT
 from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.goals import wall_distances
-from ator_ros.robot import Robot
-from ator_ros.world import BallState
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState
 
 BACKWARD = -1e-6
 """Speed in m/s below which a robot drives backward."""

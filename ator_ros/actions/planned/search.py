@@ -16,7 +16,7 @@ from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side
 from ator_ros.actions.planned.profiles import speed_change_distances, straight_times, turn_times
 from ator_ros.actions.planned.turns import displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.robot import Limits
+from ator_ros.robot.description import Limits
 
 _Parts: TypeAlias = tuple[FloatArray, FloatArray]
 _STEP = math.radians(5.0)

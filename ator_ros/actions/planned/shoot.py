@@ -14,7 +14,7 @@ from ator_ros.actions.planned.planner import fastest
 from ator_ros.actions.planned.planning import Planning
 from ator_ros.actions.planned.release import release_poses, rolling_time, scoring_time
 from ator_ros.actions.planned.run_up import run_up
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 _PATIENCE = 2.0
 _LARGE = math.radians(200.0)  # beyond which two turns may be better than one

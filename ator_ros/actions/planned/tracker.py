@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from ator_ros.actions.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
-from ator_ros.robot import Robot
-from ator_ros.world import Command, RobotState, World
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import Command, RobotState, World
 
 DISTURBED_DISTANCE = 0.12  # m from the plan
 DISTURBED_HEADING = 0.35  # rad

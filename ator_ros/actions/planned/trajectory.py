@@ -8,7 +8,7 @@ from ator_ros.actions.planned.manoeuvre import Manoeuvre
 from ator_ros.actions.planned.opening import Opening
 from ator_ros.actions.planned.profiles import Piece
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.world import RobotState
+from ator_ros.world.state import RobotState
 
 DT = 0.01
 """Time in s between two samples."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from ator_ros.actions.planned.profiles import turn_progress, turn_times
 from ator_ros.geometry import FloatArray
-from ator_ros.robot import Limits
+from ator_ros.robot.description import Limits
 
 # Gauss-Legendre nodes over [0, 1]; 16 of them give the displacement of a full turn to 0.1 mm.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
