@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import Goal
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines
@@ -11,11 +12,10 @@ from ator_ros.execution.refining import Refining
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import BallState, RobotState, World
 
 ROBOT = load_robot()
-LIBRARY = TopLibrary(ROBOT)
+LIBRARY = SOCCER.library(ROBOT)
 
 
 def chain(*steps: tuple[str, Pose], opened: frozenset[str] = frozenset()) -> TopChain:

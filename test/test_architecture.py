@@ -26,6 +26,7 @@ FLOORS = [
     "performance",
     "refinement",
     "execution",
+    "domains",
     "evaluation",
     "report",
     "nodes",

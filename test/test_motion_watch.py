@@ -12,6 +12,7 @@ import pytest
 from driving import LATE, SLOW, Base, Drive, drive
 from executions import LIBRARY, ROBOT, chain
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.noise import REALISTIC
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.driving import Driving
@@ -21,7 +22,6 @@ from ator_ros.execution.phases import Ending
 from ator_ros.execution.step_run import is_standing
 from ator_ros.geometry import Pose
 from ator_ros.robot.ramp import ramped
-from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 TICK = 0.05
@@ -170,12 +170,12 @@ def test_bounds_follow_from_the_robot() -> None:
 
 def alarms(base: Base, action_set: str, indices: range) -> list[str]:
     """Return what the watch and the fence say of random chains; nobody does anything wrong in them."""
-    library, said = TopLibrary(ROBOT, action_set), []
+    library, said = SOCCER.library(ROBOT, action_set), []
     # A base slower than described swings wide, and the paper's actions know no field: both truly leave.
     stays = base.scale == 1.0 and action_set == "default"
     fence = Fence.around(ROBOT) if stays else Fence(-50.0, -50.0, 50.0, 50.0)
     for index in indices:
-        trial = random_trial(902, index, ("dribble", "shoot")[index % 2], ROBOT, library)
+        trial = random_trial(SOCCER, ("dribble", "shoot")[index % 2], library, seed=902, index=index)
         done = drive(library, trial.world, trial.chain, base, seed=index, fence=fence)
         if done.ending in (Ending.BASE_FAULT, Ending.OUT_OF_BOUNDS):
             said.append(f"{action_set} {index}: {done.reason}")

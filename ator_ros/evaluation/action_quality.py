@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import ActionError, Status
-from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.actions.planned.planned_action import PlannedAction
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.experience.episode import place
-from ator_ros.experience.situations import Situation, random_situation
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
@@ -72,9 +72,10 @@ def situation_of(task: Task, robot: Robot) -> Situation:
     action = {"pose": "goToPose", "approach": "goToPose", "dribble": "dribbleBall", "shoot": "shoot"}[
         task.kind
     ]
-    drawn = random_situation(action, robot, rng)
+    sample = SOCCER.actions(task.action_set)[action].sample
+    drawn = sample(robot, rng)
     while action == "goToPose" and (drawn.ball is None) != (task.kind == "pose"):
-        drawn = random_situation(action, robot, rng)
+        drawn = sample(robot, rng)
     pose = drawn.robot.pose._replace(yaw=drawn.robot.pose.yaw + task.turn)
     ball = drawn.ball
     if ball is not None and task.kind != "approach":
@@ -97,7 +98,7 @@ def execute_situation(situation: Situation, task: Task) -> Outcome:
 def _execute(simulation: PioneerSimulation, situation: Situation, task: Task) -> Outcome:
     robot, goal = simulation.robot, situation.goal
     place(simulation, situation)
-    action = ACTION_SETS[task.action_set][situation.action](robot)
+    action = SOCCER.actions(task.action_set)[situation.action].factory(robot)
     early, excess = False, 0.0
     poses = (situation.robot.pose, goal.robot_pose(robot))
     try:

@@ -65,7 +65,7 @@ def step_examples(
     examples: list[StepExample] = []
     models = tools.models["learned"]
     for record in records:
-        trial = random_trial(seed, record["index"], chain, tools.robot, library)
+        trial = random_trial(tools.domain, chain, library, seed=seed, index=record["index"])
         for policy in POLICIES:
             row = record["policies"].get(policy)
             if row is None or not row["success"]:

@@ -77,7 +77,7 @@ CONDITIONS: Mapping[str, Condition] = MappingProxyType(
 
 @dataclass(frozen=True)
 class NoiseTask:
-    """One situation under some conditions: seed, number, chain (see `trials.CHAINS`), policy, tools."""
+    """One situation under some conditions: seed, number, chain, policy, tools."""
 
     seed: int
     index: int
@@ -97,7 +97,7 @@ def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
 def execute(task: NoiseTask) -> dict[str, Run]:
     """Execute the chain of one situation under each condition, chosen once by the policy from the truth."""
     tools, library = _tools(task.source)
-    trial = random_trial(task.seed, task.index, task.chain, tools.robot, library)
+    trial = random_trial(tools.domain, task.chain, library, seed=task.seed, index=task.index)
     chain = POLICIES[task.policy](tools, trial).chain
     runs = {}
     for name in task.conditions:

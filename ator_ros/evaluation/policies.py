@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, with_headings
 from ator_ros.geometry import Pose
 from ator_ros.refinement.answer import Refinement
@@ -30,6 +31,8 @@ class Toolset:
 
     Attributes
     ----------
+    domain : Domain
+        Whose situations and chains.
     robot : Robot
         Sizes and limits.
     models : mapping
@@ -41,6 +44,7 @@ class Toolset:
         What predictions of the learned models miss.
     """
 
+    domain: Domain
     robot: Robot
     models: Mapping[str, Models]
     gate: Gate

@@ -31,7 +31,7 @@ class Settings:
     seed : int
         Of the situations.
     chain : str
-        Which chain, see `ator_ros.evaluation.trials.CHAINS`.
+        Which chain, of the domain.
     policies : tuple of str
         Names of `POLICIES`.
     oracle : int
@@ -99,7 +99,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     """
     settings, index = task
     tools, library = _tools(settings.source)
-    trial = random_trial(settings.seed, index, settings.chain, tools.robot, library)
+    trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=index)
     execute = Executions(tools, library, trial)
     choices = {name: POLICIES[name](tools, trial) for name in settings.policies}
     record: Record = {

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from ator_ros.domains.domain import DEFAULT, find_domain
 from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
 from ator_ros.evaluation.heuristics import bitbots, booster, load_baselines
 from ator_ros.evaluation.policies import POLICIES, Models, Toolset
@@ -23,25 +24,27 @@ from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tops.library import TopLibrary
 
-ACTIONS = ("goToPose", "dribbleBall", "shoot")
 GATE = "gate.json"
 BASELINES = "baselines.json"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ToolsetSource:
     """Where robot, actions, models and gate come from.
 
     Attributes
     ----------
+    domain : str
+        Name of the domain.
     action_set : str
-        "default" or "bezier".
+        Which of its action sets.
     models : str
         Folder of the models, laid out as the shipped models/; empty: that one.
     experience : tuple of str
         Tables that the models with gradient boosting are fitted to; empty: there are none.
     """
 
+    domain: str = DEFAULT
     action_set: str = "default"
     models: str = ""
     experience: tuple[str, ...] = ()
@@ -77,7 +80,7 @@ class ToolsetSource:
 
     def _actions(self, chain: str, robot: Robot) -> list[str]:
         """Return the actions of a chain, one for each step."""
-        trial = random_trial(0, 0, chain, robot, make_library(robot, self))
+        trial = random_trial(find_domain(self.domain), chain, make_library(robot, self), seed=0, index=0)
         return [call.top.action for call in trial.chain.calls]
 
 
@@ -109,7 +112,7 @@ def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str
 
 def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
     """Return the TOP library with the actions of the source."""
-    return TopLibrary(robot, source.action_set)
+    return find_domain(source.domain).library(robot, source.action_set)
 
 
 def make_toolset(source: ToolsetSource) -> Toolset:
@@ -120,11 +123,12 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     ModelFileError, RefinementError, ExperienceError, EvaluationError
         A file that is there cannot be used; the message names it.
     """
-    robot, folder = load_robot(), source.folder()
+    domain, robot, folder = find_domain(source.domain), load_robot(), source.folder()
+    actions = list(domain.actions(source.action_set))
     models: dict[str, Models] = {
-        "learned": {action: load_model(folder / f"{action}.json", robot) for action in ACTIONS},
-        "bitbots": {action: bitbots(action, robot) for action in ACTIONS},
-        "booster": {action: booster(action, robot) for action in ACTIONS},
+        "learned": {action: load_model(folder / f"{action}.json", robot) for action in actions},
+        "bitbots": {action: bitbots(action, robot) for action in actions},
+        "booster": {action: booster(action, robot) for action in actions},
         "ideal_time": ideal_times(robot),
         "turn_drive_turn": plain_times(robot),
     }
@@ -135,4 +139,4 @@ def make_toolset(source: ToolsetSource) -> Toolset:
             action: BoostedTime(robot).fit(rows) for action, rows in read_rows(source.experience).items()
         }
     gate = load_gate(folder / GATE, source.action_set) if (folder / GATE).exists() else OpenGate()
-    return Toolset(robot, models, gate, load_calibration_if_any(folder))
+    return Toolset(domain, robot, models, gate, load_calibration_if_any(folder))

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.planned.planned_action import POSITION_TOLERANCE
 from ator_ros.robot.description import Robot
 from ator_ros.robot.ramp import clip, stopping_way
 from ator_ros.tops.ball import at_ball, at_rest, drives_to_ball, has_left, is_at_front
@@ -18,6 +17,8 @@ from ator_ros.world.state import RobotState, World
 _DOUBT = 0.3
 """Time in s for which the ball must lead out: its velocity may be false until its positions tell."""
 _ROUNDING = 1e-9
+_OFF_THE_WAY = 0.05
+"""Distance in m by which an action may miss its goal and its way."""
 _PERIOD = 0.05
 """Time in s between two commands where a goal is judged before anything is known of odometry's rate."""
 
@@ -27,7 +28,7 @@ def room_inside(robot: Robot) -> float:
 
     It is the tolerance of a position, and what the robot drives at full speed until it follows a command.
     """
-    return POSITION_TOLERANCE + robot.limits.v * (_PERIOD + robot.motor_time_constant)
+    return _OFF_THE_WAY + robot.limits.v * (_PERIOD + robot.motor_time_constant)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Point, Status
-from ator_ros.experience.situations import Situation
+from ator_ros.actions.situation import Situation
 from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import PioneerSimulation

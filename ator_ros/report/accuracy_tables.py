@@ -7,10 +7,11 @@ from typing import Any
 
 import pandas as pd
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.performance.accuracy import AT_REST, accuracy
 from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, names_of
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.training import CHOSEN, Training, train
+from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot
 
 PAPER = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
@@ -91,12 +92,12 @@ def ablation_table(
 
 def _candidates(action: str) -> dict[str, tuple[Sequence[str], Training]]:
     rows: dict[str, tuple[Sequence[str], Training]] = dict(ABLATION)
-    if action in CHOSEN:
-        rows["chosen, without ideal times, starts"] = (
-            [name for name in CHOSEN[action] if name not in _IDEAL],
-            Training(),
-        )
-        rows["chosen, starts (shipped)"] = (CHOSEN[action], Training())
+    chosen = SOCCER.candidates(action)
+    rows["chosen, without ideal times, starts"] = (
+        [name for name in chosen if name not in _IDEAL],
+        Training(),
+    )
+    rows["chosen, starts (shipped)"] = (chosen, Training())
     return rows
 
 

@@ -12,7 +12,7 @@ from ator_ros.evaluation.policies import POLICIES, Toolset
 from ator_ros.evaluation.running import has_predictions
 from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.evaluation.statistics import OURS
-from ator_ros.evaluation.toolset import ACTIONS, GATE, make_library
+from ator_ros.evaluation.toolset import GATE, make_library
 from ator_ros.evaluation.trials import SEEDS, random_trial
 from ator_ros.files import write_text
 from ator_ros.performance.model import PerformanceModel
@@ -111,7 +111,7 @@ def _worst(records: Sequence[Record], tools: Toolset, settings: Settings) -> str
     parts = []
     for index in [index for index in order[:WORST] if losses[index] > 0.0]:
         record = records[index]
-        trial = random_trial(settings.seed, record["index"], settings.chain, tools.robot, library)
+        trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=record["index"])
         runs = {}
         for name in ("naive", policy):
             chain = POLICIES[name](tools, trial).chain
@@ -144,7 +144,7 @@ def _why(record: Record, policy: str) -> str:
 def _accuracy(tools: Toolset, summary: Mapping[str, Any]) -> str:
     paper = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
     rows = []
-    for action in ACTIONS:
+    for action in tools.models["learned"]:
         measured = getattr(tools.models["learned"][action], "metadata", {}).get("accuracy", {})
         if "mae_s" in measured:
             episodes = str(measured.get("episodes", ""))

@@ -14,7 +14,6 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.evaluation.policies import Models
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
-from ator_ros.evaluation.trials import OPEN_HEADING
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.refinement.chain_model import ChainModel
 from ator_ros.refinement.free_variables import analyse
@@ -38,7 +37,7 @@ def example(library: TopLibrary) -> tuple[World, TopChain]:
     first, second = library["goToBall"], library["dribbleBall"]
     return world, TopChain(
         (
-            TopCall(first, Goal(BALL, 0.0, first.point), OPEN_HEADING),
+            TopCall(first, Goal(BALL, 0.0, first.point), frozenset({"yaw"})),
             TopCall(second, Goal(GOAL, 0.0, second.point)),
         )
     )
@@ -95,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")
     parser.add_argument("--out", type=Path, default=Path("docs/figure6.svg"))
     options = parser.parse_args(argv)
-    source = ToolsetSource(options.action_set, options.models)
+    source = ToolsetSource(action_set=options.action_set, models=options.models)
     tools = make_toolset(source)
     save_svg(figure6(tools.robot, tools.models["learned"], make_library(tools.robot, source)), options.out)
     return 0

@@ -38,7 +38,10 @@ def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]
     library = make_library(tools.robot, source)
     refiner = tools.refiner(gated=True)
     trials = {
-        kind: [random_trial(SEED, index, kind, tools.robot, library) for index in range(requests + WARM_UP)]
+        kind: [
+            random_trial(tools.domain, kind, library, seed=SEED, index=index)
+            for index in range(requests + WARM_UP)
+        ]
         for kind in {kind for kind, _ in CASES.values()}
     }
     naive = {

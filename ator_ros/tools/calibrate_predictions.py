@@ -63,7 +63,7 @@ def _learn(options: argparse.Namespace, command: str) -> int:
     sets = {result["settings"]["source"]["action_set"] for _, result in results}
     if len(sets) != 1:
         raise EvaluationError(f"expected evaluations of one action set, got {', '.join(sorted(sets))}")
-    source = ToolsetSource(sets.pop(), options.models)
+    source = ToolsetSource(action_set=sets.pop(), models=options.models)
     tools = make_toolset(source)
     library = make_library(tools.robot, source)
     examples: list[StepExample] = []

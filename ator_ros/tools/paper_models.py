@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -11,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.actions.situation import Situation
+from ator_ros.actions.specification import Sampler
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.collect import collect
-from ator_ros.experience.situations import Situation, random_situation
 from ator_ros.experience.table import join
 from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy
@@ -35,19 +37,20 @@ LEARNED = {
 """Candidate features and examples to learn from, by what the table calls them."""
 
 
-def at_rest(action: str, robot: Robot, rng: np.random.Generator) -> Situation:
+def at_rest(sample: Sampler, robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a situation as the paper's: at rest at both ends, the ball at the goal of goToPose or held."""
-    drawn = random_situation(action, robot, rng)
+    drawn = sample(robot, rng)
     while drawn.ball is None:
-        drawn = random_situation(action, robot, rng)
+        drawn = sample(robot, rng)
     ball, pose = BallState(drawn.ball.x, drawn.ball.y), drawn.robot.pose
-    return Situation(action, RobotState(pose), ball, dataclasses.replace(drawn.goal, speed=0.0))
+    return Situation(drawn.action, RobotState(pose), ball, dataclasses.replace(drawn.goal, speed=0.0))
 
 
 def episodes_at_rest(action: str, action_set: str, count: int, seed: int, jobs: int) -> pd.DataFrame:
     """Return the examples of `count` episodes at rest of one action."""
-    factories = {action: ACTION_SETS[action_set][action]}
-    return join(collect(factories, load_robot(), episodes=count, seed=seed, jobs=jobs, sample=at_rest))
+    spec = SOCCER.actions(action_set)[action]
+    spec = dataclasses.replace(spec, sample=functools.partial(at_rest, spec.sample))
+    return join(collect([spec], load_robot(), episodes=count, seed=seed, jobs=jobs))
 
 
 def document(options: argparse.Namespace, command: str) -> str:
@@ -99,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Collect, learn, measure, and write the table; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     parser = argparse.ArgumentParser(prog="paper_models", description=__doc__)
-    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="bezier")
+    parser.add_argument("--action-set", choices=list(SOCCER.action_sets), default="bezier")
     parser.add_argument(
         "--episodes", type=whole(20), default=1000, help="of each action (default: %(default)s)"
     )

@@ -12,6 +12,7 @@ from typing import Any
 
 import pandas as pd
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
 from ator_ros.experience.validation import FARTHEST
@@ -109,7 +110,7 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
     for action, examples in by_action.items():
         # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
         try:
-            model = train(action, examples, robot)
+            model = train(action, examples, robot, features=SOCCER.candidates(action, source["action_set"]))
         except TrainingError as error:
             errors.append(str(error))
             continue

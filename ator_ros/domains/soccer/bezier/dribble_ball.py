@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
-from ator_ros.actions.bezier.curve import Shape
-from ator_ros.actions.bezier.driver import Driver, Pushing, Style, check_goal, reached
+from ator_ros.domains.soccer.bezier.curve import Shape
+from ator_ros.domains.soccer.bezier.driver import Driver, Pushing, Style, check_goal, reached
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, World

@@ -6,8 +6,8 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
-from ator_ros.actions.bezier.curve import Shape
-from ator_ros.actions.bezier.driver import Driver, Style, check_goal, reached, standing_place
+from ator_ros.domains.soccer.bezier.curve import Shape
+from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import BallState, Command, World

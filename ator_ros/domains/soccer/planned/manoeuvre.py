@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.actions.planned.profiles import Piece, straight_pieces, turn_pieces, turn_times
-from ator_ros.actions.planned.turns import Driving, displacements
+from ator_ros.domains.soccer.planned.profiles import Piece, straight_pieces, turn_pieces, turn_times
+from ator_ros.domains.soccer.planned.turns import Driving, displacements
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits
 

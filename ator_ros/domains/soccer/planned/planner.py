@@ -9,12 +9,12 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.actions.base import ActionError
-from ator_ros.actions.planned.clearance import Obstacles, is_clear, is_free
-from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side, closed
-from ator_ros.actions.planned.planning import Planning
-from ator_ros.actions.planned.screening import PORTION_POINTS, Verdict, look_points, portions, screened
-from ator_ros.actions.planned.search import find_candidates
-from ator_ros.actions.planned.turns import Driving
+from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear, is_free
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre, Side, closed
+from ator_ros.domains.soccer.planned.planning import Planning
+from ator_ros.domains.soccer.planned.screening import PORTION_POINTS, Verdict, look_points, portions, screened
+from ator_ros.domains.soccer.planned.search import find_candidates
+from ator_ros.domains.soccer.planned.turns import Driving
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, Robot
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ator_ros.actions.planned.clearance import Obstacles
-from ator_ros.actions.planned.holding import entry_sides, exit_sides
-from ator_ros.actions.planned.holding_action import HoldingAction
-from ator_ros.actions.planned.manoeuvre import Manoeuvre
-from ator_ros.actions.planned.planner import fastest
-from ator_ros.actions.planned.planning import Planning
+from ator_ros.domains.soccer.planned.clearance import Obstacles
+from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides
+from ator_ros.domains.soccer.planned.holding_action import HoldingAction
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.planner import fastest
+from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.world.state import World
 
 

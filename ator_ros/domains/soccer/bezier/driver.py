@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ator_ros.actions.base import ActionError, Goal
-from ator_ros.actions.bezier.curve import Curve, Shape, curve_to
+from ator_ros.domains.soccer.bezier.curve import Curve, Shape, curve_to
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import Command, Field, RobotState

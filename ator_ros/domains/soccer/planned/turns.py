@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ator_ros.actions.planned.profiles import turn_progress, turn_times
+from ator_ros.domains.soccer.planned.profiles import turn_progress, turn_times
 from ator_ros.geometry import FloatArray
 from ator_ros.robot.description import Limits
 

@@ -6,8 +6,8 @@ import itertools
 import math
 from functools import lru_cache
 
-from ator_ros.actions.planned.manoeuvre import Side
-from ator_ros.actions.planned.turns import Driving
+from ator_ros.domains.soccer.planned.manoeuvre import Side
+from ator_ros.domains.soccer.planned.turns import Driving
 from ator_ros.robot.description import Limits, Robot
 
 MARGIN = 0.05  # m/s^2 of push that is always left

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.actions.planned.bundle import Bundle, side_table
-from ator_ros.actions.planned.clearance import Obstacles, is_clear
-from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side
-from ator_ros.actions.planned.planning import Planning
-from ator_ros.actions.planned.profiles import straight_times, turn_times
-from ator_ros.actions.planned.release import SLANT, release
-from ator_ros.actions.planned.screening import PORTION_POINTS, look_points, portions, touching
-from ator_ros.actions.planned.turns import Driving, displacement_table, speeds_after
+from ator_ros.domains.soccer.planned.bundle import Bundle, side_table
+from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre, Side
+from ator_ros.domains.soccer.planned.planning import Planning
+from ator_ros.domains.soccer.planned.profiles import straight_times, turn_times
+from ator_ros.domains.soccer.planned.release import SLANT, release
+from ator_ros.domains.soccer.planned.screening import PORTION_POINTS, look_points, portions, touching
+from ator_ros.domains.soccer.planned.turns import Driving, displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.robot.description import Limits, Robot
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import ActionError, Goal
-from ator_ros.actions.planned.holding import LOST
-from ator_ros.actions.planned.planned_action import PlannedAction
+from ator_ros.domains.soccer.planned.holding import LOST
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import World
 

@@ -6,8 +6,8 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.actions.bezier.dribble_ball import LOST, check_held, dribbling
-from ator_ros.actions.bezier.driver import Driver, Pushing, check_goal
+from ator_ros.domains.soccer.bezier.dribble_ball import LOST, check_held, dribbling
+from ator_ros.domains.soccer.bezier.driver import Driver, Pushing, check_goal
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, BallState, Command, World

@@ -6,11 +6,11 @@ import dataclasses
 import math
 
 from ator_ros.actions.base import Goal, Point, Status, Step
-from ator_ros.actions.planned.clearance import Obstacles
-from ator_ros.actions.planned.manoeuvre import Manoeuvre
-from ator_ros.actions.planned.planned_action import PlannedAction
-from ator_ros.actions.planned.planner import fastest, free_sides, run_sides
-from ator_ros.actions.planned.planning import Planning
+from ator_ros.domains.soccer.planned.clearance import Obstacles
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
+from ator_ros.domains.soccer.planned.planner import fastest, free_sides, run_sides
+from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import BallState, World

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.actions.goals import wall_distances
-from ator_ros.actions.planned.bundle import Bundle, closed_bundle, courses
-from ator_ros.actions.planned.clearance import STRIDE, Obstacles, ball_distances
-from ator_ros.actions.planned.trajectory import DT
+from ator_ros.domains.soccer.goals import wall_distances
+from ator_ros.domains.soccer.planned.bundle import Bundle, closed_bundle, courses
+from ator_ros.domains.soccer.planned.clearance import STRIDE, Obstacles, ball_distances
+from ator_ros.domains.soccer.planned.trajectory import DT
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import BallState

@@ -6,14 +6,14 @@ import math
 from contextlib import suppress
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
-from ator_ros.actions.planned.clearance import Obstacles
-from ator_ros.actions.planned.holding import release_sides, run_up_sides
-from ator_ros.actions.planned.holding_action import HoldingAction
-from ator_ros.actions.planned.manoeuvre import Manoeuvre
-from ator_ros.actions.planned.planner import fastest
-from ator_ros.actions.planned.planning import Planning
-from ator_ros.actions.planned.release import release_poses, rolling_time, scoring_time
-from ator_ros.actions.planned.run_up import run_up
+from ator_ros.domains.soccer.planned.clearance import Obstacles
+from ator_ros.domains.soccer.planned.holding import release_sides, run_up_sides
+from ator_ros.domains.soccer.planned.holding_action import HoldingAction
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.planner import fastest
+from ator_ros.domains.soccer.planned.planning import Planning
+from ator_ros.domains.soccer.planned.release import release_poses, rolling_time, scoring_time
+from ator_ros.domains.soccer.planned.run_up import run_up
 from ator_ros.world.state import World
 
 _PATIENCE = 2.0

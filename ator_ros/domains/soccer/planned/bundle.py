@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.actions.planned.manoeuvre import Side
-from ator_ros.actions.planned.profiles import straight_pieces_of, turn_times
-from ator_ros.actions.planned.turns import Driving, displacements
+from ator_ros.domains.soccer.planned.manoeuvre import Side
+from ator_ros.domains.soccer.planned.profiles import straight_pieces_of, turn_times
+from ator_ros.domains.soccer.planned.turns import Driving, displacements
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.robot.description import Limits
 

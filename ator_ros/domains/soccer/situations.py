@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goals import touches_goals
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.goals import touches_goals
 from ator_ros.geometry import Pose
+from ator_ros.refinement.free_variables import ARRIVAL_SPEED
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import BallState, RobotState
 
@@ -19,59 +19,6 @@ SIDE_MARGIN = 0.4  # m that they keep from the side lines
 CLEARANCE = 0.6  # m between the axle at the start and the ball, so that the two don't touch
 SHORTEST = 0.5  # m between start and goal
 SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line when a shot starts
-ARRIVAL_SPEED = 0.8  # m/s, the greatest speed at which an episode arrives at its goal
-
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """The state in which an action starts, and its goal.
-
-    Attributes
-    ----------
-    action : str
-        Name of the action.
-    robot : RobotState
-        Pose and velocities at the start.
-    ball : BallState or None
-        The ball at the start, None where none is on the field.
-    goal : Goal
-        The action's goal.
-    """
-
-    action: str
-    robot: RobotState
-    ball: BallState | None
-    goal: Goal
-
-
-class UnknownActionError(ValueError):
-    """An action for which there are no situations; the message lists those there are."""
-
-
-def random_situation(action: str, robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a start and a goal for `action`.
-
-    goToPose: three quarters approach a ball, half of these with an arrival speed; one quarter drives to a
-    plain pose. One start in seven is in motion. dribbleBall and shoot: the ball is held, and every second
-    start is in motion, as after an arrival at speed; shoot starts up to 2.5 m from the goal.
-
-    Parameters
-    ----------
-    action : str
-        Name of the action.
-    robot : Robot
-        Shape, limits and field.
-    rng : numpy.random.Generator
-        The only source of chance.
-
-    Raises
-    ------
-    UnknownActionError
-        There are no situations for `action`.
-    """
-    if action not in SITUATIONS:
-        raise UnknownActionError(f"action: expected one of {', '.join(SITUATIONS)}, got {action!r}")
-    return SITUATIONS[action](robot, rng)
 
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
@@ -91,7 +38,11 @@ def _speed(rng: np.random.Generator, share: float) -> float:
     return speed if _share(rng, share) else 0.0
 
 
-def _go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
+def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a drive: three quarters approach a ball, half of these with an arrival speed, the others a pose.
+
+    One start in seven is in motion.
+    """
     with_ball = _share(rng, 0.75)
     goal = random_pose(robot, rng)
     start = random_pose(robot, rng)
@@ -116,7 +67,8 @@ def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, BallSt
     return RobotState(pose, speed), BallState(ball.x, ball.y, vx, vy)
 
 
-def _dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
+def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed."""
     goal = random_pose(robot, rng)
     ball = random_pose(robot, rng)
     while ball.distance(goal) < SHORTEST:
@@ -125,7 +77,8 @@ def _dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     return Situation("dribbleBall", state, rolling, Goal(goal, _speed(rng, 0.3), Point.HOLD))
 
 
-def _shoot(robot: Robot, rng: np.random.Generator) -> Situation:
+def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a shot from up to 2.5 m before the goal: the ball is held, and every second start is in motion."""
     x, y = robot.field.goal_centre()
     start = _shooting_pose(robot, rng)
     while touches_goals(np.array([start]), robot):
@@ -145,11 +98,3 @@ def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
         float(rng.uniform(-math.pi, math.pi)),
     )
     return robot.pose_holding(ball)
-
-
-SITUATIONS: dict[str, Callable[[Robot, np.random.Generator], Situation]] = {
-    "goToPose": _go_to_pose,
-    "dribbleBall": _dribble_ball,
-    "shoot": _shoot,
-}
-"""The situations of each action by its name; a new action is a new entry."""

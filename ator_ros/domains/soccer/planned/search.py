@@ -11,10 +11,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.actions.planned.bundle import Bundle, side_table
-from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side
-from ator_ros.actions.planned.profiles import speed_change_distances, straight_times, turn_times
-from ator_ros.actions.planned.turns import displacement_table, speeds_after
+from ator_ros.domains.soccer.planned.bundle import Bundle, side_table
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre, Side
+from ator_ros.domains.soccer.planned.profiles import speed_change_distances, straight_times, turn_times
+from ator_ros.domains.soccer.planned.turns import displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits
 

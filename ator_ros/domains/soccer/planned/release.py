@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.actions.planned.manoeuvre import Manoeuvre
-from ator_ros.actions.planned.profiles import straight_times
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.profiles import straight_times
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits, Robot
 
