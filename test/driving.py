@@ -12,13 +12,14 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Refining
+from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import TICK, PioneerSimulation
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, Command, World
-from ator_ros.world.tracking import BallTracker
+from ator_ros.world.tracking import ObjectTracker
 
 _LONGEST = 60.0
 
@@ -112,14 +113,16 @@ def drive(
     )
     done, driving, sensors = Drive(execution), Driving(robot, base.latency), Sensors(base.sensors, seed)
     noise, velocity_noise = base.sensors.ball_noise, base.sensors.ball_velocity_noise
-    tracker, last = BallTracker(noise, velocity_noise), -1.0
+    tracker, last = ObjectTracker(noise, velocity_noise), -1.0
     with PioneerSimulation(base.robot(robot)) as simulation:
         simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
-        if start.ball is not None:
-            simulation.place_ball(start.ball.x, start.ball.y, vx=start.ball.vx, vy=start.ball.vy)
+        if ball_of(start) is not None:
+            simulation.place_ball(
+                ball_of(start).x, ball_of(start).y, vx=ball_of(start).vx, vy=ball_of(start).vy
+            )
         while execution.phase is not Phase.ENDED and simulation.time < limit:
             world = simulation.world()
-            seen, now = odometry(tracker.observe(sensors.observe(world))), world.time
+            seen, now = odometry(tracker.observe(sensors.observe(world), BALL)), world.time
             if seen.time > last:
                 last = seen.time
                 command = execution.tick(driving.ahead(seen, execution, now), now)

@@ -10,9 +10,10 @@ from ator_ros.execution.phases import Deadlines
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Refining
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import objects_of
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
@@ -41,5 +42,5 @@ def execution(plan: TopChain, *, refine: bool = False, fetches: int = 0) -> Exec
     )
 
 
-def world(time: float = 1.0, *, v: float = 0.0, ball: BallState | None = None) -> World:
-    return World(time, RobotState(Pose(0.0, 0.0, 0.0), v), ball)
+def world(time: float = 1.0, *, v: float = 0.0, ball: ObjectState | None = None) -> World:
+    return World(time, RobotState(Pose(0.0, 0.0, 0.0), v), objects_of(ball))

@@ -12,9 +12,10 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
@@ -64,7 +65,7 @@ def models(used: frozenset[str] = USED) -> dict[str, FakeModel]:
 
 
 def world(x: float = -1.0, y: float = 0.0, yaw: float = 0.0, ball: tuple[float, float] = (0.0, 0.0)) -> World:
-    return World(0.0, RobotState(Pose(x, y, yaw)), BallState(*ball))
+    return World(0.0, RobotState(Pose(x, y, yaw)), {BALL: ObjectState(*ball)})
 
 
 def call(

@@ -12,6 +12,7 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import coast, place
 from ator_ros.geometry import wrap_angle
+from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.world.state import World
@@ -63,7 +64,10 @@ def run_many(robot: Robot, action: Action, *, seed: int, count: int) -> list[Run
 def _in_a_post(robot: Robot, situation: Situation) -> bool:
     """Return whether robot or ball would start inside a goal's post, where physics throws them out."""
     pose, field = situation.robot.pose, robot.field
-    points = [(pose.x, pose.y), *([(situation.ball.x, situation.ball.y)] if situation.ball else [])]
+    points = [
+        (pose.x, pose.y),
+        *([(ball_of(situation).x, ball_of(situation).y)] if ball_of(situation) else []),
+    ]
     return any(
         math.hypot(max(field.length / 2 - abs(x), 0.0), abs(y) - field.goal_width / 2) < robot.reach
         for x, y in points
@@ -89,10 +93,10 @@ def always_within_limits(run: Run, *, slack: float = 0.03) -> bool:
 
 def ball_stays_until_the_end(run: Run, *, moved: float = 0.02, last: float = 0.3) -> bool:
     """Return whether the ball moved less than `moved` (m) until `last` (s) before the end."""
-    first = run.worlds[0].ball
+    first = ball_of(run.worlds[0])
     assert first is not None
     before = run.worlds[: max(1, len(run.worlds) - round(last * _RATE))]
-    balls = [world.ball for world in before if world.ball is not None]
+    balls = [ball_of(world) for world in before if ball_of(world) is not None]
     return len(balls) == len(before) and all(
         math.hypot(ball.x - first.x, ball.y - first.y) < moved for ball in balls
     )
@@ -102,12 +106,15 @@ def always_holds_the_ball(run: Run, *, distance: float = 0.1) -> bool:
     """Return whether the ball was never farther than `distance` (m) from the hold."""
     for world in run.worlds:
         hold = run.robot.hold_point(world.robot.pose)
-        if world.ball is None or math.hypot(world.ball.x - hold.x, world.ball.y - hold.y) > distance:
+        if (
+            ball_of(world) is None
+            or math.hypot(ball_of(world).x - hold.x, ball_of(world).y - hold.y) > distance
+        ):
             return False
     return True
 
 
 def ball_in_the_goal(run: Run) -> bool:
     """Return whether the ball ended behind the goal line, between the posts."""
-    ball, field = run.end.ball, run.robot.field
+    ball, field = ball_of(run.end), run.robot.field
     return ball is not None and abs(ball.x) > field.length / 2 and abs(ball.y) < field.goal_width / 2

@@ -24,8 +24,9 @@ from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.action_quality import execute, tasks
 from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.world.state import BallState, Command, RobotState, World
+from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 COUNT = 20
 AXLE_GOAL = Goal(Pose(1.0, 0.0, 0.0))
@@ -57,7 +58,7 @@ def test_go_to_pose_arrives(runs: dict[str, list[Run]]) -> None:
 
 
 def test_approach_leaves_the_ball_in_its_place(runs: dict[str, list[Run]]) -> None:
-    approaches = [run for run in runs["goToPose"] if run.situation.ball is not None]
+    approaches = [run for run in runs["goToPose"] if ball_of(run.situation) is not None]
     assert len(approaches) >= COUNT / 2
     assert sum(ball_stays_until_the_end(run) for run in approaches) >= len(approaches) - 1
 
@@ -78,7 +79,7 @@ def test_same_start_gives_the_same_steps(robot: Robot, runs: dict[str, list[Run]
 
 @pytest.mark.parametrize("name", ["dribbleBall", "shoot"])
 def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
-    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), BallState(1.0, 0.0))
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
     goal = Goal(Pose(*robot.field.goal_centre(), 0.0), point=Point.HOLD)
     with pytest.raises(ActionError, match="expected the ball within"):
         SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
@@ -93,7 +94,7 @@ def test_impossible_goal_is_refused(robot: Robot, goal: Goal) -> None:
 
 
 def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
-    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), BallState(robot.hold, 0.0))
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(robot.hold, 0.0)})
     with pytest.raises(ActionError, match="goal's mouth"):
         SOCCER.actions("bezier")["shoot"].factory(robot).start(world, AXLE_GOAL)
 

@@ -7,6 +7,7 @@ import pytest
 from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import TICK, PioneerSimulation
 from ator_ros.world.state import STOP
@@ -35,8 +36,8 @@ def approach(late: int, unseen: int = 0) -> tuple[float, float]:
             simulation.command(STOP if tick < late else step.command)
             simulation.tick()
         assert step.status is Status.SUCCEEDED, step.message
-        assert world.ball is not None
-        return world.time, abs(world.ball.x) + abs(world.ball.y)
+        assert ball_of(world) is not None
+        return world.time, abs(ball_of(world).x) + abs(ball_of(world).y)
 
 
 @pytest.mark.parametrize("late", [1, 2, 10, 11])

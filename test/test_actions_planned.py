@@ -22,9 +22,10 @@ from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.domains.soccer.situations import Situation
 from ator_ros.evaluation.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import Limits, load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = ROBOT.limits
@@ -88,7 +89,7 @@ def test_clearance_is_the_distance_to_the_outline() -> None:
         (-ROBOT.rear - 0.2 - radius, 0.1, 0.2),
         (0.0, ROBOT.half_width + radius + 0.1, 0.1),
     ):
-        assert ball_distances(poses, BallState(x, y), ROBOT)[0] == pytest.approx(expected)
+        assert ball_distances(poses, ObjectState(x, y), ROBOT)[0] == pytest.approx(expected)
 
 
 def test_turning_on_the_spot_or_braking_hard_lets_go_of_the_ball() -> None:
@@ -123,10 +124,10 @@ def test_a_ball_that_rolls_is_followed() -> None:
             simulation.tick()
         world = simulation.world()
     assert step.status is Status.SUCCEEDED
-    assert world.ball is not None
-    assert world.ball.x > 0.2
+    assert ball_of(world) is not None
+    assert ball_of(world).x > 0.2
     hold = ROBOT.hold_point(world.robot.pose)
-    assert math.hypot(hold.x - world.ball.x, hold.y - world.ball.y) < 0.06
+    assert math.hypot(hold.x - ball_of(world).x, hold.y - ball_of(world).y) < 0.06
 
 
 def test_a_ball_taken_away_while_dribbling_is_reported() -> None:
@@ -172,7 +173,7 @@ def test_a_start_in_rotation_is_part_of_the_plan(w: float) -> None:
 
 def test_starts_in_motion_are_driven_as_planned() -> None:
     moving = Situation(
-        "goToPose", RobotState(Pose(0.0, 0.0, 0.3), 0.8, 1.2), None, Goal(Pose(2.0, 1.0, 1.0), 0.0)
+        "goToPose", RobotState(Pose(0.0, 0.0, 0.3), 0.8, 1.2), {}, Goal(Pose(2.0, 1.0, 1.0), 0.0)
     )
     outcome = execute_situation(moving, Task("pose", "default", 0, 0))
     action = GoToPose(ROBOT)
@@ -188,7 +189,7 @@ def test_backward_at_both_ends_takes_no_time_over_no_distance() -> None:
 
 
 def test_no_way_is_searched_from_a_start_that_touches_something() -> None:
-    beside = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), BallState(0.0, 0.31))
+    beside = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.31)})
     in_post = World(0.0, RobotState(Pose(4.0, 1.0, 0.0)))
     for world in (beside, in_post):
         with pytest.raises(ActionError, match="too near"):
@@ -197,7 +198,7 @@ def test_no_way_is_searched_from_a_start_that_touches_something() -> None:
 
 def test_the_one_way_between_a_ball_and_a_post_is_found() -> None:
     # Episode 950 of seed 101: two thousand faster manoeuvres touch the goal behind the ball.
-    ball = BallState(-3.083061780344872, 0.9067296040989139)
+    ball = ObjectState(-3.083061780344872, 0.9067296040989139)
     start = RobotState(Pose(-0.6482129645433838, 0.7611405535092324, 1.371227109379472))
     goal = Goal(Pose(ball.x, ball.y, -0.33530771881104204), 0.0, Point.HOLD)
-    GoToPose(ROBOT).start(World(0.0, start, ball), goal)
+    GoToPose(ROBOT).start(World(0.0, start, objects_of(ball)), goal)

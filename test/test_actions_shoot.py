@@ -14,8 +14,9 @@ from ator_ros.domains.soccer.planned.release import release, release_poses, scor
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = Shoot(ROBOT).plan_limits
@@ -24,7 +25,7 @@ MOUTH = Pose(*ROBOT.field.goal_centre(), 0.0)
 
 def planned(start: Pose, speed: float = 0.0, mouth: Pose = MOUTH) -> Manoeuvre:
     action, ball = Shoot(ROBOT), ROBOT.hold_point(start)
-    world = World(0.0, RobotState(start, speed), BallState(ball.x, ball.y))
+    world = World(0.0, RobotState(start, speed), {BALL: ObjectState(ball.x, ball.y)})
     action.start(world, Goal(mouth, 0.0, Point.HOLD))
     planning = action.plan(world)
     try:

@@ -10,12 +10,12 @@ from executions import FORWARD, FORWARD_LEFT, LIBRARY, chain, execution, world
 
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.geometry import Pose
-from ator_ros.tops.ball import needs_ball
-from ator_ros.world.state import STOP, BallState
+from ator_ros.tops.objects import objects_in
+from ator_ros.world.state import STOP, ObjectState
 
 
 def test_which_tops_need_the_ball_follows_from_their_conditions() -> None:
-    assert {name for name in LIBRARY if needs_ball(LIBRARY[name])} == {"goToBall", "dribbleBall", "shoot"}
+    assert {name for name in LIBRARY if objects_in(LIBRARY[name])} == {"goToBall", "dribbleBall", "shoot"}
 
 
 def test_an_execution_answers_once_then_drives_and_stands_before_it_ends() -> None:
@@ -84,7 +84,7 @@ def test_silence_ends_it_with_a_reason() -> None:
 
 def test_an_invalid_chain_is_refused_without_a_command() -> None:
     run = execution(chain(("dribbleBall", Pose(1.0, 0.0, 0.0))))
-    assert run.tick(world(ball=BallState(2.0, 2.0)), 100.0) == STOP
+    assert run.tick(world(ball=ObjectState(2.0, 2.0)), 100.0) == STOP
     assert run.ending is Ending.REFUSED
     assert "pre-condition of step 1 (dribbleBall) now" in run.reason
 
@@ -142,7 +142,7 @@ def test_open_variables_are_filled_in_also_where_nothing_is_refined() -> None:
     steps = ("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0))
     sent = chain(*steps, opened=frozenset({"yaw"}))
     filled = sent.with_goal(0, dataclasses.replace(sent.calls[0].goal, pose=Pose(1.0, 0.0, 0.7)))
-    state = world(ball=BallState(1.0, 0.0))
+    state = world(ball=ObjectState(1.0, 0.0))
     run = execution(sent, refine=True)
     run.tick(state, 100.0)
     run.refined_to(filled, False, "the gate is closed")

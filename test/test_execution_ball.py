@@ -9,29 +9,30 @@ from executions import FORWARD, ROBOT, chain, execution, world
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world.state import STOP, BallState, World
+from ator_ros.world.state import STOP, ObjectState, World
 
 
 def test_a_step_that_needs_the_ball_pauses_where_it_is_overdue() -> None:
-    ball = BallState(0.5, 0.0)
+    ball = ObjectState(0.5, 0.0)
     run = execution(chain(("goToBall", Pose(0.5, 0.0, 0.0))))
     run.tick(world(ball=ball), 100.0)
     assert run.tick(world(1.05, ball=ball), 100.05) != STOP
-    assert run.tick(world(1.1, ball=ball), 100.1, ball_overdue=True) == STOP
+    assert run.tick(world(1.1, ball=ball), 100.1, overdue=frozenset({BALL})) == STOP
     assert run.ending is None
     assert run.tick(world(1.15, ball=ball), 100.15) != STOP
     alone = execution(FORWARD)
     alone.tick(world(), 100.0)
-    assert alone.tick(world(1.05), 100.05, ball_overdue=True).v > 0.0
+    assert alone.tick(world(1.05), 100.05, overdue=frozenset({BALL})).v > 0.0
 
 
 def test_a_goal_that_comes_before_the_ball_waits_for_it_standing() -> None:
     run = execution(chain(("goToPose", Pose(-1.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))
     for tick in range(10):
         assert run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick) == STOP
-    assert (run.phase, run.reason) == (Phase.WAITING, "waiting for a ball")
-    run.tick(world(1.5, ball=BallState(1.0, 0.0)), 100.5)
+    assert (run.phase, run.reason) == (Phase.WAITING, "waiting for the ball")
+    run.tick(world(1.5, ball=ObjectState(1.0, 0.0)), 100.5)
     assert run.phase is Phase.EXECUTING
     assert run.start is not None
     assert run.start.time == 1.5
@@ -49,8 +50,8 @@ def test_a_goal_whose_ball_never_comes_ends() -> None:
 
 def test_a_ball_that_is_silent_while_it_is_needed_ends_the_goal() -> None:
     run = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0))))
-    run.tick(world(ball=BallState(1.0, 0.0)), 100.0)
-    assert run.tick(world(1.05, ball=BallState(1.0, 0.0)), 100.05) != STOP
+    run.tick(world(ball=ObjectState(1.0, 0.0)), 100.0)
+    assert run.tick(world(1.05, ball=ObjectState(1.0, 0.0)), 100.05) != STOP
     for time in (1.1, 1.15):
         assert run.ending is None
         assert run.tick(world(time), 99.0 + time) == STOP
@@ -59,7 +60,7 @@ def test_a_ball_that_is_silent_while_it_is_needed_ends_the_goal() -> None:
 
 
 def test_one_state_without_the_ball_is_a_pause() -> None:
-    run, ball = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0)))), BallState(1.0, 0.0)
+    run, ball = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0)))), ObjectState(1.0, 0.0)
     run.tick(world(ball=ball), 100.0)
     for tick in range(1, 9, 2):
         assert run.tick(world(1.0 + 0.05 * tick), 100.0) == STOP
@@ -69,7 +70,7 @@ def test_one_state_without_the_ball_is_a_pause() -> None:
 
 def test_a_ball_that_is_silent_when_its_step_comes_ends_the_goal() -> None:
     run = execution(chain(("goToPose", Pose(0.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))
-    run.tick(world(ball=BallState(1.0, 0.0)), 100.0)
+    run.tick(world(ball=ObjectState(1.0, 0.0)), 100.0)
     for tick in range(1, 5):
         run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
     assert (run.ending, len(run.records)) == (Ending.INPUT_LOST, 1 + 1)
@@ -92,15 +93,15 @@ def carrying(*, fetches: int = 0) -> tuple[Execution, World]:
 
 def test_a_ball_that_is_lost_ends_the_goal_under_that_name() -> None:
     run, state = carrying()
-    assert run.tick(dataclasses.replace(state, ball=BallState(1.0, 0.5)), 100.0) == STOP
-    assert run.ending is Ending.BALL_LOST
+    assert run.tick(state.with_object(BALL, ObjectState(1.0, 0.5)), 100.0) == STOP
+    assert run.ending is Ending.OBJECT_LOST
     assert run.reason.startswith("ball lost in dribbleBall: lost the ball, it is")
-    assert run.records[-1][0].lost_ball
+    assert run.records[-1][0].lost
 
 
 def test_a_ball_that_is_lost_is_fetched_where_it_is() -> None:
     run, state = carrying(fetches=1)
-    lost = dataclasses.replace(state, ball=BallState(1.0, 0.9))
+    lost = state.with_object(BALL, ObjectState(1.0, 0.9))
     run.tick(lost, 100.0)
     assert (run.ending, run.fetched, run.top.name) == (None, 1, "goToBall")
     run.tick(dataclasses.replace(lost, time=state.time + 0.05), 100.05)  # one action is planned a tick

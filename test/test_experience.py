@@ -32,9 +32,10 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world.state import BallState, RobotState
+from ator_ros.world.state import ObjectState, RobotState
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,7 @@ def draw(action: str, robot: Robot, count: int = 300) -> list[Situation]:
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: Robot) -> None:
     for situation in draw(action, robot):
-        for x, y in [situation.goal.pose[:2]] + [(b.x, b.y) for b in [situation.ball] if b]:
+        for x, y in [situation.goal.pose[:2]] + [(b.x, b.y) for b in [ball_of(situation)] if b]:
             assert abs(x) <= robot.field.length / 2
             assert abs(y) <= robot.field.width / 2
         assert abs(situation.robot.v) <= robot.limits.v
@@ -74,13 +75,13 @@ def test_no_start_touches_a_goal(action: str, robot: Robot) -> None:
 
 def test_approaches_start_clear_of_a_ball_that_lies_at_the_goal(robot: Robot) -> None:
     situations = draw("goToPose", robot)
-    with_ball = [s for s in situations if s.ball is not None]
+    with_ball = [s for s in situations if ball_of(s) is not None]
     assert 0.65 < len(with_ball) / len(situations) < 0.85
     for s in with_ball:
         assert s.goal.point is Point.HOLD
-        assert (s.ball.x, s.ball.y) == s.goal.pose[:2]
+        assert (ball_of(s).x, ball_of(s).y) == s.goal.pose[:2]
         assert s.robot.pose.distance(s.goal.pose) >= CLEARANCE
-    assert all(s.goal.point is Point.AXLE for s in situations if s.ball is None)
+    assert all(s.goal.point is Point.AXLE for s in situations if ball_of(s) is None)
 
 
 @pytest.mark.parametrize("action", ["dribbleBall", "shoot"])
@@ -88,21 +89,21 @@ def test_the_ball_is_held_and_moves_with_the_robot_at_the_start(action: str, rob
     situations = draw(action, robot)
     for s in situations:
         hold = robot.hold_point(s.robot.pose)
-        assert s.ball is not None
-        assert math.hypot(s.ball.x - hold.x, s.ball.y - hold.y) < 1e-12
-        assert s.ball.speed == pytest.approx(abs(s.robot.v))
+        assert ball_of(s) is not None
+        assert math.hypot(ball_of(s).x - hold.x, ball_of(s).y - hold.y) < 1e-12
+        assert ball_of(s).speed == pytest.approx(abs(s.robot.v))
     assert 0.35 < np.mean([s.robot.v == 0.0 for s in situations]) < 0.65
 
 
 def test_shots_start_within_range_of_the_goal(robot: Robot) -> None:
     x, y = robot.field.goal_centre()
-    distances = [math.hypot(s.ball.x - x, s.ball.y - y) for s in draw("shoot", robot) if s.ball]
+    distances = [math.hypot(ball_of(s).x - x, ball_of(s).y - y) for s in draw("shoot", robot) if ball_of(s)]
     assert min(distances) >= SHOT_RANGE[0]
     assert max(distances) <= SHOT_RANGE[1]
 
 
 def plain(robot: Robot, goal: Pose) -> Situation:
-    return Situation("goToPose", RobotState(Pose(0.0, 0.0, 0.0)), None, Goal(goal))
+    return Situation("goToPose", RobotState(Pose(0.0, 0.0, 0.0)), {}, Goal(goal))
 
 
 def test_episode_logs_at_10_hz_until_the_action_has_ended(robot: Robot) -> None:
@@ -134,7 +135,7 @@ def test_an_action_that_cannot_start_is_a_failure_with_its_reason(robot: Robot) 
 
 def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None:
     goal = Goal(Pose(1.0, 0.0, math.pi), 0.0, Point.HOLD)  # straight through the ball
-    situation = Situation("goToPose", RobotState(Pose(-0.5, 0.0, 0.0)), BallState(0.9, 0.0), goal)
+    situation = Situation("goToPose", RobotState(Pose(-0.5, 0.0, 0.0)), {BALL: ObjectState(0.9, 0.0)}, goal)
     with PioneerSimulation(robot) as simulation:
         episode = run_episode(simulation, TurnDriveTurn(robot), situation)
     assert not episode.success

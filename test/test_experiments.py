@@ -156,7 +156,7 @@ class TestExecution:
 
     def test_a_failed_chain_counts_at_the_time_limit(self) -> None:
         drawn = trial(5)
-        without_ball = dataclasses.replace(drawn.world, ball=None)
+        without_ball = dataclasses.replace(drawn.world, objects={})
         run = run_chain(ROBOT, LIBRARY, without_ball, with_headings(drawn.chain, {0: 0.0}))
         assert not run.success
         assert run.duration == TIME_LIMIT

@@ -12,8 +12,9 @@ from executions import LIBRARY, ROBOT, chain
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.phases import Deadlines, Ending
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL
 from ator_ros.tops.chain import TopChain
-from ator_ros.world.state import STOP, BallState, RobotState, World
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 FENCE = Fence.around(ROBOT)
 
@@ -96,9 +97,11 @@ def test_a_ball_is_not_followed_out(velocity: tuple[float, float]) -> None:
     vx, vy = velocity
 
     def told(world: World) -> World:
-        return World(world.time, world.robot, BallState(4.0 + vx * world.time, vy * world.time, vx, vy))
+        return World(
+            world.time, world.robot, {BALL: ObjectState(4.0 + vx * world.time, vy * world.time, vx, vy)}
+        )
 
-    start = World(0.0, RobotState(Pose(2.0, 0.0, 0.0)), BallState(4.0, 0.0))
+    start = World(0.0, RobotState(Pose(2.0, 0.0, 0.0)), {BALL: ObjectState(4.0, 0.0)})
     done = drive(LIBRARY, start, chain(("goToBall", Pose(4.0, 0.0, 0.0))), odometry=told)
     assert done.ending is not Ending.SUCCEEDED
     assert all(FENCE.outside(w.robot.pose.x, w.robot.pose.y) == 0.0 for w in done.worlds)
@@ -108,9 +111,9 @@ def test_a_ball_is_not_followed_out(velocity: tuple[float, float]) -> None:
 def test_a_ball_that_leaves_ends_the_goal_by_that_name() -> None:
     def told(world: World) -> World:
         rolls = max(0.0, world.time - 1.0)
-        return World(world.time, world.robot, BallState(2.0, 2.0 + rolls, 0.0, 1.2 * (rolls > 0.0)))
+        return World(world.time, world.robot, {BALL: ObjectState(2.0, 2.0 + rolls, 0.0, 1.2 * (rolls > 0.0))})
 
-    start = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)), BallState(2.0, 2.0))
+    start = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)), {BALL: ObjectState(2.0, 2.0)})
     done = drive(LIBRARY, start, chain(("goToBall", Pose(2.0, 2.0, 0.0))), odometry=told)
     assert done.ending is Ending.OUT_OF_BOUNDS
     assert "the ball leaves the fence" in done.reason

@@ -13,11 +13,12 @@ from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import load_robot
 from ator_ros.robot.foresight import Foresight
 from ator_ros.simulation.pioneer import TICK, PioneerSimulation
 from ator_ros.simulation.sensors import SensorConfig, Sensors
-from ator_ros.world.state import STOP, BallState, Command, RobotState, World
+from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 STANDING = RobotState(Pose(0.0, 0.0, 0.0))
@@ -26,17 +27,19 @@ STANDING = RobotState(Pose(0.0, 0.0, 0.0))
 def test_a_state_that_is_not_late_is_taken_as_it_is() -> None:
     foresight = Foresight(ROBOT, 0.0)
     foresight.sent(0.9, Command(1.0, 0.0))
-    world = World(1.0, RobotState(Pose(1.0, 2.0, 3.0), 0.5, 0.1), BallState(1.0, 1.0, 1.0))
+    world = World(1.0, RobotState(Pose(1.0, 2.0, 3.0), 0.5, 0.1), {BALL: ObjectState(1.0, 1.0, 1.0)})
     assert foresight.ahead(world) is world
 
 
 def test_who_was_told_nothing_goes_on_as_he_does_and_the_ball_rolls_on() -> None:
-    world = World(1.0, RobotState(Pose(1.0, 2.0, np.pi / 2), 0.5, 0.0), BallState(1.0, 1.0, 0.2, -0.1))
+    world = World(
+        1.0, RobotState(Pose(1.0, 2.0, np.pi / 2), 0.5, 0.0), {BALL: ObjectState(1.0, 1.0, 0.2, -0.1)}
+    )
     ahead = Foresight(ROBOT, 0.2).ahead(world)
     assert ahead.time == pytest.approx(1.2)
     assert ahead.robot.pose == pytest.approx((1.0, 2.1, np.pi / 2))
     assert (ahead.robot.v, ahead.robot.w) == (0.5, 0.0)
-    assert ahead.ball == BallState(pytest.approx(1.04), pytest.approx(0.98), 0.2, -0.1)
+    assert ball_of(ahead) == ObjectState(pytest.approx(1.04), pytest.approx(0.98), 0.2, -0.1)
 
 
 def test_a_base_keeps_to_its_limits() -> None:
@@ -131,7 +134,7 @@ def approach(ticks: int, *, late: int, held_back: bool) -> tuple[float, float]:
                 foresight.sent(world.time - ticks * TICK, command)
                 simulation.command(command)
             simulation.tick()
-        ball = simulation.world().ball
+        ball = ball_of(simulation.world())
     assert ball is not None
     return simulation.time, float(np.hypot(ball.x, ball.y))
 

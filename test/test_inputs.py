@@ -7,78 +7,80 @@ import contextlib
 import pytest
 
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.world.inputs import ClockJumpError, Inputs, StampError
-from ator_ros.world.state import BallState, RobotState
-from ator_ros.world.tracking import BallTracker
+from ator_ros.world.sightings import Sightings
+from ator_ros.world.state import ObjectState, RobotState
+from ator_ros.world.tracking import ObjectTracker
 
 
-def inputs() -> Inputs:
-    return Inputs(0.3, BallTracker(0.0, 0.0))
+def inputs(timeout: float = 0.3) -> Inputs:
+    return Inputs({BALL: Sightings(BALL, timeout, ObjectTracker(0.0, 0.0))})
 
 
 def test_the_ball_is_that_of_the_odometrys_time_whatever_comes_first() -> None:
     both = inputs()
-    both.ball(1.0, BallState(0.0, 0.0, 1.0, -2.0))
-    both.ball(1.1, BallState(5.0, 5.0))
+    both.object(BALL, 1.0, ObjectState(0.0, 0.0, 1.0, -2.0))
+    both.object(BALL, 1.1, ObjectState(5.0, 5.0))
     joined = both.robot(1.05, RobotState(Pose(0.0, 0.0, 0.0)))
     assert joined is not None
-    assert joined.ball is not None
-    assert (joined.ball.x, joined.ball.y) == pytest.approx((0.05, -0.1))
+    assert ball_of(joined) is not None
+    assert (ball_of(joined).x, ball_of(joined).y) == pytest.approx((0.05, -0.1))
 
 
 def test_of_two_balls_of_the_same_time_the_later_message_counts() -> None:
     both = inputs()
-    both.ball(1.0, BallState(0.0, 0.0))
-    both.ball(1.0, BallState(2.0, 0.0))  # placed elsewhere meanwhile
+    both.object(BALL, 1.0, ObjectState(0.0, 0.0))
+    both.object(BALL, 1.0, ObjectState(2.0, 0.0))  # placed elsewhere meanwhile
     joined = both.robot(1.0, RobotState(Pose(0.0, 0.0, 0.0)))
     assert joined is not None
-    assert joined.ball is not None
-    assert joined.ball.x == 2.0
+    assert ball_of(joined) is not None
+    assert ball_of(joined).x == 2.0
 
 
 def test_a_ball_that_is_newer_is_carried_back_where_there_is_no_older_one() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
-    both.ball(1.0, BallState(0.0, 0.0))
+    both.object(BALL, 1.0, ObjectState(0.0, 0.0))
     both.robot(1.0, robot)
     # After 0.4 s of something else the newest of both topics are there: a ball, and odometry of before.
-    both.ball(1.45, BallState(5.0, 5.0, 1.0, -2.0))
+    both.object(BALL, 1.45, ObjectState(5.0, 5.0, 1.0, -2.0))
     joined = both.robot(1.4, robot)
     assert joined is not None
-    assert joined.ball is not None
-    assert (joined.ball.x, joined.ball.y) == pytest.approx((4.95, 5.1))
+    assert ball_of(joined) is not None
+    assert (ball_of(joined).x, ball_of(joined).y) == pytest.approx((4.95, 5.1))
 
 
 def test_an_old_ball_is_unknown() -> None:
     both = inputs()
-    both.ball(1.0, BallState(0.0, 0.0))
+    both.object(BALL, 1.0, ObjectState(0.0, 0.0))
     joined = both.robot(1.31, RobotState(Pose(0.0, 0.0, 0.0)))
     assert joined is not None
-    assert joined.ball is None
+    assert ball_of(joined) is None
 
 
 def test_a_ball_is_overdue_when_nothing_has_come_of_it_for_half_its_timeout() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.robot(1.0, robot)
-    assert both.ball_overdue  # none has ever come
-    both.ball(0.9, BallState(0.0, 0.0))  # late, as from a camera, and heard
+    assert BALL in both.overdue  # none has ever come
+    both.object(BALL, 0.9, ObjectState(0.0, 0.0))  # late, as from a camera, and heard
     for time in (1.05, 1.1):
         both.robot(time, robot)
-        assert not both.ball_overdue
+        assert BALL not in both.overdue
     both.robot(1.15, robot)
-    assert both.ball_overdue
-    both.ball(1.15, BallState(0.0, 0.0))
-    assert not both.ball_overdue
+    assert BALL in both.overdue
+    both.object(BALL, 1.15, ObjectState(0.0, 0.0))
+    assert BALL not in both.overdue
 
 
 @pytest.mark.parametrize("stamp", [1.3, 2.9, 1e9])
 def test_a_ball_from_the_future_does_not_pass_for_one_that_comes(stamp: float) -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
-    both.ball(stamp, BallState(0.0, 0.0))  # before there is odometry to compare with
+    both.object(BALL, stamp, ObjectState(0.0, 0.0))  # before there is odometry to compare with
     both.robot(1.0, robot)
     with contextlib.suppress(StampError):
-        both.ball(stamp, BallState(0.0, 0.0))
+        both.object(BALL, stamp, ObjectState(0.0, 0.0))
     both.robot(1.25, robot)
-    assert both.ball_overdue
+    assert BALL in both.overdue
 
 
 @pytest.mark.parametrize("skew", [-0.2, 0.0, 0.2, 0.45, 0.5, 0.7, 1.9, 1e9])
@@ -86,11 +88,11 @@ def test_a_ball_of_a_clock_that_is_ahead_is_used_in_time_or_refused(skew: float)
     both, robot, known, refused = inputs(), RobotState(Pose(0.0, 0.0, 0.0)), 0, 0
     for tick in range(1, 201):
         try:
-            both.ball(0.05 * tick + skew, BallState(0.0, 0.0))
+            both.object(BALL, 0.05 * tick + skew, ObjectState(0.0, 0.0))
         except StampError:
             refused += 1
         world = both.robot(0.05 * tick, robot)
-        known += world is not None and world.ball is not None and not both.ball_overdue
+        known += world is not None and ball_of(world) is not None and BALL not in both.overdue
     assert refused >= 199 if skew > 0.6 else refused == 0
     assert known <= 7 if skew > 0.6 else known >= 200 - 20 * abs(skew) - 1
 
@@ -100,22 +102,25 @@ def test_a_ball_of_a_clock_that_is_ahead_is_used_in_time_or_refused(skew: float)
     [(0.1, 0.1, 0.06), (0.06, 0.05, 0.04), (0.05, 0.05, 0.04), (0.3, 0.25, 0.24)],
 )
 def test_a_ball_between_two_odometries_is_not_overdue(timeout: float, period: float, lead: float) -> None:
-    both, robot = Inputs(timeout, BallTracker(0.0, 0.0)), RobotState(Pose(0.0, 0.0, 0.0))
+    both, robot = (
+        Inputs({BALL: Sightings(BALL, timeout, ObjectTracker(0.0, 0.0))}),
+        RobotState(Pose(0.0, 0.0, 0.0)),
+    )
     both.robot(0.0, robot)
     for tick in range(100):
-        both.ball(tick * period + lead, BallState(0.0, 0.0))
+        both.object(BALL, tick * period + lead, ObjectState(0.0, 0.0))
         both.robot((tick + 1) * period, robot)
-        assert not both.ball_overdue
+        assert BALL not in both.overdue
 
 
 def test_balls_that_come_while_odometry_pauses_are_there_when_it_goes_on() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.robot(1.0, robot)
     for tick in range(1, 12):
-        both.ball(1.0 + 0.05 * tick, BallState(0.0, 0.0))
+        both.object(BALL, 1.0 + 0.05 * tick, ObjectState(0.0, 0.0))
     world = both.robot(1.6, robot)
     assert world is not None
-    assert world.ball is not None
+    assert ball_of(world) is not None
 
 
 def test_a_ball_far_ahead_is_refused() -> None:
@@ -124,7 +129,7 @@ def test_a_ball_far_ahead_is_refused() -> None:
     with pytest.raises(
         StampError, match=r"at most 0.6 s more than odometry's 1\.00 s, got 1700000000\.00 s, 1699999999"
     ):
-        both.ball(1.7e9, BallState(0.0, 0.0))
+        both.object(BALL, 1.7e9, ObjectState(0.0, 0.0))
 
 
 def test_time_that_stands_is_no_news_and_time_that_goes_back_an_error() -> None:
@@ -144,10 +149,10 @@ def test_one_stamp_an_hour_ahead_is_named_and_ignored() -> None:
     both.robot(1.0, robot)
     with pytest.raises(StampError, match=r"odom.header.stamp: .* 1\.00 s, got 3601\.05 s, 3600\.05 s ahead"):
         both.robot(1.05 + HOUR, robot)
-    both.ball(1.1, BallState(0.0, 0.0))
+    both.object(BALL, 1.1, ObjectState(0.0, 0.0))
     world = both.robot(1.1, robot)
     assert world is not None
-    assert world.ball is not None
+    assert ball_of(world) is not None
     with pytest.raises(StampError, match=r"3600\.05 s ahead"):  # no confirmation of the first one
         both.robot(1.15 + HOUR, robot)
 
@@ -178,11 +183,11 @@ def test_stamps_that_stay_an_hour_ahead_are_a_jump_ahead_and_then_one_back() -> 
 def test_a_ball_of_a_clock_that_is_behind_is_named_but_not_just_after_a_reset() -> None:
     both, robot, said = inputs(), RobotState(Pose(0.0, 0.0, 0.0)), []
     both.robot(HOUR, robot)
-    both.ball(0.0, BallState(0.0, 0.0))  # the first after a reset, before odometry
+    both.object(BALL, 0.0, ObjectState(0.0, 0.0))  # the first after a reset, before odometry
     for tick in range(1, 60):
         both.robot(HOUR + 0.05 * tick, robot)
         try:
-            both.ball(0.05 * tick, BallState(0.0, 0.0))
+            both.object(BALL, 0.05 * tick, ObjectState(0.0, 0.0))
         except StampError as error:
             said.append(str(error))
     assert 30 < len(said) < 45
@@ -193,10 +198,10 @@ def test_a_velocity_that_contradicts_the_positions_is_replaced_and_named_once() 
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     said = []
     for tick in range(40):
-        said.append(both.ball(0.05 * tick, BallState(1.0, 0.0, 9.0, 0.0)))
+        said.append(both.object(BALL, 0.05 * tick, ObjectState(1.0, 0.0, 9.0, 0.0)))
         world = both.robot(0.05 * tick, robot)
     assert world is not None
-    assert world.ball == BallState(1.0, 0.0)
+    assert ball_of(world) == ObjectState(1.0, 0.0)
     assert len([words for words in said if words]) == 1
 
 

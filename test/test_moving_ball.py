@@ -11,11 +11,12 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.execution.step_run import StepRun
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.tops.ball import drives_to_ball, fetches_ball, keeps_holding, needs_ball, starts_holding
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import STOP, BallState, RobotState, World
+from ator_ros.tops.objects import fetched, followed, held_first, kept, objects_in
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
@@ -80,7 +81,7 @@ def once(index: int, after: float, move: Callable[[PioneerSimulation], None], ti
 
 
 def away(simulation: PioneerSimulation) -> None:
-    ball = simulation.world().ball
+    ball = ball_of(simulation.world())
     assert ball is not None
     simulation.place_ball(ball.x, ball.y + (1.0 if ball.y < 0.5 else -1.0))
 
@@ -89,10 +90,10 @@ def test_what_a_top_does_with_the_ball_follows_from_its_conditions() -> None:
     def those(says: Callable[[object], bool]) -> set[str]:
         return {name for name in LIBRARY if says(LIBRARY[name])}
 
-    assert those(needs_ball) == {"goToBall", "dribbleBall", "shoot"}
-    assert those(starts_holding) == {"dribbleBall", "shoot"}
-    assert those(keeps_holding) == {"dribbleBall"}
-    assert those(drives_to_ball) == those(fetches_ball) == {"goToBall"}
+    assert those(objects_in) == {"goToBall", "dribbleBall", "shoot"}
+    assert those(held_first) == {"dribbleBall", "shoot"}
+    assert those(kept) == {"dribbleBall"}
+    assert those(followed) == those(fetched) == {"goToBall"}
 
 
 def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:
@@ -112,9 +113,9 @@ def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:
 def test_a_rolling_ball_is_approached_where_it_rolls_out() -> None:
     drive = Drive(APPROACH, once(0, 0.5, lambda simulation: simulation.place_ball(0.0, 0.0, vx=0.3, vy=-0.9)))
     assert drive.status is Status.SUCCEEDED
-    assert drive.world.ball is not None
-    assert drive.world.ball.y < -0.3
-    assert drive.executor.chain.calls[0].goal.pose.y == pytest.approx(drive.world.ball.y, abs=0.15)
+    assert ball_of(drive.world) is not None
+    assert ball_of(drive.world).y < -0.3
+    assert drive.executor.chain.calls[0].goal.pose.y == pytest.approx(ball_of(drive.world).y, abs=0.15)
 
 
 def test_a_ball_that_comes_into_the_way_is_stopped_for() -> None:
@@ -130,7 +131,7 @@ def test_a_ball_that_comes_into_the_way_is_stopped_for() -> None:
 
 def test_an_approach_that_follows_the_ball_has_one_time_limit() -> None:
     def aside(simulation: PioneerSimulation) -> None:
-        ball = simulation.world().ball
+        ball = ball_of(simulation.world())
         assert ball is not None
         simulation.place_ball(0.3, 0.5 if ball.y < 0.25 else 0.0)
 
@@ -153,7 +154,7 @@ def test_an_approach_that_follows_the_ball_has_one_time_limit() -> None:
 
 def test_a_robot_that_never_stands_does_not_hold_up_its_step_for_ever() -> None:
     goal = Pose(0.0, 0.0, 0.0)
-    moving = [World(0.05 * tick, RobotState(goal, 0.5), BallState(1.0, 0.0)) for tick in range(60)]
+    moving = [World(0.05 * tick, RobotState(goal, 0.5), {BALL: ObjectState(1.0, 0.0)}) for tick in range(60)]
     run = StepRun(LIBRARY, 0, APPROACH.calls[0], time_limit=2.0, standing_first=True)
     steps = [run.step(world) for world in moving]
     failed = next(tick for tick, step in enumerate(steps) if step.status is Status.FAILED)
@@ -166,7 +167,7 @@ def test_a_lost_ball_is_noticed_at_once() -> None:
     drive = Drive(DRIBBLE, once(1, 1.0, away))
     assert drive.status is Status.FAILED
     last = drive.executor.records[-1]
-    assert last.lost_ball
+    assert last.lost
     assert "lost the ball" in last.reason
     assert drive.world.time - drive.disturbed[0] < 0.11
 
@@ -187,7 +188,7 @@ def test_a_ball_is_fetched_as_often_as_allowed() -> None:
     drive = Drive(DRIBBLE, once(1, 1.0, away, times=2), fetches=1)
     assert drive.status is Status.FAILED
     assert [record.index for record in drive.executor.records] == [0, 1, 0, 1]
-    assert drive.executor.records[-1].lost_ball
+    assert drive.executor.records[-1].lost
 
 
 def test_a_chain_without_a_fetching_step_cannot_fetch() -> None:
@@ -207,4 +208,4 @@ def test_a_failed_shot_is_no_lost_ball() -> None:
 
     drive = Drive(chain, stop_it)
     assert drive.status is Status.FAILED
-    assert not drive.executor.records[-1].lost_ball
+    assert not drive.executor.records[-1].lost

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.paper_models import at_rest, main
 
@@ -17,10 +18,10 @@ def test_situations_are_at_rest_with_the_ball_where_it_belongs(action: str) -> N
     robot, rng = load_robot(), np.random.default_rng(1)
     for _ in range(20):
         drawn = at_rest(SOCCER.actions()[action].sample, robot, rng)
-        assert drawn.ball is not None
-        assert (drawn.robot.v, drawn.robot.w, drawn.ball.speed, drawn.goal.speed) == (0.0, 0.0, 0.0, 0.0)
+        assert ball_of(drawn) is not None
+        assert (drawn.robot.v, drawn.robot.w, ball_of(drawn).speed, drawn.goal.speed) == (0.0, 0.0, 0.0, 0.0)
         place = drawn.goal.pose if action == "goToPose" else robot.hold_point(drawn.robot.pose)
-        assert (drawn.ball.x, drawn.ball.y) == pytest.approx((place.x, place.y))
+        assert (ball_of(drawn).x, ball_of(drawn).y) == pytest.approx((place.x, place.y))
 
 
 def test_table_tells_accuracy_beside_the_papers_and_the_rules(tmp_path: Path) -> None:

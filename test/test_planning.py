@@ -20,10 +20,11 @@ from ator_ros.domains.soccer.planned.screening import Verdict, screened
 from ator_ros.domains.soccer.planned.search import find_candidates
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.bench_planning import hard_situations
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import STOP, BallState, RobotState, World
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = GoToPose(ROBOT).plan_limits
@@ -45,7 +46,7 @@ def test_many_manoeuvres_are_judged_as_single_ones_are(forward_only: bool) -> No
         start = world.robot.pose
         candidates = find_candidates(start, goal.pose, free_sides(LIMITS, world.robot.v, 0.0), sides, LIMITS)
         which = rng.permutation(min(400, len(candidates)))[:30]
-        obstacles = Obstacles(world.ball, 0.04, run)
+        obstacles = Obstacles(ball_of(world), 0.04, run)
         longest = candidates.times[which] + 0.03
         verdicts = screened(candidates.bundle(which), longest, obstacles, ROBOT, forward_only=forward_only)
         for index, most, verdict in zip(which, longest, verdicts, strict=True):
@@ -97,7 +98,7 @@ def test_no_tick_plans_for_more_than_a_slice(monkeypatch: pytest.MonkeyPatch) ->
             for tick in range(1, 60):
                 if action.step(world).status is not Status.RUNNING or not action.planning:
                     break
-                world = World(0.05 * tick, RobotState(world.robot.pose), world.ball)
+                world = World(0.05 * tick, RobotState(world.robot.pose), objects_of(ball_of(world)))
         except ActionError:
             pass
         assert max(spent.values(), default=0) < planning.SLICE + LARGEST_PORTION
@@ -119,7 +120,7 @@ def hard_way(monkeypatch: pytest.MonkeyPatch) -> tuple[World, Goal, PlannedActio
         world = dataclasses.replace(
             drawn,
             robot=RobotState(drawn.robot.pose),
-            ball=drawn.ball and BallState(drawn.ball.x, drawn.ball.y),
+            objects={name: ObjectState(there.x, there.y) for name, there in drawn.objects.items()},
         )
         action = GoToPose(ROBOT)
         try:
@@ -140,7 +141,7 @@ def test_a_robot_at_rest_waits_for_the_same_plan(monkeypatch: pytest.MonkeyPatch
     ticks = 0
     while action.planning:
         ticks += 1
-        step = action.step(World(0.05 * ticks, world.robot, world.ball))
+        step = action.step(World(0.05 * ticks, world.robot, objects_of(ball_of(world))))
     assert ticks > 1
     assert step.message == "planned"
     poses = [each._tracker.trajectory.poses() for each in (action, at_once)]
@@ -152,10 +153,10 @@ def test_a_robot_in_motion_brakes_and_plans_from_where_it_stands(monkeypatch: py
     monkeypatch.setattr(planning, "SLICE", 1)
     action, speed, time = GoToPose(ROBOT), 0.4, 0.0
     pose = world.robot.pose.ahead(-(speed**2) / (2.0 * LIMITS.brake))
-    action.start(World(0.0, RobotState(pose, speed), world.ball), goal)
+    action.start(World(0.0, RobotState(pose, speed), objects_of(ball_of(world))), goal)
     speeds = []
     while speed > 0.0:
-        step = action.step(World(time, RobotState(pose, speed), world.ball))
+        step = action.step(World(time, RobotState(pose, speed), objects_of(ball_of(world))))
         assert step.message == "planning"
         assert 0.0 < speed - step.command.v <= LIMITS.brake * 0.05 + 1e-9 or step.command.v == 0.0
         speed, time = step.command.v, time + 0.05
@@ -163,22 +164,24 @@ def test_a_robot_in_motion_brakes_and_plans_from_where_it_stands(monkeypatch: py
         speeds.append(speed)
     assert len(speeds) == pytest.approx(0.4 / LIMITS.brake / 0.05, abs=1)
     monkeypatch.setattr(planning, "SLICE", 10**9)
-    action.step(World(time, RobotState(pose), world.ball))
+    action.step(World(time, RobotState(pose), objects_of(ball_of(world))))
     assert not action.planning
     assert action._tracker.trajectory.at(0.0).pose.distance(pose) < 1e-9
 
 
 def test_a_robot_keeps_to_its_plan_while_another_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     action = GoToPose(ROBOT)
-    action.start(World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), BallState(2.0, 0.0)), Goal(Pose(3.0, 1.5, 0.0)))
+    action.start(
+        World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(2.0, 0.0)}), Goal(Pose(3.0, 1.5, 0.0))
+    )
     monkeypatch.setattr(planning, "SLICE", 1)
-    moved = BallState(2.2, 0.0)
+    moved = ObjectState(2.2, 0.0)
     planned = action._tracker.trajectory.at(0.5)
-    step = action.step(World(0.5, planned, moved))
+    step = action.step(World(0.5, planned, objects_of(moved)))
     assert "keeping to the plan while planning" in step.message
     assert step.command.v > 0.1
     monkeypatch.setattr(planning, "SLICE", 10**9)
-    step = action.step(World(0.55, action._tracker.trajectory.at(0.55), moved))
+    step = action.step(World(0.55, action._tracker.trajectory.at(0.55), objects_of(moved)))
     assert step.message == "there is another way; planning"
     assert action.planning
 
@@ -217,7 +220,7 @@ def test_a_subgoal_that_is_not_found_at_once_leaves_no_second_search_to_the_tick
 ) -> None:
     library, searched = SOCCER.library(ROBOT), []
     begin = Pose(0.0, 0.0, 0.0)
-    world = World(0.0, RobotState(begin), BallState(2.0, 0.0))
+    world = World(0.0, RobotState(begin), {BALL: ObjectState(2.0, 0.0)})
     chain = TopChain((TopCall(library["goToPose"], Goal(Pose(3.0, 1.5, 0.0))),))
     executor = ChainExecutor(library, chain)
     executor.step(world)
@@ -229,7 +232,7 @@ def test_a_subgoal_that_is_not_found_at_once_leaves_no_second_search_to_the_tick
         return original(self, time)
 
     monkeypatch.setattr(planning.Search, "advance", counted)
-    moved = World(0.05, RobotState(begin), BallState(2.2, 0.0))
+    moved = World(0.05, RobotState(begin), {BALL: ObjectState(2.2, 0.0)})
     other = chain.with_goal(0, Goal(Pose(3.0, 1.2, 0.0)))
     assert not executor.head_for(moved, other)
     assert executor.step(moved).status is Status.RUNNING

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ator_ros.world.plausibility import VelocityCheck
-from ator_ros.world.state import BallState
+from ator_ros.world.state import ObjectState
 
 TICK = 0.05
 
@@ -22,11 +22,11 @@ def checked(
     seconds: float = 2.0,
 ) -> tuple[list[float], list[str]]:
     """Return the velocities that are believed at 20 Hz, and what is said, of a ball that moves along x."""
-    rng, check = np.random.default_rng(3), VelocityCheck(noise, 3.0 * noise)
+    rng, check = np.random.default_rng(3), VelocityCheck("ball", noise, 3.0 * noise)
     believed, said = [], []
     for tick in range(round(seconds / TICK)):
         time, (dx, dv) = tick * TICK, rng.normal(size=2)
-        sight = BallState(position(time) + noise * dx, 0.0, velocity(time) + 3.0 * noise * dv)
+        sight = ObjectState(position(time) + noise * dx, 0.0, velocity(time) + 3.0 * noise * dv)
         ball, remark = check.check(time, sight)
         believed.append(ball.vx)
         said += [remark] if remark else []
@@ -91,10 +91,10 @@ def test_a_velocity_that_is_wrong_again_after_a_pause_is_named_again() -> None:
 
 
 def test_a_ball_that_was_long_gone_or_repeats_its_stamp_begins_anew() -> None:
-    check = VelocityCheck(0.0, 0.0)
+    check = VelocityCheck("ball", 0.0, 0.0)
     for tick in range(10):
-        check.check(tick * TICK, BallState(0.0, 0.0))
-    kicked = BallState(5.0, 0.0, 3.0)
+        check.check(tick * TICK, ObjectState(0.0, 0.0))
+    kicked = ObjectState(5.0, 0.0, 3.0)
     assert check.check(5.0, kicked) == (kicked, None)
     assert check.check(5.0, kicked) == (kicked, None)
     assert math.isfinite(check.check(5.0 + 1e-9, kicked)[0].vx)

@@ -14,7 +14,7 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 NUMBERS = st.one_of(
     st.floats(-4.0, 4.0),
@@ -31,7 +31,7 @@ WORLDS = st.builds(
     World,
     NUMBERS,
     st.builds(RobotState, POSES, NUMBERS, NUMBERS),
-    st.none() | st.builds(BallState, NUMBERS, NUMBERS),
+    st.none() | st.builds(ObjectState, NUMBERS, NUMBERS),
 )
 WEIGHTS = st.dictionaries(st.sampled_from(["duration", "success", "accuracy", "beauty"]), NUMBERS)
 REFINER = Refiner(ROBOT, models())

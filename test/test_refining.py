@@ -17,10 +17,11 @@ from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, Refining, refined_chain
 from ator_ros.geometry import Pose
 from ator_ros.refinement.free_variables import with_values
+from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
-from ator_ros.world.state import STOP, BallState, Command, RobotState, World
+from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
@@ -183,8 +184,8 @@ def test_a_question_on_the_way_is_a_valid_plan_also_while_the_ball_rolls(drive: 
     drive.tick()
     question = drive.run.question
     assert question is not None
-    assert question.world.ball is not None
-    assert question.world.ball.x > 0.4
+    assert ball_of(question.world) is not None
+    assert ball_of(question.world).x > 0.4
     assert question.chain.violations(question.world, ROBOT) == []
 
 
@@ -216,9 +217,9 @@ def test_before_an_answer_it_says_whether_one_is_awaited(wanted: bool, told: str
 
 
 def test_a_refined_chain_must_be_valid() -> None:
-    world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
+    world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)})
     question = Question(world, CHAIN, 0, 0.0)
     assert refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), world, ROBOT) == with_yaw(CHAIN, 1.0)
-    elsewhere = World(0.0, world.robot, BallState(1.0, 1.0))
+    elsewhere = World(0.0, world.robot, {BALL: ObjectState(1.0, 1.0)})
     with pytest.raises(InvalidChainError, match="pre-condition of step 1"):
         refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), elsewhere, ROBOT)

@@ -9,38 +9,41 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.simulation.sensors import REALISTIC, SensorConfig, Sensors
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 TICK = 0.05
 
 
-def drive(ticks: int, *, ball: BallState | None = None, start: float = 0.0) -> list[World]:
+def drive(ticks: int, *, ball: ObjectState | None = None, start: float = 0.0) -> list[World]:
     """Drive along x at 1 m/s."""
     return [
-        World(tick * TICK, RobotState(Pose(start + tick * TICK, 0.0, 0.3), 1.0, 0.0), ball)
+        World(tick * TICK, RobotState(Pose(start + tick * TICK, 0.0, 0.3), 1.0, 0.0), objects_of(ball))
         for tick in range(ticks)
     ]
 
 
 def test_perfect_sensors_tell_the_truth() -> None:
     sensors = Sensors(SensorConfig())
-    for world in drive(50, ball=BallState(1.0, 2.0, 0.5, -0.5)):
+    for world in drive(50, ball=ObjectState(1.0, 2.0, 0.5, -0.5)):
         assert sensors.observe(world) == world
 
 
 def test_the_ball_is_seen_from_where_the_robot_is() -> None:
     sensors = Sensors(SensorConfig(ball_dropouts=1e-12))
-    for world in drive(50, ball=BallState(1.0, 2.0, 0.5, -0.5)):
+    for world in drive(50, ball=ObjectState(1.0, 2.0, 0.5, -0.5)):
         seen = sensors.observe(world)
         assert seen.time == world.time
         assert seen.robot.pose == pytest.approx(world.robot.pose)
-        assert seen.ball is not None
-        assert (seen.ball.x, seen.ball.y, seen.ball.vx, seen.ball.vy) == pytest.approx((1.0, 2.0, 0.5, -0.5))
+        assert ball_of(seen) is not None
+        assert (ball_of(seen).x, ball_of(seen).y, ball_of(seen).vx, ball_of(seen).vy) == pytest.approx(
+            (1.0, 2.0, 0.5, -0.5)
+        )
 
 
 def test_the_same_seed_sees_the_same() -> None:
-    worlds = drive(50, ball=BallState(1.0, 2.0))
+    worlds = drive(50, ball=ObjectState(1.0, 2.0))
 
     def seen(seed: int) -> list[World]:
         sensors = Sensors(REALISTIC, seed)
@@ -80,15 +83,15 @@ def test_a_placed_robot_is_believed_to_be_there() -> None:
 def test_the_ball_comes_late() -> None:
     sensors = Sensors(SensorConfig(ball_delay=0.1))
     for tick in range(20):
-        ball = BallState(0.1 * tick, 0.0)
-        seen = sensors.observe(World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), ball)).ball
+        ball = ObjectState(0.1 * tick, 0.0)
+        seen = ball_of(sensors.observe(World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), objects_of(ball))))
         assert seen is not None
         assert seen.x == pytest.approx(0.1 * max(0, tick - 2))
 
 
 def test_with_a_latency_odometry_and_ball_come_late_and_say_so() -> None:
     sensors = Sensors(SensorConfig(latency=0.1))
-    worlds = drive(10, ball=BallState(1.0, 2.0, 0.5, -0.5))
+    worlds = drive(10, ball=ObjectState(1.0, 2.0, 0.5, -0.5))
     seen = [sensors.observe(world) for world in worlds]
     assert [world.time for world in seen] == [max(0, tick - 2) * TICK for tick in range(10)]
     assert [world.robot.pose.x for world in seen[3:]] == pytest.approx(
@@ -101,8 +104,8 @@ def test_with_a_latency_odometry_and_ball_come_late_and_say_so() -> None:
 def test_a_late_ball_is_carried_on_by_its_velocity() -> None:
     sensors = Sensors(SensorConfig(ball_delay=0.1, ball_dropouts=0.3), seed=2)
     for tick in range(40):
-        ball = BallState(0.5 * tick * TICK, 0.0, 0.5, 0.0)
-        seen = sensors.observe(World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), ball)).ball
+        ball = ObjectState(0.5 * tick * TICK, 0.0, 0.5, 0.0)
+        seen = ball_of(sensors.observe(World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), objects_of(ball))))
         assert seen is None or seen.x == pytest.approx(ball.x)
 
 
@@ -110,8 +113,8 @@ def test_a_ball_that_is_not_seen_stays_where_it_was_seen() -> None:
     sensors = Sensors(SensorConfig(ball_dropouts=0.5), seed=3)
     places = []
     for tick in range(400):
-        world = World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), BallState(0.01 * tick, 0.0))
-        ball = sensors.observe(world).ball
+        world = World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(0.01 * tick, 0.0)})
+        ball = ball_of(sensors.observe(world))
         if ball is not None:
             places.append(round(ball.x / 0.01))
     repeated = sum(a == b for a, b in itertools.pairwise(places)) / len(places)
@@ -121,9 +124,9 @@ def test_a_ball_that_is_not_seen_stays_where_it_was_seen() -> None:
 
 def test_a_removed_ball_is_gone_at_once() -> None:
     sensors = Sensors(REALISTIC)
-    for world in drive(10, ball=BallState(1.0, 2.0)):
+    for world in drive(10, ball=ObjectState(1.0, 2.0)):
         sensors.observe(world)
-    assert sensors.observe(World(0.5, RobotState(Pose(0.5, 0.0, 0.3)))).ball is None
+    assert ball_of(sensors.observe(World(0.5, RobotState(Pose(0.5, 0.0, 0.3))))) is None
 
 
 @pytest.mark.parametrize("wrong", [{"drift": -1.0}, {"ball_noise": math.nan}, {"ball_dropouts": 1.0}])

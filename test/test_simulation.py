@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.pioneer import TICK, PioneerSimulation
 from ator_ros.world.state import Command, World
@@ -108,7 +109,7 @@ def test_rolling_ball_decelerates_as_configured(simulation: PioneerSimulation, r
     speeds = []
     for _ in range(21):
         simulation.tick()
-        ball = simulation.world().ball
+        ball = ball_of(simulation.world())
         assert ball is not None
         speeds.append(ball.speed)
     assert (speeds[0] - speeds[20]) / 1.0 == pytest.approx(robot.ball.rolling_deceleration, rel=0.1)
@@ -138,11 +139,11 @@ def test_axle_stays_in_place_while_the_robot_turns(simulation: PioneerSimulation
 
 def test_ball_comes_and_goes(simulation: PioneerSimulation) -> None:
     simulation.place_ball(1.0, -0.5, vx=0.1, vy=0.2)
-    ball = simulation.world().ball
+    ball = ball_of(simulation.world())
     assert ball is not None
     assert (ball.x, ball.y, ball.vx, ball.vy) == pytest.approx((1.0, -0.5, 0.1, 0.2), abs=1e-9)
     simulation.remove_ball()
-    assert simulation.world().ball is None
+    assert ball_of(simulation.world()) is None
 
 
 def test_a_standing_robot_does_not_creep(simulation: PioneerSimulation) -> None:

@@ -11,17 +11,18 @@ from ator_ros.domains.domain import DomainError
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.top import Top
-from ator_ros.world.state import STOP, BallState, RobotState, World
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
-START = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
+START = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)})
 
 
 def call(top: str, x: float, y: float, yaw: float = 0.0, speed: float = 0.0) -> TopCall:
@@ -35,7 +36,7 @@ def execute(chain: TopChain, start: World = START, **options: float) -> tuple[Ch
     executor, steps = ChainExecutor(LIBRARY, chain, **options), []
     with PioneerSimulation(ROBOT) as simulation:
         simulation.place_robot(start.robot.pose)
-        simulation.place_ball(start.ball.x, start.ball.y)
+        simulation.place_ball(ball_of(start).x, ball_of(start).y)
         while not steps or steps[-1].status is Status.RUNNING:
             steps.append(executor.step(simulation.world()))
             simulation.command(steps[-1].command)
@@ -86,8 +87,8 @@ def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
     assert steps[-1].command == STOP
     assert [record.top for record in executor.records] == ["goToBall", "dribbleBall", "shoot"]
     assert sum(record.duration for record in executor.records) == pytest.approx(steps[-1].elapsed)
-    assert world.ball is not None
-    assert world.ball.x > 4.0
+    assert ball_of(world) is not None
+    assert ball_of(world).x > 4.0
 
 
 def test_an_arrival_speed_hands_over_without_a_stop() -> None:
@@ -126,7 +127,7 @@ def test_a_new_action_joins_from_outside() -> None:
     library = TopLibrary(ROBOT, "waiting", tops=(top,), actions={"wait": Wait})
     executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0, 0, 0))),)))
     assert executor.step(START).status is Status.RUNNING
-    later = World(0.05, START.robot, START.ball)
+    later = World(0.05, START.robot, objects_of(ball_of(START)))
     assert executor.step(later).status is Status.SUCCEEDED
 
 

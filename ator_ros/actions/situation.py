@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from ator_ros.actions.base import Goal
-from ator_ros.world.state import BallState, RobotState
+from ator_ros.world.state import ObjectState, RobotState
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,13 +19,13 @@ class Situation:
         Name of the action.
     robot : RobotState
         Pose and velocities at the start.
-    ball : BallState or None
-        The ball at the start, None where none is on the field.
+    objects : mapping of str to ObjectState
+        The objects at the start, by name.
     goal : Goal
         The action's goal.
     """
 
     action: str
     robot: RobotState
-    ball: BallState | None
+    objects: Mapping[str, ObjectState] = field(hash=False)
     goal: Goal

@@ -16,9 +16,10 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.experience.episode import place
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world.state import BallState, RobotState
+from ator_ros.world.state import ObjectState, RobotState
 
 KINDS = ("pose", "approach", "dribble", "shoot")
 _TURN = math.radians(1.0)
@@ -74,14 +75,14 @@ def situation_of(task: Task, robot: Robot) -> Situation:
     ]
     sample = SOCCER.actions(task.action_set)[action].sample
     drawn = sample(robot, rng)
-    while action == "goToPose" and (drawn.ball is None) != (task.kind == "pose"):
+    while action == "goToPose" and (ball_of(drawn) is None) != (task.kind == "pose"):
         drawn = sample(robot, rng)
     pose = drawn.robot.pose._replace(yaw=drawn.robot.pose.yaw + task.turn)
-    ball = drawn.ball
+    ball = ball_of(drawn)
     if ball is not None and task.kind != "approach":
         hold = robot.hold_point(pose)
-        ball = BallState(hold.x, hold.y)
-    return Situation(action, RobotState(pose), ball, dataclasses.replace(drawn.goal, speed=0.0))
+        ball = ObjectState(hold.x, hold.y)
+    return Situation(action, RobotState(pose), objects_of(ball), dataclasses.replace(drawn.goal, speed=0.0))
 
 
 def execute(task: Task) -> Outcome:
@@ -115,15 +116,15 @@ def _execute(simulation: PioneerSimulation, situation: Situation, task: Task) ->
             break
         command, pose = step.command, world.robot.pose
         excess = max(excess, abs(command.v) / robot.limits.v, abs(command.w) / robot.limits.w)
-        early = early or (task.kind == "approach" and _touched_early(situation, world.ball, pose, robot))
+        early = early or (task.kind == "approach" and _touched_early(situation, ball_of(world), pose, robot))
         simulation.command(command)
         simulation.tick()
     success = step.status is Status.SUCCEEDED
     return Outcome(success, early, simulation.time, excess, poses, step.message, planned)
 
 
-def _touched_early(situation: Situation, ball: BallState | None, pose: Pose, robot: Robot) -> bool:
-    first = situation.ball
+def _touched_early(situation: Situation, ball: ObjectState | None, pose: Pose, robot: Robot) -> bool:
+    first = ball_of(situation)
     if ball is None or first is None:
         return False
     moved = math.hypot(ball.x - first.x, ball.y - first.y) > _MOVED

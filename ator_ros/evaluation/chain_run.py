@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from ator_ros.actions.base import Point, Status
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.experience.episode import HELD, coast
+from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
 from ator_ros.simulation.pioneer import CONTROL_RATE, PioneerSimulation
@@ -86,12 +87,14 @@ def run_chain(
     executor = ChainExecutor(library, chain, time_limit=TIME_LIMIT, fetches=fetches)
     with PioneerSimulation(robot) as simulation:
         simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
-        if start.ball is not None:
-            simulation.place_ball(start.ball.x, start.ball.y, vx=start.ball.vx, vy=start.ball.vy)
+        placed = ball_of(start)
+        if placed is not None:
+            simulation.place_ball(placed.x, placed.y, vx=placed.vx, vy=placed.vy)
         for tick in range(round(TIME_LIMIT * CONTROL_RATE) + 1):
             world = simulation.world()
-            if keep_path and tick % 2 == 0 and world.ball is not None:
-                path.append((world.robot.pose.x, world.robot.pose.y, world.ball.x, world.ball.y))
+            ball = ball_of(world)
+            if keep_path and tick % 2 == 0 and ball is not None:
+                path.append((world.robot.pose.x, world.robot.pose.y, ball.x, ball.y))
             seen = world if observe is None else observe(world)
             if seen.time == last:  # no word of anything newer yet
                 simulation.tick()
@@ -129,11 +132,11 @@ def _outcome(simulation: PioneerSimulation, chain: TopChain, world: World) -> tu
     """Return whether the chain has done what it is for, what is wrong otherwise, and the final error in m."""
     robot, last = simulation.robot, chain.calls[-1]
     if last.top.action == "shoot":
-        ball = coast(simulation, world).ball
+        ball = ball_of(coast(simulation, world))
         line, _ = robot.field.goal_centre()
         scored = ball is not None and ball.x > line and abs(ball.y) < robot.field.goal_width / 2
         return scored, "the ball is not in the goal", math.nan
-    pose, ball = world.robot.pose, world.ball
+    pose, ball = world.robot.pose, ball_of(world)
     hold = robot.hold_point(pose)
     point = hold if last.goal.point is Point.HOLD else pose
     held = ball is not None and math.hypot(ball.x - hold.x, ball.y - hold.y) <= HELD

@@ -17,9 +17,10 @@ from ator_ros.evaluation.chain_run import Run, run_chain
 from ator_ros.evaluation.policies import POLICIES, Toolset
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import random_trial
+from ator_ros.robot.ball import BALL
 from ator_ros.simulation.sensors import REALISTIC, SensorConfig, Sensors
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.tracking import BallTracker
+from ator_ros.world.tracking import ObjectTracker
 
 TRUTH = "truth"
 POINTS = 3.0
@@ -104,13 +105,13 @@ def execute(task: NoiseTask) -> dict[str, Run]:
         condition = CONDITIONS[name]
         sensors = Sensors(condition.sensors, task.seed * 1_000_003 + task.index)
         noise, velocity_noise = condition.sensors.ball_noise, condition.sensors.ball_velocity_noise
-        tracker = BallTracker(noise if condition.tracked else 0.0, velocity_noise)
+        tracker = ObjectTracker(noise if condition.tracked else 0.0, velocity_noise)
         runs[name] = run_chain(
             tools.robot,
             library,
             trial.world,
             chain,
-            observe=lambda world, s=sensors, t=tracker: t.observe(s.observe(world)),  # type: ignore[misc]
+            observe=lambda world, s=sensors, t=tracker: t.observe(s.observe(world), BALL),  # type: ignore[misc]
             fetches=condition.fetches,
             latency=condition.foreseen,
         )

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Status, Step
 from ator_ros.execution.step_run import STOPPING, ActionRecord, Predict, StepRun
-from ator_ros.tops.ball import (
-    at_ball,
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import (
+    at_object,
     at_rest,
-    drives_to_ball,
-    fetches_ball,
+    fetched,
+    followed,
     has_left,
+    held_first,
     is_at_front,
     is_in_the_way,
     is_lost,
-    starts_holding,
 )
-from ator_ros.tops.chain import TopChain
-from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, Command, World
 
 
@@ -44,11 +44,11 @@ class ChainExecutor:
     chain : TopChain
         What to execute; each pre-condition is checked when its turn comes.
     time_limit : float
-        Time in s that each step may take, however often its goal moves with the ball.
+        Time in s that each step may take, however often its goal moves with an object.
     predict : callable, optional
         Predicts the performance of a step from the world in which it starts, for the record.
     fetches : int
-        How many times the ball may be fetched again when it is lost; then the chain goes on from the last
+        How many times an object may be fetched again when it is lost; then the chain goes on from the last
         step before that fetches it.
     """
 
@@ -81,7 +81,7 @@ class ChainExecutor:
         """
         if self._began is None:
             self._began = world.time
-        step = self._follow_ball(world)
+        step = self._follow(world)
         while step is None:
             waiting = not self._run.begun
             step = self._run.step(world)
@@ -98,7 +98,7 @@ class ChainExecutor:
             elif waiting or self._planned == world.time:
                 step = Step(step.command, Status.RUNNING, step.message)
             else:
-                step = self._follow_ball(world)
+                step = self._follow(world)
         return self._told(world, step)
 
     def break_off(self, world: World, why: str) -> None:
@@ -109,7 +109,7 @@ class ChainExecutor:
 
     @property
     def chain(self) -> TopChain:
-        """The chain as it is executed; the goals of approaches move with the ball."""
+        """The chain as it is executed; the goals of approaches move with their objects."""
         return self._chain
 
     @property
@@ -147,14 +147,16 @@ class ChainExecutor:
         self._run.defer_planning(world.time)  # where it goes on after all: one search in a tick
         return run.begin(world) is None and not run.planning
 
-    def _follow_ball(self, world: World) -> Step | None:
-        """Move the goal of an approach with a ball that has left it; return a stop where no way leads on."""
-        robot, call, resting = self._library.robot, self._run.call, at_rest(world, self._library.robot)
-        pushed = self._run.begun and is_at_front(world, robot)
-        left = drives_to_ball(call.top) and not pushed and has_left(resting, call, robot)
-        if not left or self._planned == world.time:
+    def _follow(self, world: World) -> Step | None:
+        """Move the goal with an object that has left it; return a stop where no way leads on."""
+        robot, call = self._library.robot, self._run.call
+        name = followed(call.top)
+        if name is None or (self._run.begun and is_at_front(world, robot, name)):
             return None
-        chain = self._chain.with_goal(self._index, at_ball(call.goal, resting))
+        resting = at_rest(world, robot)
+        if not has_left(resting, call, robot) or self._planned == world.time:
+            return None
+        chain = self._chain.with_goal(self._index, at_object(call.goal, resting, name))
         if self.head_for(world, chain):
             return None
         self._replace_run(world, self._changed_run(chain, standing_first=True))
@@ -162,8 +164,9 @@ class ChainExecutor:
         return Step(STOP, Status.RUNNING, STOPPING)
 
     def _is_blocked(self, world: World) -> bool:
-        """Return whether the ball that is driven to lies where the robot can only stop."""
-        return drives_to_ball(self._run.call.top) and is_in_the_way(world, self._library.robot)
+        """Return whether the object that is followed lies where the robot can only stop."""
+        name = followed(self._run.call.top)
+        return name is not None and is_in_the_way(world, self._library.robot, name)
 
     def _replace_run(self, world: World, run: StepRun) -> None:
         if self._run.begun:
@@ -181,12 +184,12 @@ class ChainExecutor:
         return fetching, True
 
     def _fetching_step(self, world: World) -> int | None:
-        """Return the step to go back to for a ball that is lost; None where none is to be fetched."""
+        """Return the step to go back to for an object that is lost; None where none is to be fetched."""
         top = self._run.call.top
-        missed = starts_holding(top) or (fetches_ball(top) and self._run.begun)
-        if self.fetched >= self._fetches or not missed or not is_lost(world, self._library.robot):
+        name = held_first(top) or (fetched(top) if self._run.begun else None)
+        if name is None or self.fetched >= self._fetches or not is_lost(world, self._library.robot, name):
             return None
-        before = (i for i in range(self._index, -1, -1) if fetches_ball(self._chain.calls[i].top))
+        before = (i for i in range(self._index, -1, -1) if fetched(self._chain.calls[i].top) == name)
         return next(before, None)
 
     def _enter(self, index: int, standing_first: bool) -> None:

@@ -14,9 +14,9 @@ from ator_ros.execution.predictions import Predictor, remaining
 from ator_ros.execution.refining import Question, Refining, refined_chain
 from ator_ros.execution.step_run import ActionRecord, is_standing
 from ator_ros.refinement.chain_model import ChainPrediction
-from ator_ros.tops.ball import at_rest, ball_user, needs_ball
 from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import at_rest, missing_in, missing_object, objects_in
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, Command, World
 
@@ -40,7 +40,7 @@ class Execution:
     predictor, deadlines, fence
         Predict what happens; say when to give up waiting, and where the robot may drive.
     fetches : int
-        How many times a lost ball may be fetched again.
+        How many times a lost object may be fetched again.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Execution:
         self._seen: World | None = None
         self._accepted, self._heard = now, math.inf
         self._stopped_at = math.inf
-        self._blind = False
+        self._blind: str | None = None
         self._executor: ChainExecutor | None = None
         self._answer: tuple[TopChain, str] | None = None
         self._prediction: Callable[[], ChainPrediction | None] | None = None
@@ -81,7 +81,7 @@ class Execution:
 
     @property
     def fetched(self) -> int:
-        """How many times a lost ball was fetched again."""
+        """How many times a lost object was fetched again."""
         return 0 if self._executor is None else self._executor.fetched
 
     @property
@@ -112,18 +112,18 @@ class Execution:
         """Return whether no odometry has come for half its deadline: the robot should stand until then."""
         return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.silence
 
-    def tick(self, world: World, now: float, *, ball_overdue: bool = False) -> Command:
+    def tick(self, world: World, now: float, *, overdue: frozenset[str] = frozenset()) -> Command:
         """Take a newer state of the world and return the command for it.
 
-        Where the ball is overdue, a step that needs it pauses; it ends when twice in a row no recent ball is
-        known, or when it is to begin without one.
+        Where an object is overdue, a step that needs it pauses; it ends when twice in a row the object is not
+        known, or when it is to begin without it.
         """
         self._heard, self._seen = now, world
         # Planning takes time, for which a simulation waits that has heard from us.
         if self.phase is Phase.WAITING and self._begin(world, now) and is_standing(world.robot):
             return STOP
         if self.phase is Phase.EXECUTING:
-            return self._execute(world, now, ball_overdue=ball_overdue)
+            return self._execute(world, now, overdue=overdue)
         if self.phase is Phase.STOPPING:
             self._stopped_at = min(self._stopped_at, world.time)
             stood = is_standing(world.robot) or world.time - self._stopped_at > _LONGEST_STOP
@@ -216,13 +216,14 @@ class Execution:
             self.unrefined("there is no way from here to the refined subgoal")
 
     def _begin(self, world: World, now: float) -> bool:
-        """Start with the first state in which the chain can be judged: with a ball where one is needed.
+        """Start with the first state in which the chain can be judged: with the objects that it needs.
 
         Says whether the chain is to be executed now.
         """
         self.start = world
-        if world.ball is None and ball_user(self.chain.calls) is not None:
-            self.reason = "waiting for a ball"
+        missing = missing_in(self.chain.calls, world)
+        if missing is not None:
+            self.reason = f"waiting for the {missing[0]}"
             return False
         violations = self.chain.violations(world, self._library.robot)
         if violations:
@@ -240,9 +241,10 @@ class Execution:
             self.end(Ending.INPUT_LOST, f"odom is missing: {limit}")
             self.phase = Phase.ENDED  # nothing will tell when the robot stands
         else:
-            self.end(Ending.INPUT_LOST, f"ball is missing: {ball_user(self.chain.calls)} needs it, {limit}")
+            name, top = missing_in(self.chain.calls, self.start) or ("", "")
+            self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}")
 
-    def _execute(self, world: World, now: float, *, ball_overdue: bool) -> Command:
+    def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command:
         if self._executor is None:
             # Later than the first state when refinement has taken its time.
             self.start = world
@@ -254,18 +256,19 @@ class Execution:
                 predict=lambda begin, call: functools.partial(self._predictor.action, begin, call),
                 fetches=self._fetches,
             )
-        blind, self._blind = self._blind, self._lacks_ball(world)
-        # Once it may happen: after a long tick, odometry may be read before a ball that has long been there.
+        blind, self._blind = self._blind, missing_object(self.top, world)
+        # Once it may happen: after a long tick, odometry may be read before an object long on its way.
         if self._blind and blind:
-            return self._end_without_ball()
-        if self._blind or (ball_overdue and needs_ball(self.top)):
-            self.reason = f"{self.top.name} pauses: no word of the ball"
+            return self._end_without(self._blind)
+        silent = self._blind or next((name for name in objects_in(self.top) if name in overdue), None)
+        if silent:
+            self.reason = f"{self.top.name} pauses: no word of the {silent}"
             return STOP
         fault = self._fence.fault(world, self.chain.calls[self.step])
         if fault is not None:
             return self._stop(Ending.OUT_OF_BOUNDS, fault)
         if self._fence.pausing:
-            self.reason = f"{self.top.name} pauses: the ball leads out of the fence"
+            self.reason = f"{self.top.name} pauses: what it follows leads out of the fence"
             return STOP
         self._take_answer(world, self._executor)
         step = self._executor.step(world)
@@ -276,12 +279,14 @@ class Execution:
         if step.status is Status.RUNNING:
             self.refining.ask_again(world, self.chain, now, step=self.step)
             return step.command
-        if self._lacks_ball(world):  # for the step that was just handed over to
-            return self._end_without_ball()
+        missing = missing_object(self.top, world)  # for the step that was just handed over to
+        if missing is not None:
+            return self._end_without(missing)
         if step.status is Status.SUCCEEDED:
             return self._stop(Ending.SUCCEEDED, step.message)
-        if self.records[-1][0].lost_ball:
-            return self._stop(Ending.BALL_LOST, f"ball lost in {self.top.name}: {step.message}")
+        lost = self.records[-1][0].lost
+        if lost is not None:
+            return self._stop(Ending.OBJECT_LOST, f"{lost} lost in {self.top.name}: {step.message}")
         return self._stop(Ending.FAILED, step.message)
 
     def _keep_records(self, executor: ChainExecutor, world: World, broken_off: Ending) -> None:
@@ -289,11 +294,8 @@ class Execution:
         new = executor.records[len(self.records) :]
         self.records += [(record, world, _ENDINGS.get(record.outcome, broken_off)) for record in new]
 
-    def _lacks_ball(self, world: World) -> bool:
-        return world.ball is None and needs_ball(self.top)
-
-    def _end_without_ball(self) -> Command:
-        reason = f"ball is missing: {self.top.name} needs it, and no recent one is known"
+    def _end_without(self, name: str) -> Command:
+        reason = f"{name} is missing: {self.top.name} needs it, and no recent one is known"
         return self._stop(Ending.INPUT_LOST, reason)
 
     def _stop(self, ending: Ending, reason: str) -> Command:

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from ator_ros.actions.base import Goal, Point
 from ator_ros.robot.description import Robot
 from ator_ros.robot.ramp import clip, stopping_way
-from ator_ros.tops.ball import at_ball, at_rest, drives_to_ball, has_left, is_at_front
 from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
 from ator_ros.world.state import RobotState, World
 
 _DOUBT = 0.3
-"""Time in s for which the ball must lead out: its velocity may be false until its positions tell."""
+"""Time in s for which an object must lead out: its velocity may be false until its positions tell."""
 _ROUNDING = 1e-9
 _OFF_THE_WAY = 0.05
 """Distance in m by which an action may miss its goal and its way."""
@@ -81,7 +81,7 @@ class Fence:
         return None
 
     def leads_out(self, call: TopCall, robot: Robot) -> bool:
-        """Return whether a step would bring the robot, or the ball that it holds then, out of the area.
+        """Return whether a step would bring the robot, or the object that it holds then, out of the area.
 
         The robot must come to stand `room_inside` the edge, also where it arrives at speed. What is shot may
         lie anywhere.
@@ -89,8 +89,8 @@ class Fence:
         if not {term.variable for term in call.top.post.terms} & {"robot.x", "hold.x"}:
             return False
         goal = call.goal
-        ball_out = goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0
-        return ball_out or not self._has_room(goal, robot)
+        held_out = goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0
+        return held_out or not self._has_room(goal, robot)
 
     def _has_room(self, goal: Goal, robot: Robot) -> bool:
         """Return whether the robot can arrive at `goal`, and stop from its speed, far enough inside."""
@@ -130,7 +130,7 @@ class FenceWatch:
 
     @property
     def pausing(self) -> bool:
-        """Whether the ball leads out, so that the robot should rather stand than follow it."""
+        """Whether the object that is followed leads out, so that the robot should rather stand."""
         return self._leads_out_since < math.inf
 
     def fault(self, world: World, call: TopCall) -> str | None:
@@ -166,16 +166,16 @@ class FenceWatch:
         return self._fence.outside(robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw))
 
     def _following(self, world: World, call: TopCall) -> str | None:
-        """Return why not to follow the ball, once it has led out for long enough to be believed."""
+        """Return why not to follow an object, once it has led out for long enough to be believed."""
         resting = at_rest(world, self._robot)
-        followed = drives_to_ball(call.top) and not is_at_front(world, self._robot)
-        if not (followed and has_left(resting, call, self._robot)):
+        name = followed(call.top)
+        if name is None or is_at_front(world, self._robot, name) or not has_left(resting, call, self._robot):
             self._leads_out_since = math.inf
             return None
-        goal = at_ball(call.goal, resting)
+        goal = at_object(call.goal, resting, name)
         out = self._fence.leads_out(dataclasses.replace(call, goal=goal), self._robot)
         self._leads_out_since = min(self._leads_out_since, world.time) if out else math.inf
         if world.time - self._leads_out_since < _DOUBT:
             return None
         x, y, _ = goal.pose
-        return f"the ball leaves the {self._fence}: {call.top.name} would lead to x {x:.2f} m, y {y:.2f} m"
+        return f"the {name} leaves the {self._fence}: {call.top.name} would lead to x {x:.2f} m, y {y:.2f} m"

@@ -19,7 +19,7 @@ class Ending(enum.Enum):
     PREEMPTED = 5
     INPUT_LOST = 6
     SHUTDOWN = 7
-    BALL_LOST = 8
+    OBJECT_LOST = 8
     BASE_FAULT = 9
     OUT_OF_BOUNDS = 10
 
@@ -48,7 +48,7 @@ class Deadlines:
         Real time in s that refinement may take.
     action : float
         Time in s on the odometry's clock that one action may take, however often its goal
-        moves with the ball.
+        moves with an object.
     """
 
     start: float = 2.0

@@ -1,17 +1,18 @@
-"""What a goal asks of refinement, before its chain starts and again when the ball has moved (without ROS)."""
+"""What a goal asks of refinement, before its chain starts and again when an object has moved."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ator_ros.refinement.changes import allowed_changes
 from ator_ros.refinement.free_variables import with_values
 from ator_ros.robot.description import Robot
-from ator_ros.tops.ball import at_rest, drives_to_ball, is_at_front
 from ator_ros.tops.chain import InvalidChainError, TopChain
-from ator_ros.world.state import BallState, World
+from ator_ros.tops.objects import at_rest, followed, is_at_front
+from ator_ros.world.state import ObjectState, World
 
 _NOT_ASKED = "refinement was not asked for"
 _UNANSWERED = "no answer from refinement yet"
@@ -54,11 +55,11 @@ class Refining:
     Parameters
     ----------
     robot : Robot
-        Sizes, and how the ball rolls.
+        Sizes, and how objects roll.
     wanted : bool
         Whether the goal asks for refinement at all.
     again_after : float
-        Distance in m by which the ball must have moved to ask again; 0: never.
+        Distance in m by which an object must have moved to ask again; 0: never.
     """
 
     def __init__(self, robot: Robot, *, wanted: bool, again_after: float) -> None:
@@ -67,7 +68,7 @@ class Refining:
         self.refined = False
         self.again = 0
         self._robot, self._again_after = robot, again_after
-        self._known: BallState | None = None
+        self._known: Mapping[str, ObjectState] = {}
         self._first: str | None = None
         self._changed = self._left = ""
 
@@ -79,20 +80,21 @@ class Refining:
 
     def ask(self, world: World, chain: TopChain, now: float, *, step: int = 0) -> None:
         """Ask about `chain` from `step` on."""
-        self._known = at_rest(world, self._robot).ball
+        self._known = at_rest(world, self._robot).objects
         self.question = Question(world, TopChain(chain.calls[step:]), step, now)
 
     def ask_again(self, world: World, chain: TopChain, now: float, *, step: int) -> None:
-        """Ask when the ball that is approached lies elsewhere than it did for the question before."""
+        """Ask when the object that is approached lies elsewhere than it did for the question before."""
         if not (self.wanted and self._again_after) or self.question is not None:
             return
-        if not drives_to_ball(chain.calls[step].top) or is_at_front(world, self._robot):
+        name = followed(chain.calls[step].top)
+        if name is None or is_at_front(world, self._robot, name):
             return
-        resting = at_rest(world, self._robot)  # where the goals of approaches follow the ball
-        ball, known = resting.ball, self._known
-        if ball is None:
+        resting = at_rest(world, self._robot)  # where the goals of approaches follow their objects
+        there, known = resting.objects.get(name), self._known.get(name)
+        if there is None:
             return
-        if known is None or math.hypot(ball.x - known.x, ball.y - known.y) > self._again_after:
+        if known is None or math.hypot(there.x - known.x, there.y - known.y) > self._again_after:
             self.ask(resting, chain, now, step=step)
 
     def close(self, why: str, *, changed: bool, elapsed: float) -> None:
@@ -114,7 +116,7 @@ def refined_chain(
 ) -> TopChain:
     """Return `chain` with what `answer` changes of the chain in question.
 
-    The rest stays as it is now: a ball that is driven to may have moved on since the question.
+    The rest stays as it is now: an object that is driven to may have moved on since the question.
 
     Raises
     ------

@@ -9,13 +9,14 @@ from ator_ros.execution.predictions import Predictor
 from ator_ros.geometry import Pose
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})
-AWAY = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0)), BallState(0.0, 0.0))
+AWAY = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0)), {BALL: ObjectState(0.0, 0.0)})
 
 
 def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
@@ -35,7 +36,7 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     x, y = robot.field.goal_centre()
     pose = Pose(x - 2.0, y, 0.2)
     hold = robot.hold_point(pose)
-    holding = World(0.0, RobotState(pose), BallState(hold.x, hold.y))
+    holding = World(0.0, RobotState(pose), {BALL: ObjectState(hold.x, hold.y)})
     for top in library.values():
         held = any(term.variable == "hold.x" for term in top.pre.terms)
         world, goal = (holding, Pose(x, y, 0.0)) if held else (AWAY, Pose(0.0, 0.0, 0.0))

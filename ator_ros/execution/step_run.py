@@ -7,21 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
-from ator_ros.tops.ball import (
-    at_rest,
-    drives_to_ball,
-    is_lost,
-    keeps_holding,
-    starts_holding,
-)
 from ator_ros.tops.chain import TopCall
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import at_rest, followed, held_first, is_lost, kept
 from ator_ros.tops.state import goal_variables, state_of
 from ator_ros.world.state import STOP, RobotState, World
 
 Predict = Callable[[World, TopCall], Any]
 
-STOPPING = "stopping, to drive to the ball from there"
+STOPPING = "stopping, to go on from there"
 """What is said of a step that waits until the robot stands."""
 _STANDING_V = 0.02
 _STANDING_W = 0.05
@@ -44,7 +38,7 @@ class ActionRecord:
     duration : float
         Time it took in s.
     outcome : Status
-        SUCCEEDED, FAILED, or RUNNING where it was broken off: another goal took over, since the ball had
+        SUCCEEDED, FAILED, or RUNNING where it was broken off: another goal took over, since an object had
         moved, or the chain was ended.
     reason : str
         A sentence on how it ended.
@@ -52,8 +46,8 @@ class ActionRecord:
         Distance from the goal at the end in m, difference of headings in rad.
     predicted : object
         What the performance model predicted at the start; None without one.
-    lost_ball : bool
-        Whether it failed because the ball that it should have held was not in front any more.
+    lost : str or None
+        The object that it should have held, where it failed because that was not in front any more.
     """
 
     index: int
@@ -67,7 +61,7 @@ class ActionRecord:
     position_error: float
     heading_error: float
     predicted: Any = None
-    lost_ball: bool = False
+    lost: str | None = None
 
 
 class StepRun:
@@ -129,7 +123,7 @@ class StepRun:
     def begin(self, world: World) -> str | None:
         """Start the action; give a sentence where that is impossible."""
         call, robot = self.call, self._library.robot
-        seen = at_rest(world, robot) if drives_to_ball(call.top) else world
+        seen = at_rest(world, robot) if followed(call.top) else world
         violations = call.top.pre.violations(state_of(seen, robot), goal_variables(call.goal))
         if violations:
             return f"pre-condition of {call.top.name}: {'; '.join(violations)}"
@@ -186,14 +180,13 @@ class StepRun:
             pose.distance(goal),
             abs(pose.relative(goal).yaw),
             self._predicted,
-            step.status is Status.FAILED and self._has_lost_ball(world),
+            self._lost(world) if step.status is Status.FAILED else None,
         )
 
-    def _has_lost_ball(self, world: World) -> bool:
-        """Return whether the ball that this step holds, or should have started with, is not in front."""
-        top = self.call.top
-        meant = keeps_holding(top) or (starts_holding(top) and not self.begun)
-        return meant and is_lost(world, self._library.robot)
+    def _lost(self, world: World) -> str | None:
+        """Return the object that this step holds, or should have started with, if it is not in front."""
+        name = kept(self.call.top) if self.begun else held_first(self.call.top)
+        return name if name is not None and is_lost(world, self._library.robot, name) else None
 
 
 def is_standing(robot: RobotState) -> bool:

@@ -15,8 +15,9 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import HELD, Episode
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.robot.ball import objects_of
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import BallState, RobotState
+from ator_ros.world.state import ObjectState, RobotState
 
 PAUSE = 0.3  # s without a command to move that separates two drives
 SHORTEST = 0.5  # s that a drive lasts at least
@@ -101,7 +102,7 @@ def _episode(odom: FloatArray, ball: FloatArray | None, begin: float, end: float
         place = (there.x, there.y) if there is not None else (np.nan, np.nan)
         rows.append((number * PERIOD, row[1], row[2], wrap_angle(float(row[3])), row[4], row[5], *place))
     return Episode(
-        situation=Situation(action, state, first, goal),
+        situation=Situation(action, state, objects_of(first), goal),
         samples=np.array(rows, dtype=float),
         duration=end - begin,
         success=True,
@@ -119,12 +120,12 @@ def _pose(row: FloatArray) -> Pose:
     return Pose(float(row[1]), float(row[2]), wrap_angle(float(row[3])))
 
 
-def _ball_at(ball: FloatArray | None, time: float) -> BallState | None:
+def _ball_at(ball: FloatArray | None, time: float) -> ObjectState | None:
     if ball is None or time < ball[0, 0]:
         return None
     row = _at(ball, time)
-    return BallState(float(row[1]), float(row[2]))
+    return ObjectState(float(row[1]), float(row[2]))
 
 
-def _held(robot: Robot, pose: Pose, ball: BallState | None) -> bool:
+def _held(robot: Robot, pose: Pose, ball: ObjectState | None) -> bool:
     return ball is not None and robot.hold_point(pose).distance(Pose(ball.x, ball.y, 0.0)) <= HELD

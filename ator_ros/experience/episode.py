@@ -10,6 +10,7 @@ import numpy as np
 from ator_ros.actions.base import Action, ActionError, Point, Status
 from ator_ros.actions.situation import Situation
 from ator_ros.geometry import FloatArray, wrap_angle
+from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.world.state import STOP, World
@@ -93,7 +94,7 @@ def run_episode(
 
 def place(simulation: PioneerSimulation, situation: Situation) -> None:
     """Put robot and ball where `situation` starts."""
-    robot, ball = situation.robot, situation.ball
+    robot, ball = situation.robot, ball_of(situation)
     simulation.place_robot(robot.pose, v=robot.v, w=robot.w)
     if ball is None:
         simulation.remove_ball()
@@ -104,7 +105,7 @@ def place(simulation: PioneerSimulation, situation: Situation) -> None:
 def coast(simulation: PioneerSimulation, world: World) -> World:
     """Let a shot ball roll, with the robot stopping, until it is in the goal, rests, or 6 s are over."""
     for _ in range(round(COAST * 20)):
-        ball = world.ball
+        ball = ball_of(world)
         if ball is None or ball.speed < 0.02 or _depth(simulation.robot, ball.x, ball.y) > 0.0:
             break
         simulation.command(STOP)
@@ -121,7 +122,7 @@ def _depth(robot: Robot, x: float, y: float) -> float:
 
 
 def _sample(world: World, start: float) -> tuple[float, ...]:
-    pose, ball = world.robot.pose, world.ball
+    pose, ball = world.robot.pose, ball_of(world)
     ball_x, ball_y = (ball.x, ball.y) if ball is not None else (math.nan, math.nan)
     return (world.time - start, *pose, world.robot.v, world.robot.w, ball_x, ball_y)
 
@@ -136,7 +137,7 @@ def _episode(
     ended_well: bool,
 ) -> Episode:
     """Judge the end of an episode by the true state `world`."""
-    goal, pose, ball = situation.goal, world.robot.pose, world.ball
+    goal, pose, ball = situation.goal, world.robot.pose, ball_of(world)
     hold = robot.hold_point(pose)
     if situation.action == "shoot":
         depth = _depth(robot, ball.x, ball.y) if ball is not None else -math.inf

@@ -13,7 +13,8 @@ from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
 from ator_ros.experience.validation import FARTHEST
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import printable
-from ator_ros.world.state import BallState, RobotState
+from ator_ros.robot.ball import ball_of, objects_of
+from ator_ros.world.state import ObjectState, RobotState
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)
@@ -24,7 +25,7 @@ def episode_of(message: Any) -> Episode:
     """Return the episode that an ActionPerformance tells of; it has no samples but its start."""
     start, call = message.start, message.call
     ball = (
-        BallState(start.ball.x, start.ball.y, start.ball_velocity.x, start.ball_velocity.y)
+        ObjectState(start.ball.x, start.ball.y, start.ball_velocity.x, start.ball_velocity.y)
         if start.ball_known
         else None
     )
@@ -33,7 +34,7 @@ def episode_of(message: Any) -> Episode:
         situation=Situation(
             message.action,
             RobotState(pose_of(start.robot), start.v, start.w),
-            ball,
+            objects_of(ball),
             Goal(pose_of(call.goal.pose), call.speed, point),
         ),
         samples=np.empty((0, len(SAMPLE_COLUMNS))),
@@ -47,7 +48,7 @@ def episode_of(message: Any) -> Episode:
 
 def sound(episode: Episode) -> bool:
     """Return whether a model can learn from an episode: a sensor may have sent NaN."""
-    robot, goal, ball = episode.situation.robot, episode.situation.goal, episode.situation.ball
+    robot, goal, ball = episode.situation.robot, episode.situation.goal, ball_of(episode.situation)
     errors = (episode.position_error, episode.heading_error)
     numbers: tuple[float, ...] = (*robot.pose, robot.v, robot.w, *goal.pose, goal.speed, episode.duration)
     numbers += (ball.x, ball.y) if ball is not None else ()

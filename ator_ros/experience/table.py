@@ -18,6 +18,7 @@ from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.validation import checked_rows
 from ator_ros.files import limited_memory, replaced
+from ator_ros.robot.ball import ball_of
 
 FORMAT = "ator_ros experience"
 SCHEMA_VERSION = 1
@@ -94,7 +95,7 @@ def episode_frame(number: int, episode: Episode) -> pd.DataFrame:
     goal = episode.situation.goal
     samples = episode.samples
     if len(samples) == 0:
-        start, ball = episode.situation.robot, episode.situation.ball
+        start, ball = episode.situation.robot, ball_of(episode.situation)
         place = (ball.x, ball.y) if ball is not None else (np.nan, np.nan)
         samples = np.array([(0.0, *start.pose, start.v, start.w, *place)])
     frame = pd.DataFrame(samples, columns=list(SAMPLE_COLUMNS))

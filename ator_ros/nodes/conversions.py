@@ -22,10 +22,11 @@ from ator_ros.nodes.checks import WIDEST, MessageBounds, MessageError
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
+from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
-from ator_ros.world.state import BallState, Command, RobotState, World
+from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 DEFAULT_ACTION_SET = "default"
 
@@ -99,7 +100,7 @@ def robot_from(
 
 def ball_from(
     odometry: Odometry, *, frame: str, where: str = "ball", bounds: MessageBounds = WIDEST
-) -> tuple[float, BallState]:
+) -> tuple[float, ObjectState]:
     """Read time in s and state of the ball, whose twist is in the header's frame, as child_frame_id says."""
     checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
     checks.frame(odometry.child_frame_id, f"{where}.child_frame_id", expected=frame)
@@ -108,8 +109,8 @@ def ball_from(
     return seconds_from(odometry.header.stamp), ball
 
 
-def _ball(position: Any, linear: Any, place: str, motion: str, bounds: MessageBounds) -> BallState:
-    return BallState(
+def _ball(position: Any, linear: Any, place: str, motion: str, bounds: MessageBounds) -> ObjectState:
+    return ObjectState(
         checks.position(position.x, f"{place}: x", most=bounds.x),
         checks.position(position.y, f"{place}: y", most=bounds.y),
         checks.velocity(linear.x, f"{motion}: x", most=bounds.object_speed),
@@ -126,7 +127,7 @@ def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Od
     return message
 
 
-def ball_odometry_of(time: float, ball: BallState, *, frame: str, height: float) -> Odometry:
+def ball_odometry_of(time: float, ball: ObjectState, *, frame: str, height: float) -> Odometry:
     """Write the ball's position, its centre `height` m above the floor, and its velocity, both in `frame`."""
     message = Odometry(child_frame_id=frame)
     message.header.stamp, message.header.frame_id = stamp_of(time), frame
@@ -150,7 +151,7 @@ def world_from(
     if situation.ball_known:
         motion = f"{where}.ball_velocity"
         ball = _ball(situation.ball, situation.ball_velocity, f"{where}.ball", motion, bounds)
-    return World(seconds_from(situation.header.stamp), robot, ball)
+    return World(seconds_from(situation.header.stamp), robot, objects_of(ball))
 
 
 def situation_of(world: World, *, frame: str) -> msg.Situation:
@@ -158,10 +159,11 @@ def situation_of(world: World, *, frame: str) -> msg.Situation:
     robot = world.robot
     message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.v), w=float(robot.w))
     message.header.stamp, message.header.frame_id = stamp_of(world.time), frame
-    if world.ball is not None:
+    ball = ball_of(world)
+    if ball is not None:
         message.ball_known = True
-        message.ball.x, message.ball.y = float(world.ball.x), float(world.ball.y)
-        message.ball_velocity.x, message.ball_velocity.y = float(world.ball.vx), float(world.ball.vy)
+        message.ball.x, message.ball.y = float(ball.x), float(ball.y)
+        message.ball_velocity.x, message.ball_velocity.y = float(ball.vx), float(ball.vy)
     return message
 
 

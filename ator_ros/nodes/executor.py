@@ -29,7 +29,9 @@ from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.parameters import declare_parameters, digest_of, domain_of, robot_of
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
-from ator_ros.world.inputs import ClockJumpError, StampError
+from ator_ros.robot.ball import BALL, ball_of
+from ator_ros.world.inputs import ClockJumpError
+from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
 
 _WARNING_PERIOD = 2.0
@@ -109,7 +111,7 @@ class ExecutorNode(Node):
     def _take_ball(self, message: Odometry) -> None:
         try:
             read = conversions.ball_from(message, frame=self._settings["frame"], bounds=self._bounds)
-            remark = self._inputs.ball(*read)
+            remark = self._inputs.object(BALL, *read)
         except (MessageError, StampError) as error:
             self._note(f"ignored: {error}")
         else:
@@ -133,7 +135,7 @@ class ExecutorNode(Node):
         self._world, self._heard = world, now
         self._ticks.came(now)
         if self._run is not None:
-            command = self._run.execution.tick(world, now, ball_overdue=self._inputs.ball_overdue)
+            command = self._run.execution.tick(world, now, overdue=self._inputs.overdue)
             done = time.monotonic()
             self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
             self._longest_tick = max(self._longest_tick, done - now)
@@ -253,10 +255,10 @@ class ExecutorNode(Node):
         silence = time.monotonic() - self._heard if self._heard else None
         stale = silence is None or silence > self._settings["odom_timeout"]
         longest, self._longest_tick = self._longest_tick, 0.0
-        ball = self._world is not None and self._world.ball is not None
+        ball = self._world is not None and ball_of(self._world) is not None
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
-            "ball": ("overdue" if self._inputs.ball_overdue else "known") if ball else "unknown",
+            "ball": ("overdue" if BALL in self._inputs.overdue else "known") if ball else "unknown",
             "longest time between ticks (ms)": self._ticks.take(),
             "longest tick (ms)": f"{1000.0 * longest:.1f}",
             "goal": "none" if self._run is None else self._run.execution.phase.value,

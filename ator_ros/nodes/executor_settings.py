@@ -9,9 +9,11 @@ from typing import Any
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines
 from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError
+from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.world.inputs import Inputs
-from ator_ros.world.tracking import BallTracker
+from ator_ros.world.sightings import Sightings
+from ator_ros.world.tracking import ObjectTracker
 
 PARAMETERS = (
     Parameter("frame", "odom", "frame of odom, ball and the goals of chains"),
@@ -41,7 +43,8 @@ def inputs_of(settings: Mapping[str, Any]) -> Inputs:
             "parameters ball_noise and ball_velocity_noise: expected both above 0 or both 0, "
             f"got {noise:g} and {velocity_noise:g}"
         )
-    return Inputs(settings["ball_timeout"], BallTracker(noise, velocity_noise))
+    tracker = ObjectTracker(noise, velocity_noise)
+    return Inputs({BALL: Sightings(BALL, settings["ball_timeout"], tracker)})
 
 
 def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:

@@ -23,6 +23,7 @@ from ator_ros.nodes.parameters import ROBOT, Parameter, SetupError, declare_para
 from ator_ros.nodes.qos import LATCHED, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedWorld
+from ator_ros.robot.ball import ball_of
 from ator_ros.simulation.bodies import robot_urdf
 from ator_ros.simulation.pioneer import TICK
 from ator_ros.simulation.sensors import SensorConfig, Sensors
@@ -168,10 +169,10 @@ class SimulationNode(Node):
         if self._clock_publisher is not None:
             self._clock_publisher.publish(Clock(clock=conversions.stamp_of(self._world.time)))
         # The ball comes first, so that who acts on odom has the ball of the same tick.
-        if world.ball is not None:
+        ball = ball_of(world)
+        if ball is not None:
             height = self._robot.ball.radius
-            ball = conversions.ball_odometry_of(world.time, world.ball, frame=frame, height=height)
-            self._ball.publish(ball)
+            self._ball.publish(conversions.ball_odometry_of(world.time, ball, frame=frame, height=height))
         robot_frame = self._settings["robot_frame"]
         odometry = conversions.odometry_of(world.time, world.robot, frame=frame, child=robot_frame)
         self._odom.publish(odometry)

@@ -15,8 +15,9 @@ from ator_ros.evaluation.action_quality import Outcome, Task, execute_situation
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import replaced
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
-from ator_ros.world.state import BallState, RobotState
+from ator_ros.world.state import ObjectState, RobotState
 
 STEP_DEGREES = 4
 GOALS = (Pose(1.0, 0.0, 0.0), Pose(2.0, 1.0, 1.5), Pose(1.5, -1.0, 3.0))
@@ -40,14 +41,17 @@ def execute_point(point: SliceTask) -> Outcome:
     if point.kind == "dribble":
         pose = robot.pose_holding(start)
         situation = Situation(
-            "dribbleBall", RobotState(pose), BallState(start.x, start.y), Goal(goal, 0.0, Point.HOLD)
+            "dribbleBall",
+            RobotState(pose),
+            {BALL: ObjectState(start.x, start.y)},
+            Goal(goal, 0.0, Point.HOLD),
         )
     elif point.kind == "approach":
         situation = Situation(
-            "goToPose", RobotState(start), BallState(goal.x, goal.y), Goal(goal, 0.0, Point.HOLD)
+            "goToPose", RobotState(start), {BALL: ObjectState(goal.x, goal.y)}, Goal(goal, 0.0, Point.HOLD)
         )
     else:
-        situation = Situation("goToPose", RobotState(start), None, Goal(goal))
+        situation = Situation("goToPose", RobotState(start), {}, Goal(goal))
     return execute_situation(situation, Task(point.kind, point.action_set, 0, 0))
 
 

@@ -19,10 +19,11 @@ from ator_ros.refinement.chain_model import ChainModel
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
 from ator_ros.report.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure, save_svg
+from ator_ros.robot.ball import objects_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 # As in the paper's Figure 1: the robot drives away from the goal to get to the ball.
 START = Pose(1.5, 0.6, math.pi)
@@ -33,7 +34,7 @@ CANDIDATES = 180
 
 def example(library: TopLibrary) -> tuple[World, TopChain]:
     """Return the situation and the chain of the figure."""
-    world = World(0.0, RobotState(START), BallState(BALL.x, BALL.y))
+    world = World(0.0, RobotState(START), objects_of(ObjectState(BALL.x, BALL.y)))
     first, second = library["goToBall"], library["dribbleBall"]
     return world, TopChain(
         (

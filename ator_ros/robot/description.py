@@ -17,7 +17,7 @@ import yaml
 from ator_ros.files import read_text
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
-from ator_ros.world.state import BallState, Field, World
+from ator_ros.world.state import Field, ObjectState, World
 
 T = TypeVar("T")
 _STANDING = 1e-3  # m/s up to which a ball counts as standing
@@ -85,12 +85,12 @@ class Ball:
     rolling_deceleration: float
     restitution: float
 
-    def at_rest(self, ball: BallState) -> BallState:
+    def at_rest(self, ball: ObjectState) -> ObjectState:
         """Return the ball where it will have rolled out, if nothing stops it before."""
         if ball.speed < _STANDING:
             return ball
         seconds = ball.speed / (2.0 * self.rolling_deceleration)
-        return BallState(ball.x + ball.vx * seconds, ball.y + ball.vy * seconds)
+        return ObjectState(ball.x + ball.vx * seconds, ball.y + ball.vy * seconds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,12 +132,13 @@ class Robot:
         """Return the pose of the hold (where a held ball's centre lies) of a robot at `pose`."""
         return pose.ahead(self.hold)
 
-    def hold_offset(self, world: World) -> float:
-        """Return the distance in m from the ball to where the robot holds one; infinite without a ball."""
-        if world.ball is None:
+    def hold_offset(self, world: World, name: str) -> float:
+        """Return the distance in m from an object to where the robot holds one; infinite if it is unknown."""
+        there = world.objects.get(name)
+        if there is None:
             return math.inf
         hold = self.hold_point(world.robot.pose)
-        return math.hypot(world.ball.x - hold.x, world.ball.y - hold.y)
+        return math.hypot(there.x - hold.x, there.y - hold.y)
 
     def pose_holding(self, ball: Pose) -> Pose:
         """Return the robot's pose that holds a ball at (ball.x, ball.y) with heading ball.yaw."""

@@ -72,8 +72,8 @@ class Foresight:
             if acts > now + _ROUNDING:
                 robot, now = _driven(robot, command, acts - now, self._limits), acts
             command = following
-        ball = None if world.ball is None else world.ball.after(self._latency)
-        return World(end, robot, ball)
+        objects = {name: state.after(self._latency) for name, state in world.objects.items()}
+        return World(end, robot, objects)
 
     def _forget(self, time: float) -> None:
         while self._sent and self._sent[0][0] < time - self._latency - _HOLDS:

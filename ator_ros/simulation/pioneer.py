@@ -8,6 +8,7 @@ from types import TracebackType
 import pybullet as p
 
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
+from ator_ros.robot.ball import objects_of
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.base_controller import BaseController
 from ator_ros.simulation.bodies import (
@@ -19,7 +20,7 @@ from ator_ros.simulation.bodies import (
     set_ball_dynamics,
 )
 from ator_ros.simulation.motors import Motors
-from ator_ros.world.state import BallState, Command, RobotState, World
+from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 PHYSICS_RATE = 240
 CONTROL_RATE = 20
@@ -139,7 +140,7 @@ class PioneerSimulation:
 
     def world(self) -> World:
         """Return the true state: time, robot, and the ball unless it was removed."""
-        return World(self.time, self._robot_state(), self._ball_state())
+        return World(self.time, self._robot_state(), objects_of(self._ball_state()))
 
     def _robot_state(self) -> RobotState:
         position, quaternion = p.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
@@ -149,12 +150,12 @@ class PioneerSimulation:
         pose = Pose(position[0] - c * self._com[0], position[1] - s * self._com[0], yaw)
         return RobotState(pose, c * linear[0] + s * linear[1], angular[2])
 
-    def _ball_state(self) -> BallState | None:
+    def _ball_state(self) -> ObjectState | None:
         if not self._ball_present:
             return None
         position, _ = p.getBasePositionAndOrientation(self._ball, physicsClientId=self._client)
         linear, _ = p.getBaseVelocity(self._ball, physicsClientId=self._client)
-        return BallState(position[0], position[1], linear[0], linear[1])
+        return ObjectState(position[0], position[1], linear[0], linear[1])
 
     def close(self) -> None:
         """Free the world; it cannot be used afterwards."""

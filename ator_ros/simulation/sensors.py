@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.geometry import Pose
-from ator_ros.world.state import BallState, World
+from ator_ros.robot.ball import ball_of, objects_of
+from ator_ros.world.state import ObjectState, World
 
 _TELEPORT = 0.3
 
@@ -92,8 +93,8 @@ class Sensors:
         """Forget the past: the next observation of the robot is true."""
         self._true: Pose | None = None
         self._believed = Pose(0.0, 0.0, 0.0)
-        self._seen: deque[tuple[float, BallState]] = deque()
-        self._known: tuple[float, BallState] | None = None
+        self._seen: deque[tuple[float, ObjectState]] = deque()
+        self._known: tuple[float, ObjectState] | None = None
         self._coming: deque[World] = deque()
 
     def observe(self, world: World) -> World:
@@ -113,7 +114,7 @@ class Sensors:
         self._believed = self._dead_reckoning(pose)
         self._true = pose
         robot = dataclasses.replace(world.robot, pose=self._believed)
-        return World(world.time, robot, self._see(world))
+        return World(world.time, robot, objects_of(self._see(world)))
 
     def _dead_reckoning(self, pose: Pose) -> Pose:
         if self._true is None or self._true.distance(pose) > _TELEPORT:
@@ -125,16 +126,17 @@ class Sensors:
         error = Pose(moved.x + drift * x, moved.y + drift * y, moved.yaw + heading_drift * yaw)
         return self._believed.compose(error)
 
-    def _see(self, world: World) -> BallState | None:
+    def _see(self, world: World) -> ObjectState | None:
         config = self.config
         numbers = self._rng.normal(size=4)
         missed = self._rng.random() < config.ball_dropouts and self._known is not None
-        if world.ball is None:
+        ball = ball_of(world)
+        if ball is None:
             self._seen.clear()
             self._known = None
             return None
         if not missed:
-            self._seen.append((world.time, self._measured(world, world.ball, numbers.tolist())))
+            self._seen.append((world.time, self._measured(world, ball, numbers.tolist())))
         while self._seen and world.time - self._seen[0][0] >= config.ball_delay - 1e-9:
             self._known = self._seen.popleft()
         if self._known is None and self._seen:
@@ -144,14 +146,14 @@ class Sensors:
         time, ball = self._known
         return ball.after(world.time - time)
 
-    def _measured(self, world: World, ball: BallState, numbers: list[float]) -> BallState:
+    def _measured(self, world: World, ball: ObjectState, numbers: list[float]) -> ObjectState:
         """Return the ball in the frame of the believed pose, with noise."""
         config, true = self.config, world.robot.pose
         moving = Pose(true.x + ball.vx, true.y + ball.vy, true.yaw)
         place = self._believed.compose(true.relative(Pose(ball.x, ball.y, 0.0)))
         velocity = self._believed.compose(true.relative(moving))
         x, y, vx, vy = numbers
-        return BallState(
+        return ObjectState(
             place.x + config.ball_noise * x,
             place.y + config.ball_noise * y,
             velocity.x - self._believed.x + config.ball_velocity_noise * vx,

@@ -11,9 +11,10 @@ import numpy as np
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.robot.ramp import ramped
-from ator_ros.world.state import BallState, Command, RobotState, World
+from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 LIMIT_MS = 40.0
 _TICKS = 40
@@ -78,12 +79,14 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
         kind = index % 4
         if kind == 0:  # the ball at a post
             ball = at_post()
-            world = World(0.0, state(anywhere()), BallState(ball.x, ball.y, float(rng.normal()), 0.0))
+            world = World(
+                0.0, state(anywhere()), {BALL: ObjectState(ball.x, ball.y, float(rng.normal()), 0.0)}
+            )
             yield "goToPose", world, Goal(ball, 0.0, Point.HOLD)
         elif kind == 1:  # the ball beside the robot, itself at a post or not
             pose = at_post() if rng.random() < 0.5 else anywhere()
             ball = pose.ahead(float(rng.uniform(0.2, 0.8)))
-            world = World(0.0, state(pose), BallState(ball.x, ball.y, 0.0, float(rng.normal())))
+            world = World(0.0, state(pose), {BALL: ObjectState(ball.x, ball.y, 0.0, float(rng.normal()))})
             yield "goToPose", world, Goal(anywhere())
         else:  # the ball held, somewhere or at a post
             pose = at_post() if rng.random() < 0.5 else anywhere()
@@ -91,7 +94,7 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
                 robot.hold_point(pose),
                 float(rng.integers(2) * rng.uniform(0.0, robot.dribble_limits.v)),
             )
-            world = World(0.0, RobotState(pose, v), BallState(ball.x, ball.y))
+            world = World(0.0, RobotState(pose, v), {BALL: ObjectState(ball.x, ball.y)})
             side = 1 if rng.random() < 0.5 else -1
             mouth = Goal(Pose(*field.goal_centre(side), 0.0), 0.0, Point.HOLD)
             post = Goal(at_post(), 0.0, Point.HOLD)
@@ -100,13 +103,13 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
 
 def _after(robot: Robot, world: World, command: Command) -> World:
     """Carry a world on by a tick; a ball in front stays there."""
-    before, ball = world.robot, world.ball
+    before, ball = world.robot, ball_of(world)
     speeds = ramped(Command(before.v, before.w), command, _PERIOD, robot.limits)
     moved = before.pose.ahead(speeds.v * _PERIOD)
     pose = moved._replace(yaw=moved.yaw + speeds.w * _PERIOD)
-    if ball is not None and robot.hold_offset(world) < robot.fin_length:
+    if ball is not None and robot.hold_offset(world, BALL) < robot.fin_length:
         hold = robot.hold_point(pose)
-        ball = BallState(hold.x, hold.y)
+        ball = ObjectState(hold.x, hold.y)
     elif ball is not None:
         ball = ball.after(_PERIOD)
-    return World(world.time + _PERIOD, RobotState(pose, speeds.v, speeds.w), ball)
+    return World(world.time + _PERIOD, RobotState(pose, speeds.v, speeds.w), objects_of(ball))

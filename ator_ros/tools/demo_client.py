@@ -24,6 +24,7 @@ from ator_interfaces.srv import PlaceBall, PlaceRobot, RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of, robot_from, situation_of
 from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.robot.ball import ball_of
 from ator_ros.tools.demo_report import DemoRun
 from ator_ros.world.state import World
 
@@ -91,10 +92,11 @@ class DemoClient:
         request = PlaceRobot.Request()
         request.pose.pose = pose_of(start.robot.pose)
         self._call(self._place_robot, request)
-        if start.ball is not None:
-            ball = PlaceBall.Request()
-            ball.position.point.x, ball.position.point.y = start.ball.x, start.ball.y
-            self._call(self._place_ball, ball)
+        ball = ball_of(start)
+        if ball is not None:
+            placement = PlaceBall.Request()
+            placement.position.point.x, placement.position.point.y = ball.x, ball.y
+            self._call(self._place_ball, placement)
         self._until(lambda: self._pose.distance(start.robot.pose) < _NEAR, "the robot at its start")
 
     def refine(self, start: World, chain: TopChainMessage) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ator_ros.files import replaced
 from ator_ros.report.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure
+from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
@@ -133,8 +134,9 @@ def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
     post = robot.field.goal_width / 2.0
     axes.plot([x, x], [-post, post], color="black", lw=3.0)
     draw_robot(axes, robot, situation.start.robot.pose, "#333333")
-    if situation.start.ball is not None:
-        axes.plot(situation.start.ball.x, situation.start.ball.y, "o", color="black", ms=4)
+    ball = ball_of(situation.start)
+    if ball is not None:
+        axes.plot(ball.x, ball.y, "o", color="black", ms=4)
     for name, run, colour in (("naive", situation.naive, ORANGE), ("refined", situation.refined, BLUE)):
         time = f"{run.total[1]:.1f} s" if run.success else "failed"
         path = np.array(run.path).reshape(-1, 2)

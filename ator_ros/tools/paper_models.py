@@ -24,7 +24,7 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
-from ator_ros.world.state import BallState, RobotState
+from ator_ros.world.state import ObjectState, RobotState
 
 PAPER = {"goToPose": (0.31, 0.75), "dribbleBall": (0.29, 0.73)}
 """The paper's mean absolute and root-mean-square errors in s; the first is of its goToBall routine."""
@@ -40,10 +40,11 @@ LEARNED = {
 def at_rest(sample: Sampler, robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a situation as the paper's: at rest at both ends, the ball at the goal of goToPose or held."""
     drawn = sample(robot, rng)
-    while drawn.ball is None:
+    while not drawn.objects:
         drawn = sample(robot, rng)
-    ball, pose = BallState(drawn.ball.x, drawn.ball.y), drawn.robot.pose
-    return Situation(drawn.action, RobotState(pose), ball, dataclasses.replace(drawn.goal, speed=0.0))
+    resting = {name: ObjectState(there.x, there.y) for name, there in drawn.objects.items()}
+    goal = dataclasses.replace(drawn.goal, speed=0.0)
+    return Situation(drawn.action, RobotState(drawn.robot.pose), resting, goal)
 
 
 def episodes_at_rest(action: str, action_set: str, count: int, seed: int, jobs: int) -> pd.DataFrame:

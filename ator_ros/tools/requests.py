@@ -8,9 +8,10 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes import conversions
 from ator_ros.refinement.refiner import LONGEST_CHAIN
+from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 _FRAME = "odom"
 
@@ -24,7 +25,7 @@ def worst_request() -> RefineSubgoal.Request:
         TopCall(top, Goal(place, 0.0, top.point), frozenset({EVERYTHING}))
         for top, place in zip(tops, places, strict=True)
     ]
-    world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
+    world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)})
     return RefineSubgoal.Request(
         situation=conversions.situation_of(world, frame=_FRAME),
         chain=conversions.chain_of(TopChain(tuple(calls)), action_set="", frame=_FRAME),

@@ -1,8 +1,9 @@
 """Which goal variables the conditions of a chain bind (paper, section 4.2), read from the conditions alone.
 
-A condition binds a goal variable where it relates what the variable determines to something else: goToBall
-starts with ball.x near goal.x, so its x is where the ball lies. A condition that holds for every value of the
-variable, as robot.yaw near goal.yaw does after goToPose, states what the step achieves and binds nothing.
+A condition binds a goal variable where it relates what the variable determines to something else: a step
+that starts with an object's x near goal.x has its x where the object lies. A condition that holds for every
+value of the variable, as robot.yaw near goal.yaw does after a drive, states what the step achieves and binds
+nothing.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.robot.description import Robot
 from ator_ros.tops.state import arrived, goal_variables, state_of
 from ator_ros.tops.top import Top
-from ator_ros.world.state import BallState, World
+from ator_ros.world.state import ObjectState, World
 
 EVERYTHING = "*"
 """Among the opened goal variables: all but those that say what the step is for."""
@@ -91,7 +91,8 @@ def projected(world: World, call: TopCall, robot: Robot) -> World:
     goal = goal_variables(call.goal)
     if variables & {"robot.x", "hold.x"}:
         world = arrived(world, call.goal, robot)
-    if "ball.x" in variables:
-        state = call.top.post.apply(state_of(world, robot), goal)
-        world = dataclasses.replace(world, ball=BallState(state["ball.x"], state["ball.y"]))
+    state = call.top.post.apply(state_of(world, robot), goal)
+    for name in sorted(call.top.post.objects()):
+        if f"{name}.x" in variables:
+            world = world.with_object(name, ObjectState(state[f"{name}.x"], state[f"{name}.y"]))
     return world

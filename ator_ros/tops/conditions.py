@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from ator_ros.geometry import wrap_angle
 from ator_ros.tops.state import State
 
+_NO_OBJECTS = frozenset({"robot", "hold", "goal"})
+
 
 @dataclass(frozen=True, slots=True)
 class Term:
@@ -18,7 +20,7 @@ class Term:
     variable : str
         A state variable, such as "hold.x" or "robot.yaw".
     target : str or float
-        A goal variable ("goal.x"), a state variable ("ball.x"), or a number.
+        A goal variable ("goal.x"), a state variable ("robot.x"), or a number.
     tolerance : float
         Greatest difference, in the variable's unit.
     """
@@ -48,6 +50,13 @@ class Condition:
         targets = (term.target for term in self.terms if isinstance(term.target, str))
         return frozenset(target.removeprefix("goal.") for target in targets if target.startswith("goal."))
 
+    def objects(self) -> frozenset[str]:
+        """Return the names of the objects whose variables this condition names."""
+        names = (
+            name for term in self.terms for name in (term.variable, term.target) if isinstance(name, str)
+        )
+        return frozenset(name.partition(".")[0] for name in names) - _NO_OBJECTS
+
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
         """Return in words which terms do not hold; an empty list means that the condition holds."""
         found = []
@@ -73,7 +82,7 @@ class Condition:
 
 
 def lookup(name: str, state: State, goal: Mapping[str, float]) -> float | None:
-    """Return the value of a goal variable ("goal.x") or state variable ("ball.x"), None if unknown."""
+    """Return the value of a goal variable ("goal.x") or state variable ("robot.x"), None if unknown."""
     if name.startswith("goal."):
         return goal.get(name.removeprefix("goal."))
     return state.get(name)

@@ -21,7 +21,8 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
     -------
     dict
         robot.x, robot.y (m), robot.yaw (rad), robot.v (m/s), robot.w (rad/s); hold.x, hold.y (m), where
-        the robot would hold a ball; ball.x, ball.y (m), ball.vx, ball.vy (m/s) where a ball is known.
+        the robot would hold an object; of each known object, with its name before the dot, x, y (m),
+        vx, vy (m/s).
     """
     pose = world.robot.pose
     hold = robot.hold_point(pose)
@@ -34,9 +35,8 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
         "hold.x": hold.x,
         "hold.y": hold.y,
     }
-    if world.ball is not None:
-        ball = world.ball
-        state |= {"ball.x": ball.x, "ball.y": ball.y, "ball.vx": ball.vx, "ball.vy": ball.vy}
+    for name, there in world.objects.items():
+        state |= {f"{name}.{axis}": getattr(there, axis) for axis in ("x", "y", "vx", "vy")}
     return state
 
 

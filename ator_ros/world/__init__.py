@@ -1,1 +1,1 @@
-"""The world: what is known of robot and ball, and how it is inferred from what is heard."""
+"""The world: what is known of robot and objects, and how it is inferred from what is heard."""

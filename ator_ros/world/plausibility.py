@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from ator_ros.world.state import BallState
+from ator_ros.world.state import ObjectState
 
 _BASELINE = 0.2
 """Time in s over which positions tell a velocity; so long a kick is believed before they do."""
@@ -16,7 +16,7 @@ _SLACK = 0.3
 _SHARE = 0.1
 """Difference that they may make besides, as a share of the speed."""
 _PUSH = 1.0
-"""Acceleration in m/s^2 that a rolling ball may have."""
+"""Acceleration in m/s^2 that a rolling object may have."""
 _SIGMAS = 4.0
 _ROUNDING = 1e-6
 
@@ -30,14 +30,16 @@ class VelocityCheck:
 
     Parameters
     ----------
+    name : str
+        Name of the object.
     noise : float
         Standard deviation of a sight's coordinates in m.
     velocity_noise : float
         Standard deviation of its velocity components in m/s.
     """
 
-    def __init__(self, noise: float, velocity_noise: float) -> None:
-        self._noise, self._velocity_noise = noise, velocity_noise
+    def __init__(self, name: str, noise: float, velocity_noise: float) -> None:
+        self._name, self._noise, self._velocity_noise = name, noise, velocity_noise
         self.reset()
 
     def reset(self) -> None:
@@ -46,12 +48,12 @@ class VelocityCheck:
         self._doubted = self._contradicted = -math.inf
         self._said = False
 
-    def check(self, time: float, ball: BallState) -> tuple[BallState, str | None]:
+    def check(self, time: float, there: ObjectState) -> tuple[ObjectState, str | None]:
         """Take a sight of the object at `time` s.
 
         Returns
         -------
-        ball : BallState
+        there : ObjectState
             The sight, with a velocity that can be believed.
         remark : str or None
             What was wrong with its velocity; once for each time that it was wrong without a pause of 1 s.
@@ -60,22 +62,22 @@ class VelocityCheck:
             self._sights.clear()
         while len(self._sights) > 1 and self._sights[1][0] <= time - _BASELINE + _ROUNDING:
             self._sights.popleft()
-        self._sights.append((time, ball.x, ball.y))
+        self._sights.append((time, there.x, there.y))
         baseline = time - self._sights[0][0]
         if baseline < 0.75 * _BASELINE:
-            return ball, None
+            return there, None
         vx, vy = self._between(0, -1)
-        most = self._tolerance(baseline, ball.speed, math.hypot(vx, vy))
-        if math.hypot(ball.vx - vx, ball.vy - vy) <= most:
-            return ball, None
+        most = self._tolerance(baseline, there.speed, math.hypot(vx, vy))
+        if math.hypot(there.vx - vx, there.vy - vy) <= most:
+            return there, None
         if time - self._contradicted > _FORGET:
             self._doubted, self._said = time, False
         self._contradicted = time
         if time - self._doubted < _BASELINE - _ROUNDING:
-            return ball, None
-        seen = BallState(ball.x, ball.y, vx, vy)
-        believed = seen if self._is_steady(baseline) or seen.speed < ball.speed else ball
-        return believed, self._remark(ball, seen)
+            return there, None
+        seen = ObjectState(there.x, there.y, vx, vy)
+        believed = seen if self._is_steady(baseline) or seen.speed < there.speed else there
+        return believed, self._remark(there, seen)
 
     def _is_steady(self, baseline: float) -> bool:
         """Return whether both halves of the positions tell the same velocity."""
@@ -97,11 +99,11 @@ class VelocityCheck:
         noise = _SIGMAS * math.hypot(math.sqrt(2.0) * self._noise / baseline, self._velocity_noise)
         return _SLACK + _SHARE * max(speeds) + _PUSH * baseline + noise
 
-    def _remark(self, told: BallState, seen: BallState) -> str | None:
+    def _remark(self, told: ObjectState, seen: ObjectState) -> str | None:
         if self._said:
             return None
         self._said = True
         return (
-            f"ball.twist.twist.linear: expected about ({seen.vx:.2f}, {seen.vy:.2f}) m/s, as the ball's "
+            f"{self._name}.twist.twist.linear: expected about ({seen.vx:.2f}, {seen.vy:.2f}) m/s, as its "
             f"positions tell, got ({told.vx:.2f}, {told.vy:.2f}) m/s: not trusted"
         )

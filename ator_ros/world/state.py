@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from ator_ros.geometry import Pose
 
@@ -43,8 +44,8 @@ class RobotState:
 
 
 @dataclass(frozen=True, slots=True)
-class BallState:
-    """Position (m) and velocity (m/s) of the ball's centre in the world frame."""
+class ObjectState:
+    """Position (m) and velocity (m/s) of an object's centre in the world frame."""
 
     x: float
     y: float
@@ -56,18 +57,22 @@ class BallState:
         """Speed in m/s."""
         return math.hypot(self.vx, self.vy)
 
-    def after(self, seconds: float) -> BallState:
-        """Return the ball carried on by its velocity (back, where `seconds` is negative)."""
+    def after(self, seconds: float) -> ObjectState:
+        """Return the object carried on by its velocity (back, where `seconds` is negative)."""
         return dataclasses.replace(self, x=self.x + seconds * self.vx, y=self.y + seconds * self.vy)
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """The estimated state: time in s, robot, and the ball where one is known."""
+    """The estimated state: time in s, robot, and the objects that are known, by name."""
 
     time: float
     robot: RobotState
-    ball: BallState | None = None
+    objects: Mapping[str, ObjectState] = field(default_factory=dict, hash=False)
+
+    def with_object(self, name: str, state: ObjectState) -> World:
+        """Return the world with one object as it is now."""
+        return dataclasses.replace(self, objects={**self.objects, name: state})
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,25 +1,24 @@
-"""The ball's state from noisy sights of it: a Kalman filter for a ball that rolls and is pushed."""
+"""An object's state from noisy sights of it: a Kalman filter for one that rolls and is pushed."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.world.state import BallState, World
+from ator_ros.world.state import ObjectState, World
 
 _PUSH = 1.0
-"""Standard deviation in m/s^2 of the acceleration of a ball that moves; a resting one has a tenth of it."""
+"""Standard deviation in m/s^2 of a moving object's acceleration; a resting one has a tenth of it."""
 _SURPRISE = 5.0
-"""A sight this many standard deviations off is a new start: the ball was kicked, or placed elsewhere."""
+"""A sight this many standard deviations off is a new start: the object was kicked, or placed elsewhere."""
 _FORGET = 1.0
 """Time in s without a sight after which the past counts no more."""
 
 
-class BallTracker:
-    """Believes in a steady ball more than in one sight of it; a ball that is suddenly elsewhere is believed.
+class ObjectTracker:
+    """Believes in a steady object more than in one sight of it; one that is suddenly elsewhere is believed.
 
     Both coordinates have the same covariance, since they are seen and pushed alike.
 
@@ -38,19 +37,19 @@ class BallTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the ball."""
+        """Forget the object."""
         self._time = -math.inf
         self._state = np.zeros((2, 2))  # rows: position, velocity; columns: x, y
         self._covariance = self._seen
 
-    def update(self, time: float, ball: BallState) -> BallState:
-        """Take a sight of the ball at `time` s; give the ball as it is believed to be.
+    def update(self, time: float, there: ObjectState) -> ObjectState:
+        """Take a sight of the object at `time` s; return it as it is believed to be.
 
-        A repeated time is no new sight, unless the ball is suddenly elsewhere.
+        A repeated time is no new sight, unless the object is suddenly elsewhere.
         """
         if self._exact:
-            return ball
-        sight = np.array([[ball.x, ball.y], [ball.vx, ball.vy]])
+            return there
+        sight = np.array([[there.x, there.y], [there.vx, there.vy]])
         elapsed = time - self._time
         if not 0.0 <= elapsed <= _FORGET or self._surprised(sight, elapsed):
             self._state, self._covariance = sight, self._seen
@@ -58,14 +57,15 @@ class BallTracker:
             self._believe(sight, elapsed)
         self._time = time
         (x, y), (vx, vy) = self._state.tolist()
-        return BallState(x, y, vx, vy)
+        return ObjectState(x, y, vx, vy)
 
-    def observe(self, world: World) -> World:
-        """Return `world` with the ball as it is believed to be."""
-        if world.ball is None:
+    def observe(self, world: World, name: str) -> World:
+        """Return `world` with the object `name` as it is believed to be."""
+        there = world.objects.get(name)
+        if there is None:
             self.reset()
             return world
-        return dataclasses.replace(world, ball=self.update(world.time, world.ball))
+        return world.with_object(name, self.update(world.time, there))
 
     def _surprised(self, sight: FloatArray, elapsed: float) -> bool:
         expected = self._motion(elapsed) @ self._state
@@ -83,7 +83,7 @@ class BallTracker:
         return np.array([[1.0, elapsed], [0.0, 1.0]])
 
     def _predicted(self, elapsed: float) -> FloatArray:
-        """Return the covariance after `elapsed` s, in which the ball may have been pushed."""
+        """Return the covariance after `elapsed` s, in which the object may have been pushed."""
         moves = math.hypot(*self._state[1]) > 3.0 * math.sqrt(self._seen[1, 1])
         motion = self._motion(elapsed)
         push = np.array([elapsed**2 / 2.0, elapsed]) * (_PUSH if moves else 0.1 * _PUSH)

@@ -18,7 +18,7 @@ from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import ball_from, pose_of, robot_from, seconds_from
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
-from ator_ros.world.state import BallState, RobotState
+from ator_ros.world.state import ObjectState, RobotState
 
 RETRY = 8.0
 """Real seconds after which an unanswered request is sent again."""
@@ -41,7 +41,7 @@ class Client:
         self._context.init(domain_id=domain)
         self.node = Node("test_client", namespace=namespace, context=self._context)
         self.robots: list[tuple[float, RobotState]] = []
-        self.balls: list[tuple[float, BallState]] = []
+        self.balls: list[tuple[float, ObjectState]] = []
         self._callers: dict[str, Any] = {}
         self.node.create_subscription(Odometry, "odom", self._hear_robot, SENSOR_DATA)
         self.node.create_subscription(Odometry, "ball", self._hear_ball, SENSOR_DATA)
@@ -77,7 +77,7 @@ class Client:
         """Return the robot's state, once one is known."""
         return self.eventually(lambda: self.robots and self.robots[-1][1], "odometry")
 
-    def ball(self) -> BallState:
+    def ball(self) -> ObjectState:
         """Return the ball's state, once one is known."""
         return self.eventually(lambda: self.balls and self.balls[-1][1], "a ball")
 

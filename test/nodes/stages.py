@@ -33,7 +33,7 @@ def waiting(arena: Arena, visit: Visit) -> Sent:
         lambda: len(visit.ros.robots) > heard + 50, "no ball for longer than any timeout here"
     )
     sent = visit.send(CHAIN)
-    visit.ros.eventually(lambda: said(sent, "waiting for a ball"), "the goal waits")
+    visit.ros.eventually(lambda: said(sent, "waiting for the ball"), "the goal waits")
     return sent
 
 

@@ -16,9 +16,10 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError, bounds_of
+from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.state import GOAL_VARIABLES
-from ator_ros.world.state import BallState, Command, RobotState, World
+from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 LIBRARY = SOCCER.library(load_robot())
 FRAME = "odom"
@@ -29,9 +30,12 @@ BOUNDS = bounds_of(LIBRARY.robot)
 angles = st.floats(-math.pi, math.pi, exclude_max=True)
 poses = st.builds(Pose, places, places, angles)
 goals = st.builds(Pose, st.floats(-BOUNDS.x, BOUNDS.x), st.floats(-BOUNDS.y, BOUNDS.y), angles)
-balls = st.builds(BallState, places, places, speeds, speeds)
+balls = st.builds(ObjectState, places, places, speeds, speeds)
 worlds = st.builds(
-    World, st.floats(0.0, 1e6), st.builds(RobotState, poses, speeds, speeds), st.none() | balls
+    World,
+    st.floats(0.0, 1e6),
+    st.builds(RobotState, poses, speeds, speeds),
+    st.just({}) | st.builds(objects_of, balls),
 )
 any_number = st.floats(allow_nan=True, allow_infinity=True)
 any_name = st.sampled_from([*GOAL_VARIABLES, "*", *LIBRARY, FRAME, "default", "bezier"]) | st.text(max_size=8)
@@ -46,11 +50,11 @@ def test_a_world_survives_the_way_through_a_message(world: World) -> None:
     back = conversions.world_from(conversions.situation_of(world, frame=FRAME), frame=FRAME)
     assert back.time == pytest.approx(world.time, abs=1e-8)
     assert near(back.robot.pose, world.robot.pose)
-    assert (back.robot.v, back.robot.w, back.ball) == (world.robot.v, world.robot.w, world.ball)
+    assert (back.robot.v, back.robot.w, ball_of(back)) == (world.robot.v, world.robot.w, ball_of(world))
 
 
 @given(st.builds(RobotState, poses, speeds, speeds), balls)
-def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: BallState) -> None:
+def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: ObjectState) -> None:
     message = conversions.odometry_of(1.25, robot, frame=FRAME, child="base_link")
     time, back = conversions.robot_from(message, frame=FRAME)
     assert time == 1.25
@@ -85,7 +89,7 @@ def test_what_no_robot_on_this_field_can_meet_is_refused() -> None:
     chain.calls[0].goal.pose = far
     with pytest.raises(MessageError, match=r"goal\.pose\.position\.x: .* from -10 to 10 m, got 10\.1"):
         conversions.chain_from(chain, LIBRARY, frame=FRAME)
-    ball = conversions.ball_odometry_of(0.0, BallState(0.0, 0.0, 99.0, 0.0), frame=FRAME, height=0.1)
+    ball = conversions.ball_odometry_of(0.0, ObjectState(0.0, 0.0, 99.0, 0.0), frame=FRAME, height=0.1)
     with pytest.raises(MessageError, match=r"ball\.twist: x: .* from -10 to 10 m/s, got 99"):
         conversions.ball_from(ball, frame=FRAME, bounds=BOUNDS)
     robot = RobotState(Pose(0.0, 0.0, 0.0), 0.0, 3.1 * LIBRARY.robot.limits.w)

@@ -70,7 +70,7 @@ def test_a_lost_ball_ends_the_goal_under_that_name(chains: ChainClient) -> None:
     until(chains, sent, "dribbleBall")
     chains.ros.place(ball=(0.5, 1.5))
     result = sent.result(LONG)
-    assert result.outcome.code == result.record.outcome.code == Outcome.BALL_LOST
+    assert result.outcome.code == result.record.outcome.code == Outcome.OBJECT_LOST
     assert "ball lost in dribbleBall: lost the ball" in result.outcome.reason
     assert result.record.fetched == 0
     assert steps(sent) == [(0, Outcome.SUCCEEDED), (1, Outcome.FAILED)]

@@ -99,7 +99,9 @@ def test_goals_are_canceled_and_preempted_at_any_moment(arena: Arena, seed: int)
         outcome = visit.ended(goal).outcome
         allowed = {Outcome.CANCELED} if number in canceled else {Outcome.PREEMPTED}
         # The next chain begins where the last one was broken off: it may fail before its time.
-        assert outcome.code in allowed | {Outcome.REFUSED, Outcome.FAILED, Outcome.BALL_LOST}, outcome.reason
+        assert outcome.code in allowed | {Outcome.REFUSED, Outcome.FAILED, Outcome.OBJECT_LOST}, (
+            outcome.reason
+        )
     arena.check()
 
 

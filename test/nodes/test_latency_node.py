@@ -13,9 +13,10 @@ from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 LATENCY = 0.15
 GOAL = Pose(0.0, 0.0, 0.5)
@@ -28,7 +29,7 @@ def punctual() -> float:
     library = SOCCER.library(robot)
     goal = Goal(GOAL, 0.0, library["goToBall"].point)
     chain = TopChain((TopCall(library["goToBall"], goal),))
-    start = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
+    start = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)})
     return run_chain(robot, library, start, chain).duration
 
 

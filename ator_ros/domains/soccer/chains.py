@@ -12,10 +12,11 @@ from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import ChainSampler
 from ator_ros.domains.soccer.situations import CLEARANCE, SHORTEST, random_pose
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 SHOOTING_DISTANCE = (1.2, 2.0)
 """Range in m of a shooting position's distance from the middle of the goal line."""
@@ -56,7 +57,7 @@ def _start(robot: Robot, rng: np.random.Generator) -> tuple[Pose, World]:
     start = random_pose(robot, rng)
     while start.distance(ball) < CLEARANCE:
         start = random_pose(robot, rng)
-    return ball, World(0.0, RobotState(start), BallState(ball.x, ball.y))
+    return ball, World(0.0, RobotState(start), {BALL: ObjectState(ball.x, ball.y)})
 
 
 def _call(library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = frozenset()) -> TopCall:

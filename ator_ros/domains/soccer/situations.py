@@ -11,8 +11,9 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.goals import touches_goals
 from ator_ros.geometry import Pose
 from ator_ros.refinement.free_variables import ARRIVAL_SPEED
+from ator_ros.robot.ball import BALL, objects_of
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import BallState, RobotState
+from ator_ros.world.state import ObjectState, RobotState
 
 END_MARGIN = 0.9  # m that starts and goals keep from the goal lines, where the goals' posts are
 SIDE_MARGIN = 0.4  # m that they keep from the side lines
@@ -56,15 +57,17 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
             float(rng.uniform(-0.5, 0.5) * robot.limits.w),
         )
     if not with_ball:
-        return Situation("goToPose", state, None, Goal(goal, 0.0, Point.AXLE))
-    return Situation("goToPose", state, BallState(goal.x, goal.y), Goal(goal, _speed(rng, 0.5), Point.HOLD))
+        return Situation("goToPose", state, {}, Goal(goal, 0.0, Point.AXLE))
+    return Situation(
+        "goToPose", state, {BALL: ObjectState(goal.x, goal.y)}, Goal(goal, _speed(rng, 0.5), Point.HOLD)
+    )
 
 
-def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, BallState]:
+def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, ObjectState]:
     """Return robot and ball when the robot at `pose` holds the ball and drives at `speed` (m/s)."""
     ball = robot.hold_point(pose)
     vx, vy = speed * math.cos(pose.yaw), speed * math.sin(pose.yaw)
-    return RobotState(pose, speed), BallState(ball.x, ball.y, vx, vy)
+    return RobotState(pose, speed), ObjectState(ball.x, ball.y, vx, vy)
 
 
 def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
@@ -74,7 +77,7 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     while ball.distance(goal) < SHORTEST:
         ball = random_pose(robot, rng)
     state, rolling = _holding(robot, robot.pose_holding(ball), _speed(rng, 0.5))
-    return Situation("dribbleBall", state, rolling, Goal(goal, _speed(rng, 0.3), Point.HOLD))
+    return Situation("dribbleBall", state, objects_of(rolling), Goal(goal, _speed(rng, 0.3), Point.HOLD))
 
 
 def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
@@ -84,7 +87,7 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     while touches_goals(np.array([start]), robot):
         start = _shooting_pose(robot, rng)
     state, rolling = _holding(robot, start, _speed(rng, 0.5))
-    return Situation("shoot", state, rolling, Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
+    return Situation("shoot", state, objects_of(rolling), Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
 
 
 def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:

@@ -8,6 +8,7 @@ from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step
 from ator_ros.domains.soccer.bezier.curve import Shape
 from ator_ros.domains.soccer.bezier.driver import Driver, Pushing, Style, check_goal, reached
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, World
 
@@ -31,7 +32,7 @@ def check_held(world: World, robot: Robot, name: str) -> None:
     ActionError
         It doesn't.
     """
-    distance = robot.hold_offset(world)
+    distance = robot.hold_offset(world, BALL)
     if distance > LOST:
         raise ActionError(
             f"{name}: expected the ball within {LOST:g} m of the hold, it is {distance:.2f} m away"
@@ -62,7 +63,7 @@ class DribbleBall(Action):
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
-        distance = self.robot.hold_offset(world)
+        distance = self.robot.hold_offset(world, BALL)
         if distance > LOST:
             return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
         state, speed = world.robot, self._goal.speed

@@ -9,8 +9,9 @@ from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.domains.soccer.bezier.curve import Shape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import BallState, Command, World
+from ator_ros.world.state import Command, ObjectState, World
 
 TO_POSE = Style(Shape(0.4, 0.05, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
 TO_BALL = Style(Shape(0.4, 0.22, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
@@ -36,7 +37,7 @@ class GoToPose(Action):
         check_goal(goal, self.robot.limits.v, self.name)
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
-        self._to_ball = self._lies_at_goal(world.ball)
+        self._to_ball = self._lies_at_goal(ball_of(world))
         style = TO_BALL if self._to_ball else TO_POSE
         self._driver = Driver(self.robot.limits, style, field=self.robot.field)
         self._driver.reset(Command(world.robot.v, world.robot.w))
@@ -55,7 +56,7 @@ class GoToPose(Action):
             self._driver.follow(state, self._target, speed), Status.RUNNING, "following the curve to the goal"
         )
 
-    def _lies_at_goal(self, ball: BallState | None) -> bool:
+    def _lies_at_goal(self, ball: ObjectState | None) -> bool:
         """Return whether the ball lies where the goal wants it in the robot's front."""
         front = self.robot.hold_point(self._target)
         return ball is not None and math.hypot(ball.x - front.x, ball.y - front.y) < _AT_BALL

@@ -9,8 +9,9 @@ from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finis
 from ator_ros.domains.soccer.bezier.dribble_ball import LOST, check_held, dribbling
 from ator_ros.domains.soccer.bezier.driver import Driver, Pushing, check_goal
 from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import STOP, BallState, Command, World
+from ator_ros.world.state import STOP, Command, ObjectState, World
 
 _POST_ROOM = 0.2
 _ROLL_RESERVE = 0.25
@@ -56,7 +57,7 @@ class Shoot(Action):
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
-        ball = world.ball
+        ball = ball_of(world)
         if ball is None:
             return finished(Status.FAILED, "lost the ball: it is not seen any more")
         depth = self._side * ball.x - self.robot.field.length / 2
@@ -64,7 +65,7 @@ class Shoot(Action):
             return finished(Status.SUCCEEDED, "the ball is in the goal", STOP)
         if self._released:
             return self._watch(world, ball)
-        distance = self.robot.hold_offset(world)
+        distance = self.robot.hold_offset(world, BALL)
         if distance > LOST:
             return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
         crossing = self._crossing(world.robot.pose)
@@ -109,7 +110,7 @@ class Shoot(Action):
             "running up to the shot",
         )
 
-    def _watch(self, world: World, ball: BallState) -> Step:
+    def _watch(self, world: World, ball: ObjectState) -> Step:
         """Brake, and wait until the ball has crossed the line or come to rest."""
         if ball.speed < 0.05 and abs(world.robot.v) < 0.05:
             return finished(Status.FAILED, "missed: the ball came to rest outside the goal")

@@ -11,7 +11,7 @@ from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import BallState
+from ator_ros.world.state import ObjectState
 
 STRIDE = 5
 """Every how many samples of a trajectory are looked at: every 50 ms, 6 cm at full speed."""
@@ -23,7 +23,7 @@ class Obstacles:
 
     Attributes
     ----------
-    ball : BallState or None
+    ball : ObjectState or None
         The ball, taken as standing still.
     ball_margin : float
         Free distance to keep from the ball in m.
@@ -31,7 +31,7 @@ class Obstacles:
         Straight stretch at the end in m in which the ball may be touched, since it is what is approached.
     """
 
-    ball: BallState | None = None
+    ball: ObjectState | None = None
     ball_margin: float = 0.04
     run: float = 0.0
 
@@ -62,7 +62,7 @@ def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool
     return bool(ball_distances(pose, ball, robot)[0] >= obstacles.ball_margin)
 
 
-def ball_distances(poses: FloatArray, ball: BallState, robot: Robot) -> FloatArray:
+def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatArray:
     """Return the free distance between the robot at each pose and the ball.
 
     Parameters

@@ -12,8 +12,9 @@ from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import fastest, free_sides, run_sides
 from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.geometry import Pose
+from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import BallState, World
+from ator_ros.world.state import ObjectState, World
 
 RUN = 0.25  # straight stretch behind the ball, twice the fins' length, in m
 BALL_MARGIN = 0.04
@@ -62,16 +63,21 @@ class GoToPose(PlannedAction):
         rest, planned = self._rest(world), self._planned_for
         if rest is None or planned is None:
             return rest is not planned
-        touching = self.robot.hold_offset(world) < self.robot.fin_length + 2 * _MOVED
+        touching = self.robot.hold_offset(world, BALL) < self.robot.fin_length + 2 * _MOVED
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def arrive(self, world: World) -> Step:
         """Return the step at the end of the plan: an approach must have caught the ball."""
         step = super().arrive(world)
-        if self._approach and step.status is Status.SUCCEEDED and self.robot.hold_offset(world) > _CAUGHT:
+        if (
+            self._approach
+            and step.status is Status.SUCCEEDED
+            and self.robot.hold_offset(world, BALL) > _CAUGHT
+        ):
             return self.replan(world, "the ball is not in front")
         return step
 
-    def _rest(self, world: World) -> BallState | None:
+    def _rest(self, world: World) -> ObjectState | None:
         """Return the ball where it will come to rest."""
-        return None if world.ball is None else self.robot.ball.at_rest(world.ball)
+        ball = ball_of(world)
+        return None if ball is None else self.robot.ball.at_rest(ball)

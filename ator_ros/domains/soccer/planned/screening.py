@@ -17,7 +17,7 @@ from ator_ros.domains.soccer.planned.clearance import STRIDE, Obstacles, ball_di
 from ator_ros.domains.soccer.planned.trajectory import DT
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import BallState
+from ator_ros.world.state import ObjectState
 
 BACKWARD = -1e-6
 """Speed in m/s below which a robot drives backward."""
@@ -137,7 +137,9 @@ def _near_walls(poses: FloatArray, seen: BoolArray, robot: Robot) -> BoolArray:
     return _in_rows(near, distances < robot.reach - _DOUBT)
 
 
-def _near_ball(poses: FloatArray, seen: BoolArray, ball: BallState, margin: float, robot: Robot) -> BoolArray:
+def _near_ball(
+    poses: FloatArray, seen: BoolArray, ball: ObjectState, margin: float, robot: Robot
+) -> BoolArray:
     body = np.hypot(max(robot.front, robot.rear), robot.half_width)
     reach = max(robot.reach, body) + robot.ball.radius + margin
     near = seen & (np.abs(poses[0] - ball.x) < reach) & (np.abs(poses[1] - ball.y) < reach)

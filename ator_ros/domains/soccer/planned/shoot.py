@@ -14,6 +14,7 @@ from ator_ros.domains.soccer.planned.planner import fastest
 from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.release import release_poses, rolling_time, scoring_time
 from ator_ros.domains.soccer.planned.run_up import run_up
+from ator_ros.robot.ball import ball_of
 from ator_ros.world.state import World
 
 _PATIENCE = 2.0
@@ -69,7 +70,7 @@ class Shoot(HoldingAction):
             return finished(Status.SUCCEEDED, "the ball is in the goal")
         if self._released is None:
             return super().step(world)
-        ball = world.ball
+        ball = ball_of(world)
         over = world.time - self._released > _PATIENCE or ball is None or ball.speed < 0.02
         if over:
             return finished(Status.FAILED, "the ball stopped before the goal")
@@ -81,7 +82,7 @@ class Shoot(HoldingAction):
         return finished(Status.RUNNING, "released the ball")
 
     def _in_goal(self, world: World) -> bool:
-        ball, goal = world.ball, self.goal.pose
+        ball, goal = ball_of(world), self.goal.pose
         if ball is None:
             return False
         beyond = (ball.x - goal.x) * math.copysign(1.0, goal.x) > self.robot.ball.radius
