@@ -12,7 +12,8 @@ import pytest
 from arena import START, Arena, Visit, arena_with
 from chain_client import Sent, call
 from ros_client import Client
-from stages import CHAIN, few
+from selection import few
+from stages import CHAIN
 
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import RefineSubgoal
