@@ -36,7 +36,7 @@ def test_a_latency_that_is_foreseen_costs_little(start: Start, client: Client) -
     """It costs a drive to the ball little, the ball stays there, and the chain of the paper succeeds."""
     start("simulation", real_time_factor=10.0, command_wait=SLOWLY, latency=LATENCY)
     start("refinement", deadline=5.0)
-    start("executor", odom_timeout=5.0, refinement_timeout=20.0, latency=LATENCY)
+    start("executor", start_timeout=60.0, odom_timeout=5.0, refinement_timeout=20.0, latency=LATENCY)
     chains = ChainClient(client)
     result = chains.send([call("goToBall", GOAL)]).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome

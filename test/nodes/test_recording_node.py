@@ -51,7 +51,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """Let the nodes execute single drives, the paper's chain, and a tour; record all of it."""
     with domain_coordinator.domain_id() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
-        processes.start("simulation", real_time_factor=0.0, command_wait=1.0)
+        processes.start("simulation", real_time_factor=10.0, command_wait=1.0)
         processes.start("executor", odom_timeout=10.0, start_timeout=30.0)
         client = Client(domain)
         try:
