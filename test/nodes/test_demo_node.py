@@ -5,12 +5,18 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from ament_index_python.packages import get_package_prefix
+from rclpy.task import Future
 from selection import few
+
+from ator_interfaces.action import ExecuteChain
+from ator_ros.tools.demo_client import DemoClient
 
 pytestmark = pytest.mark.node
 
@@ -73,3 +79,26 @@ def test_without_models_it_says_so_instead_of_playing(tmp_path: Path) -> None:
     ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert ended.returncode == 1
     assert ended.stderr.splitlines()[-1].startswith("demo: refine_subgoal: action set default: ")
+
+
+def test_goals_are_sent_where_answers_are_taken(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else an answer may come before rclpy's action client has noted that it is waited for, and is lost."""
+    threads = []
+
+    def answered(answer: object) -> Callable[..., Future]:
+        def ask(*goal: object, **options: object) -> Future:
+            threads.append(threading.current_thread())
+            future = Future()
+            future.set_result(answer)
+            return future
+
+        return ask
+
+    ended = SimpleNamespace(result=ExecuteChain.Result())
+    with DemoClient(domain, lambda: None) as client:
+        monkeypatch.setattr(client, "_call", lambda *_: None)
+        handle = SimpleNamespace(get_result_async=answered(ended))
+        monkeypatch.setattr(client._server, "send_goal_async", answered(handle))
+        assert not client.execute(ExecuteChain.Goal().chain, refine=False).success
+    assert len(threads) == 2
+    assert threading.current_thread() not in threads
