@@ -13,6 +13,7 @@ EXECUTABLES = {
         *("qualify", "demo", "bench", "soak", "noise", "compare"),
     ),
 }
+DOMAINS = {"soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER"}
 
 
 def data_files() -> list[tuple[str, list[str]]]:
@@ -44,6 +45,7 @@ setup(
             f"{name} = {PACKAGE}.{folder}.{name}:main"
             for folder, names in EXECUTABLES.items()
             for name in names
-        ]
+        ],
+        f"{PACKAGE}.domains": [f"{name} = {value}" for name, value in DOMAINS.items()],
     },
 )

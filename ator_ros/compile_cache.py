@@ -29,6 +29,8 @@ _LOG = logging.getLogger(__name__)
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _LARGEST = 50_000_000  # bytes; the largest file of ours has some 200 kB
 _PACKAGE = Path(__file__).resolve().parent
+_FOLDERS = {"motion", "performance"}
+"""Their functions are called by compiled ones in files of others, or hold constants that those compile in."""
 _told: list[str] = []
 
 
@@ -123,7 +125,7 @@ def _key() -> str:
     """
     digest = hashlib.sha256()
     for file in sorted(_PACKAGE.rglob("*.py")):
-        if file.parent.name == "performance" or b"@compiled" in file.read_bytes():
+        if file.relative_to(_PACKAGE).parts[0] in _FOLDERS or b"@compiled" in file.read_bytes():
             digest.update(f"{file.relative_to(_PACKAGE)}\0".encode() + file.read_bytes())
     versions = (platform.python_version(), np.__version__, numba.__version__, llvmlite.__version__)
     cpu = (llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten())

@@ -6,19 +6,19 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from ator_ros.nodes.driving import Driving
-from ator_ros.nodes.execution import Execution
-from ator_ros.nodes.fence import Fence
-from ator_ros.nodes.phases import Deadlines, Ending, Phase
-from ator_ros.nodes.predictions import Predictor
-from ator_ros.nodes.refining import Refining
-from ator_ros.robot import Robot
+from ator_ros.execution.driving import Driving
+from ator_ros.execution.execution import Execution
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.phases import Deadlines, Ending, Phase
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.refining import Refining
+from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import TICK, PioneerSimulation
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tracking import BallTracker
-from ator_ros.world import STOP, Command, World
+from ator_ros.world.state import STOP, Command, World
+from ator_ros.world.tracking import BallTracker
 
 _LONGEST = 60.0
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import Goal
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.execution.execution import Execution
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.phases import Deadlines
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.refining import Refining
 from ator_ros.geometry import Pose
-from ator_ros.nodes.execution import Execution
-from ator_ros.nodes.fence import Fence
-from ator_ros.nodes.phases import Deadlines
-from ator_ros.nodes.predictions import Predictor
-from ator_ros.nodes.refining import Refining
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.library import TopLibrary
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
 
 ROBOT = load_robot()
-LIBRARY = TopLibrary(ROBOT)
+LIBRARY = SOCCER.library(ROBOT)
 
 
 def chain(*steps: tuple[str, Pose], opened: frozenset[str] = frozenset()) -> TopChain:

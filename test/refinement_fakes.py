@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angles
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.library import TopLibrary
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
 
 ROBOT = load_robot()
-LIBRARY = TopLibrary(ROBOT)
+LIBRARY = SOCCER.library(ROBOT)
 NOTHING: frozenset[str] = frozenset()
 ANGLE = frozenset({"yaw"})
 BOTH = frozenset({"yaw", "speed"})

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.base import Action, Status, Step
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import coast, place
-from ator_ros.experience.situations import Situation, random_situation
 from ator_ros.geometry import wrap_angle
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 _RATE = 20
 
@@ -53,7 +54,7 @@ def run_many(robot: Robot, action: Action, *, seed: int, count: int) -> list[Run
     with PioneerSimulation(robot) as simulation:
         runs: list[Run] = []
         while len(runs) < count:
-            situation = random_situation(action.name, robot, rng)
+            situation = SOCCER.actions()[action.name].sample(robot, rng)
             if not _in_a_post(robot, situation):
                 runs.append(run(simulation, action, situation))
         return runs

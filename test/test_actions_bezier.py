@@ -17,15 +17,15 @@ from scenarios import (
 )
 
 from ator_ros.actions.base import ActionError, Goal, Point
-from ator_ros.actions.bezier.curve import Curve, Shape, curve_to
-from ator_ros.actions.bezier.dribble_ball import dribbling
-from ator_ros.actions.bezier.driver import PERIOD, Driver, Pushing
-from ator_ros.actions.bezier.go_to_pose import TO_BALL, TO_POSE
-from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experiments.action_quality import execute, tasks
+from ator_ros.domains.soccer.bezier.curve import Curve, Shape, curve_to
+from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
+from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver, Pushing
+from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.action_quality import execute, tasks
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.robot import Robot, load_robot
-from ator_ros.world import BallState, Command, RobotState, World
+from ator_ros.robot.description import Robot, load_robot
+from ator_ros.world.state import BallState, Command, RobotState, World
 
 COUNT = 20
 AXLE_GOAL = Goal(Pose(1.0, 0.0, 0.0))
@@ -38,12 +38,14 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="module")
 def runs(robot: Robot) -> dict[str, list[Run]]:
-    actions = ACTION_SETS["bezier"]
-    return {name: run_many(robot, kind(robot), seed=11, count=COUNT) for name, kind in actions.items()}
+    actions = SOCCER.actions("bezier")
+    return {
+        name: run_many(robot, spec.factory(robot), seed=11, count=COUNT) for name, spec in actions.items()
+    }
 
 
 def test_set_offers_the_same_actions_as_the_default_set() -> None:
-    assert set(ACTION_SETS["bezier"]) == set(ACTION_SETS["default"])
+    assert set(SOCCER.actions("bezier")) == set(SOCCER.actions())
 
 
 def test_commands_and_velocities_stay_within_limits(runs: dict[str, list[Run]]) -> None:
@@ -70,7 +72,7 @@ def test_shoot_scores(runs: dict[str, list[Run]]) -> None:
 
 
 def test_same_start_gives_the_same_steps(robot: Robot, runs: dict[str, list[Run]]) -> None:
-    again = run_many(robot, ACTION_SETS["bezier"]["goToPose"](robot), seed=11, count=2)
+    again = run_many(robot, SOCCER.actions("bezier")["goToPose"].factory(robot), seed=11, count=2)
     assert [run.steps for run in again] == [run.steps for run in runs["goToPose"][:2]]
 
 
@@ -79,19 +81,21 @@ def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), BallState(1.0, 0.0))
     goal = Goal(Pose(*robot.field.goal_centre(), 0.0), point=Point.HOLD)
     with pytest.raises(ActionError, match="expected the ball within"):
-        ACTION_SETS["bezier"][name](robot).start(world, goal)
+        SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
 
 
 @pytest.mark.parametrize("goal", [Goal(Pose(math.nan, 0.0, 0.0)), Goal(Pose(0.0, 0.0, 0.0), speed=9.0)])
 def test_impossible_goal_is_refused(robot: Robot, goal: Goal) -> None:
     with pytest.raises(ActionError, match="expected a"):
-        ACTION_SETS["bezier"]["goToPose"](robot).start(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), goal)
+        SOCCER.actions("bezier")["goToPose"].factory(robot).start(
+            World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), goal
+        )
 
 
 def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), BallState(robot.hold, 0.0))
     with pytest.raises(ActionError, match="goal's mouth"):
-        ACTION_SETS["bezier"]["shoot"](robot).start(world, AXLE_GOAL)
+        SOCCER.actions("bezier")["shoot"].factory(robot).start(world, AXLE_GOAL)
 
 
 SHAPE = Shape(radius=0.5, run_in=0.2, near=0.15, far=0.8, per_speed=0.2)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from ator_ros.actions.base import Goal, Point, Status
-from ator_ros.actions.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import TICK, PioneerSimulation
-from ator_ros.world import STOP
+from ator_ros.world.state import STOP
 
 ROBOT = load_robot()
 BALL = (0.0, 0.0)

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
-from ator_ros.actions.planned.clearance import ball_distances
-from ator_ros.actions.planned.dribble_ball import DribbleBall
-from ator_ros.actions.planned.go_to_pose import GoToPose
-from ator_ros.actions.planned.holding import push
-from ator_ros.actions.planned.manoeuvre import closed
-from ator_ros.actions.planned.opening import opening_of
-from ator_ros.actions.planned.planner import free_sides
-from ator_ros.actions.planned.profiles import straight_pieces, straight_times, turn_pieces, turn_times
-from ator_ros.actions.planned.search import find_candidates
-from ator_ros.actions.planned.trajectory import Trajectory
-from ator_ros.experience.situations import Situation
-from ator_ros.experiments.action_quality import KINDS, Task, execute, execute_situation
+from ator_ros.domains.soccer.planned.clearance import ball_distances
+from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
+from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.planned.holding import push
+from ator_ros.domains.soccer.planned.manoeuvre import closed
+from ator_ros.domains.soccer.planned.opening import opening_of
+from ator_ros.domains.soccer.planned.planner import free_sides
+from ator_ros.domains.soccer.planned.profiles import straight_pieces, straight_times, turn_pieces, turn_times
+from ator_ros.domains.soccer.planned.search import find_candidates
+from ator_ros.domains.soccer.planned.trajectory import Trajectory
+from ator_ros.domains.soccer.situations import Situation
+from ator_ros.evaluation.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
-from ator_ros.robot import Limits, load_robot
+from ator_ros.robot.description import Limits, load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = ROBOT.limits

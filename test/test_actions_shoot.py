@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.planned.manoeuvre import Manoeuvre
-from ator_ros.actions.planned.release import release, release_poses, scoring_time
-from ator_ros.actions.planned.shoot import Shoot
-from ator_ros.actions.planned.trajectory import Trajectory
-from ator_ros.experience.situations import random_situation
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.release import release, release_poses, scoring_time
+from ator_ros.domains.soccer.planned.shoot import Shoot
+from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.robot.description import load_robot
+from ator_ros.world.state import BallState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = Shoot(ROBOT).plan_limits
@@ -39,7 +39,7 @@ def starts(seed: int, count: int) -> list[RobotState]:
     rng = np.random.default_rng(seed)
     drawn: list[RobotState] = []
     while len(drawn) < count:
-        state = random_situation("shoot", ROBOT, rng).robot
+        state = SOCCER.actions()["shoot"].sample(ROBOT, rng).robot
         if state.pose.x < MOUTH.x - 1.0:
             drawn.append(state)
     return drawn

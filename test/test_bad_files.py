@@ -27,7 +27,7 @@ from ator_ros.refinement.calibration_file import load_calibration
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.resources import resource_path
-from ator_ros.robot import ConfigError, load_robot
+from ator_ros.robot.description import ConfigError, load_robot
 
 ROBOT = load_robot()
 LOADERS: dict[str, tuple[Callable[[Path], Any], type[Exception]]] = {

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ator_ros.motion.turns import look_up
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import FEATURES, feature_table
-from ator_ros.performance.turns import look_up
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 EDGES = [0.0, 1e-300, 1e-9, 0.01, 0.5, 1.0, 3.14159265358979, 7.0, 100.0, 1e4, 1e6]
 """What files, messages and command lines may hold, up to the bounds that are checked where they come in."""

@@ -8,7 +8,7 @@ import pytest
 
 from ator_ros import compiled
 from ator_ros.performance.features import feature_table
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 WITHOUT_NUMBA = """
 import sys

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.experiments.trials import random_trial
-from ator_ros.robot import load_robot
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.demo_report import DemoRun, DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
-from ator_ros.tops.library import TopLibrary
 
 ROBOT = load_robot()
-TRIAL = random_trial(401, 0, "shoot", ROBOT, TopLibrary(ROBOT))
+TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)
 
 
 def run(*, total: float, success: bool = True, refined: bool = False) -> DemoRun:

@@ -8,10 +8,10 @@ import math
 import pytest
 from executions import FORWARD, FORWARD_LEFT, LIBRARY, chain, execution, world
 
+from ator_ros.execution.phases import Ending, Phase
 from ator_ros.geometry import Pose
-from ator_ros.nodes.phases import Ending, Phase
 from ator_ros.tops.ball import needs_ball
-from ator_ros.world import STOP, BallState
+from ator_ros.world.state import STOP, BallState
 
 
 def test_which_tops_need_the_ball_follows_from_their_conditions() -> None:

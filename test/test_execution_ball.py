@@ -6,11 +6,11 @@ import dataclasses
 
 from executions import FORWARD, ROBOT, chain, execution, world
 
+from ator_ros.execution.execution import Execution
+from ator_ros.execution.phases import Ending, Phase
 from ator_ros.geometry import Pose
-from ator_ros.nodes.execution import Execution
-from ator_ros.nodes.phases import Ending, Phase
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world import STOP, BallState, World
+from ator_ros.world.state import STOP, BallState, World
 
 
 def test_a_step_that_needs_the_ball_pauses_where_it_is_overdue() -> None:

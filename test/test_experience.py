@@ -12,18 +12,18 @@ import pytest
 from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.specification import ActionSpec
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.goals import touches_goals
+from ator_ros.domains.soccer.situations import (
+    CLEARANCE,
+    SHOT_RANGE,
+    Situation,
+)
 from ator_ros.experience.collect import EpisodeTask, collect, run_task
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import BackendError, run_tasks
-from ator_ros.experience.situations import (
-    CLEARANCE,
-    SHOT_RANGE,
-    SITUATIONS,
-    Situation,
-    UnknownActionError,
-    random_situation,
-)
 from ator_ros.experience.table import (
     COLUMNS,
     Experience,
@@ -32,10 +32,9 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.geometry import Pose
-from ator_ros.goals import touches_goals
-from ator_ros.robot import Robot, load_robot
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world import BallState, RobotState
+from ator_ros.world.state import BallState, RobotState
 
 
 @pytest.fixture(scope="module")
@@ -45,15 +44,18 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="module")
 def frame(robot: Robot) -> pd.DataFrame:
-    return join(collect({"goToPose": TurnDriveTurn}, robot, episodes=6, seed=5))
+    return join(collect([TURNING], robot, episodes=6, seed=5))
+
+
+TURNING = ActionSpec("goToPose", TurnDriveTurn, SOCCER.actions()["goToPose"].sample)
 
 
 def draw(action: str, robot: Robot, count: int = 300) -> list[Situation]:
     rng = np.random.default_rng(1)
-    return [random_situation(action, robot, rng) for _ in range(count)]
+    return [SOCCER.actions()[action].sample(robot, rng) for _ in range(count)]
 
 
-@pytest.mark.parametrize("action", list(SITUATIONS))
+@pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: Robot) -> None:
     for situation in draw(action, robot):
         for x, y in [situation.goal.pose[:2]] + [(b.x, b.y) for b in [situation.ball] if b]:
@@ -64,7 +66,7 @@ def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: R
         assert 0.0 <= situation.goal.speed <= robot.dribble_limits.v
 
 
-@pytest.mark.parametrize("action", list(SITUATIONS))
+@pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_no_start_touches_a_goal(action: str, robot: Robot) -> None:
     poses = np.array([situation.robot.pose for situation in draw(action, robot)])
     assert not touches_goals(poses, robot)
@@ -97,11 +99,6 @@ def test_shots_start_within_range_of_the_goal(robot: Robot) -> None:
     distances = [math.hypot(s.ball.x - x, s.ball.y - y) for s in draw("shoot", robot) if s.ball]
     assert min(distances) >= SHOT_RANGE[0]
     assert max(distances) <= SHOT_RANGE[1]
-
-
-def test_unknown_action_is_refused_with_those_known(robot: Robot) -> None:
-    with pytest.raises(UnknownActionError, match=r"expected one of goToPose.*got 'fly'"):
-        random_situation("fly", robot, np.random.default_rng(0))
 
 
 def plain(robot: Robot, goal: Pose) -> Situation:
@@ -152,14 +149,14 @@ def test_table_holds_the_documented_columns_and_counts_down(frame: pd.DataFrame)
 
 
 def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame: pd.DataFrame) -> None:
-    parallel = join(collect({"goToPose": TurnDriveTurn}, robot, episodes=6, seed=5, jobs=2))
+    parallel = join(collect([TURNING], robot, episodes=6, seed=5, jobs=2))
     pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
-    other = join(collect({"goToPose": TurnDriveTurn}, robot, episodes=1, seed=6))
+    other = join(collect([TURNING], robot, episodes=1, seed=6))
     assert other["x"].iloc[0] != frame["x"].iloc[0]
 
 
 def test_an_episode_does_not_depend_on_how_many_there_are(robot: Robot, frame: pd.DataFrame) -> None:
-    alone = run_task(EpisodeTask("goToPose", TurnDriveTurn, robot, 5, 4))
+    alone = run_task(EpisodeTask(TURNING, robot, 5, 4))
     rows = frame[frame["episode"] == 4].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone.astype(rows.dtypes), rows, check_exact=True)
 

@@ -18,7 +18,7 @@ from ator_ros.experience.table import COLUMNS, Experience, read_experience, writ
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import ModelFileError, load_models, model_path, save_model
 from ator_ros.performance.training import train
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.train import main
 
 ROBOT = load_robot()

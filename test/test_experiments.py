@@ -10,14 +10,13 @@ import pandas as pd
 import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
 
-from ator_ros.experience.situations import CLEARANCE, SHORTEST
-from ator_ros.experiments.execution import TIME_LIMIT, run_chain
-from ator_ros.experiments.heuristics import LinearTime, bitbots, booster, linear_terms, refit
-from ator_ros.experiments.policies import MODEL_SETS, POLICIES, Toolset
-from ator_ros.experiments.trials import (
-    CHAINS,
-    OPEN_HEADING,
-    SHOOTING_DISTANCE,
+from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.situations import CLEARANCE, SHORTEST
+from ator_ros.evaluation.chain_run import TIME_LIMIT, run_chain
+from ator_ros.evaluation.heuristics import LinearTime, bitbots, booster, linear_terms, refit
+from ator_ros.evaluation.policies import MODEL_SETS, POLICIES, Toolset
+from ator_ros.evaluation.trials import (
     Trial,
     open_speeds,
     random_trial,
@@ -27,28 +26,30 @@ from ator_ros.refinement.gate import ThresholdGate
 
 
 def trial(index: int = 0, chain: str = "dribble") -> Trial:
-    return random_trial(403, index, chain, ROBOT, LIBRARY)
+    return random_trial(SOCCER, chain, LIBRARY, seed=403, index=index)
 
 
 @pytest.fixture(scope="module")
 def tools() -> Toolset:
     sets = {name: {action: bitbots(action, ROBOT) for action in models()} for name in MODEL_SETS}
-    return Toolset(ROBOT, {"learned": models(), **sets}, ThresholdGate(0.1))
+    return Toolset(SOCCER, ROBOT, {"learned": models(), **sets}, ThresholdGate(0.1))
 
 
 class TestTrials:
     def test_depend_on_seed_and_index_only(self) -> None:
         assert trial(3) == trial(3)
         assert trial(3) != trial(4)
-        assert trial(3) != random_trial(404, 3, "dribble", ROBOT, LIBRARY)
+        assert trial(3) != random_trial(SOCCER, "dribble", LIBRARY, seed=404, index=3)
 
-    @pytest.mark.parametrize("chain", list(CHAINS))
+    @pytest.mark.parametrize("chain", list(SOCCER.chains))
     def test_are_valid_plans_that_leave_only_headings_open(self, chain: str) -> None:
         for index in range(50):
             drawn = trial(index, chain)
             ready = with_headings(drawn.chain, dict.fromkeys(range(len(drawn.chain.calls) - 1), 0.3))
             assert ready.violations(drawn.world, ROBOT) == []
-            assert [call.open for call in drawn.chain.calls[:-1]] == [OPEN_HEADING] * (len(ready.calls) - 1)
+            assert [call.open for call in drawn.chain.calls[:-1]] == [frozenset({"yaw"})] * (
+                len(ready.calls) - 1
+            )
             assert not drawn.chain.calls[-1].open
 
     def test_keep_robot_ball_and_goal_apart(self) -> None:
@@ -73,7 +74,7 @@ class TestTrials:
 class TestPolicies:
     @pytest.mark.parametrize("name", list(POLICIES))
     def test_choose_a_valid_chain_with_the_plans_commitments_kept(self, name: str, tools: Toolset) -> None:
-        for chain in CHAINS:
+        for chain in SOCCER.chains:
             drawn = trial(1, chain)
             chosen = POLICIES[name](tools, drawn).chain
             assert chosen.violations(drawn.world, ROBOT) == []

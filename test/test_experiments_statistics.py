@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ator_ros.experiments.errors import EvaluationError
-from ator_ros.experiments.evaluation import Settings
-from ator_ros.experiments.gate_learning import (
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.gate_learning import (
     GateExamples,
     compare_gates,
     decisions,
@@ -19,8 +18,9 @@ from ator_ros.experiments.gate_learning import (
     fit_tree,
     gate_examples,
 )
-from ator_ros.experiments.statistics import labels, mean_interval, outcomes, prediction_errors, summarise
-from ator_ros.experiments.storage import PartialResults, read_result, to_columns, to_records, write_result
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.statistics import labels, mean_interval, outcomes, prediction_errors, summarise
+from ator_ros.evaluation.storage import PartialResults, read_result, to_columns, to_records, write_result
 from ator_ros.refinement.gate import FEATURES, ThresholdGate
 
 

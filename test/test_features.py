@@ -22,8 +22,8 @@ from ator_ros.performance.features import (
     feature_table,
     names_of,
 )
-from ator_ros.robot import load_robot
-from ator_ros.world import RobotState
+from ator_ros.robot.description import load_robot
+from ator_ros.world.state import RobotState
 
 ROBOT = load_robot()
 NAMES = tuple(FEATURES)

@@ -9,11 +9,11 @@ import pytest
 from driving import drive
 from executions import LIBRARY, ROBOT, chain
 
+from ator_ros.execution.fence import Fence, FenceWatch
+from ator_ros.execution.phases import Deadlines, Ending
 from ator_ros.geometry import Pose
-from ator_ros.nodes.fence import Fence, FenceWatch
-from ator_ros.nodes.phases import Deadlines, Ending
 from ator_ros.tops.chain import TopChain
-from ator_ros.world import STOP, BallState, RobotState, World
+from ator_ros.world.state import STOP, BallState, RobotState, World
 
 FENCE = Fence.around(ROBOT)
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import Goal, Point, Status
-from ator_ros.actions.planned.go_to_pose import GoToPose
-from ator_ros.experiments.execution import run_chain
-from ator_ros.experiments.trials import random_trial, with_headings
-from ator_ros.foresight import Foresight
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
+from ator_ros.robot.foresight import Foresight
 from ator_ros.simulation.pioneer import TICK, PioneerSimulation
 from ator_ros.simulation.sensors import SensorConfig, Sensors
-from ator_ros.tops.library import TopLibrary
-from ator_ros.world import STOP, BallState, Command, RobotState, World
+from ator_ros.world.state import STOP, BallState, Command, RobotState, World
 
 ROBOT = load_robot()
 STANDING = RobotState(Pose(0.0, 0.0, 0.0))
@@ -165,8 +165,8 @@ def test_who_is_always_late_is_held_back_every_other_time_only() -> None:
 
 @pytest.mark.parametrize("index", range(2))
 def test_a_chain_takes_the_same_time_though_its_states_come_late(index: int) -> None:
-    latency, library = 0.15, TopLibrary(ROBOT)
-    trial = random_trial(614, index, "dribble", ROBOT, library)
+    latency, library = 0.15, SOCCER.library(ROBOT)
+    trial = random_trial(SOCCER, "dribble", library, seed=614, index=index)
     chain = with_headings(trial.chain, {0: trial.chain.calls[1].goal.pose.yaw})
 
     def run(*, late: float, foreseen: float) -> float:

@@ -7,9 +7,9 @@ import contextlib
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.inputs import ClockJumpError, Inputs, StampError
-from ator_ros.tracking import BallTracker
-from ator_ros.world import BallState, RobotState
+from ator_ros.world.inputs import ClockJumpError, Inputs, StampError
+from ator_ros.world.state import BallState, RobotState
+from ator_ros.world.tracking import BallTracker
 
 
 def inputs() -> Inputs:

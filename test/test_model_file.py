@@ -24,7 +24,7 @@ from ator_ros.performance.model_file import (
     save_model,
 )
 from ator_ros.performance.training import direct_of, train
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
 ROWS = made_up_experience("goToPose")

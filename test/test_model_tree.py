@@ -11,15 +11,15 @@ from sklearn.model_selection import GroupKFold, cross_val_score
 from sklearn.tree import DecisionTreeRegressor
 from sklearn.utils.estimator_checks import check_estimator
 
-from ator_ros.performance.linear_models import (
+from ator_ros.performance.tree.linear_models import (
     Standardised,
     corrected_error,
     fit_node_models,
     normal_equations,
     squared_error,
 )
-from ator_ros.performance.model_tree import ModelTreeRegressor
-from ator_ros.performance.pruning import drop_traces, prune, smooth
+from ator_ros.performance.tree.model_tree import ModelTreeRegressor
+from ator_ros.performance.tree.pruning import drop_traces, prune, smooth
 
 Array = NDArray[np.float64]
 

@@ -13,17 +13,17 @@ import pytest
 from driving import LATE, SLOW, Base, Drive, drive
 from executions import LIBRARY, ROBOT, chain
 
-from ator_ros.experiments.noise import REALISTIC
-from ator_ros.experiments.trials import random_trial
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.noise import REALISTIC
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.execution.driving import Driving
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.motion_watch import MotionWatch, Thresholds
+from ator_ros.execution.phases import Ending
+from ator_ros.execution.step_run import is_standing
 from ator_ros.geometry import Pose
-from ator_ros.nodes.driving import Driving
-from ator_ros.nodes.fence import Fence
-from ator_ros.nodes.motion_watch import MotionWatch, Thresholds
-from ator_ros.nodes.phases import Ending
-from ator_ros.ramp import ramped
-from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.step_run import is_standing
-from ator_ros.world import STOP, Command, RobotState, World
+from ator_ros.robot.ramp import ramped
+from ator_ros.world.state import STOP, Command, RobotState, World
 
 TICK = 0.05
 MOTORS = 0.1
@@ -181,12 +181,12 @@ def struck(done: Drive) -> bool:
 
 def alarms(base: Base, action_set: str, indices: range) -> list[str]:
     """Return what the watch and the fence say of random chains in which nothing blocks the robot."""
-    library, said = TopLibrary(ROBOT, action_set), []
+    library, said = SOCCER.library(ROBOT, action_set), []
     # A base slower than described swings wide, and the paper's actions know no field: both truly leave.
     stays = base.scale == 1.0 and action_set == "default"
     fence = Fence.around(ROBOT) if stays else Fence(-50.0, -50.0, 50.0, 50.0)
     for index in indices:
-        trial = random_trial(902, index, ("dribble", "shoot")[index % 2], ROBOT, library)
+        trial = random_trial(SOCCER, ("dribble", "shoot")[index % 2], library, seed=902, index=index)
         done = drive(library, trial.world, trial.chain, base, seed=index, fence=fence)
         if done.ending in (Ending.BASE_FAULT, Ending.OUT_OF_BOUNDS) and not struck(done):
             said.append(f"{action_set} {index}: {done.reason}")

@@ -7,18 +7,18 @@ from collections.abc import Callable
 import pytest
 
 from ator_ros.actions.base import Goal, Status
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
+from ator_ros.execution.step_run import StepRun
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.tops.ball import drives_to_ball, fetches_ball, keeps_holding, needs_ball, starts_holding
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.executor import ChainExecutor, ChainStep
-from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.step_run import StepRun
-from ator_ros.world import STOP, BallState, RobotState, World
+from ator_ros.world.state import STOP, BallState, RobotState, World
 
 ROBOT = load_robot()
-LIBRARY = TopLibrary(ROBOT)
+LIBRARY = SOCCER.library(ROBOT)
 HEADING = 0.4
 
 Disturb = Callable[[PioneerSimulation, ChainExecutor, ChainStep], bool]

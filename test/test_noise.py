@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.experiments.execution import Run
-from ator_ros.experiments.noise import CONDITIONS, TRUTH, NoiseTask, execute, summarise
+from ator_ros.evaluation.chain_run import Run
+from ator_ros.evaluation.noise import CONDITIONS, TRUTH, NoiseTask, execute, summarise
 from ator_ros.tools.noise import main
 
 

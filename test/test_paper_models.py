@@ -7,15 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ator_ros.experiments.paper_models import at_rest, main
-from ator_ros.robot import load_robot
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.robot.description import load_robot
+from ator_ros.tools.paper_models import at_rest, main
 
 
 @pytest.mark.parametrize("action", ["goToPose", "dribbleBall"])
 def test_situations_are_at_rest_with_the_ball_where_it_belongs(action: str) -> None:
     robot, rng = load_robot(), np.random.default_rng(1)
     for _ in range(20):
-        drawn = at_rest(action, robot, rng)
+        drawn = at_rest(SOCCER.actions()[action].sample, robot, rng)
         assert drawn.ball is not None
         assert (drawn.robot.v, drawn.robot.w, drawn.ball.speed, drawn.goal.speed) == (0.0, 0.0, 0.0, 0.0)
         place = drawn.goal.pose if action == "goToPose" else robot.hold_point(drawn.robot.pose)

@@ -12,7 +12,7 @@ from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import derived_from
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, TrainingError, digest, direct_of, train
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
 ROWS = made_up_experience("goToPose")

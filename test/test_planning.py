@@ -9,22 +9,21 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import ActionError, Goal, Status
-from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.actions.planned import planning
-from ator_ros.actions.planned.clearance import Obstacles, is_clear
-from ator_ros.actions.planned.go_to_pose import GoToPose
-from ator_ros.actions.planned.manoeuvre import closed
-from ator_ros.actions.planned.planned_action import PlannedAction
-from ator_ros.actions.planned.planner import free_sides, run_sides
-from ator_ros.actions.planned.screening import Verdict, screened
-from ator_ros.actions.planned.search import find_candidates
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.planned import planning
+from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
+from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.planned.manoeuvre import closed
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
+from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
+from ator_ros.domains.soccer.planned.screening import Verdict, screened
+from ator_ros.domains.soccer.planned.search import find_candidates
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.bench_planning import hard_situations
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.executor import ChainExecutor
-from ator_ros.tops.library import TopLibrary
-from ator_ros.world import STOP, BallState, RobotState, World
+from ator_ros.world.state import STOP, BallState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = GoToPose(ROBOT).plan_limits
@@ -92,7 +91,7 @@ def test_no_tick_plans_for_more_than_a_slice(monkeypatch: pytest.MonkeyPatch) ->
     long = 0
     for name, world, goal in hard_situations(ROBOT, 8, seed=3):
         spent.clear()
-        action = ACTION_SETS["default"][name](ROBOT)
+        action = SOCCER.actions("default")[name].factory(ROBOT)
         try:
             action.start(world, goal)
             for tick in range(1, 60):
@@ -185,7 +184,7 @@ def test_a_robot_keeps_to_its_plan_while_another_is_looked_for(monkeypatch: pyte
 
 
 def test_a_tick_begins_one_action_at_most() -> None:
-    library = TopLibrary(ROBOT)
+    library = SOCCER.library(ROBOT)
     here = Pose(1.0, 0.5, 0.3)
     call = TopCall(library["goToPose"], Goal(here), frozenset({"x", "y", "yaw", "speed"}))
     executor = ChainExecutor(library, TopChain((call,) * 5))
@@ -216,7 +215,7 @@ def test_odometry_that_is_never_still_does_not_keep_a_plan_from_being_found(
 def test_a_subgoal_that_is_not_found_at_once_leaves_no_second_search_to_the_tick(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    library, searched = TopLibrary(ROBOT), []
+    library, searched = SOCCER.library(ROBOT), []
     begin = Pose(0.0, 0.0, 0.0)
     world = World(0.0, RobotState(begin), BallState(2.0, 0.0))
     chain = TopChain((TopCall(library["goToPose"], Goal(Pose(3.0, 1.5, 0.0))),))

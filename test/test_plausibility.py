@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ator_ros.plausibility import VelocityCheck
-from ator_ros.world import BallState
+from ator_ros.world.plausibility import VelocityCheck
+from ator_ros.world.state import BallState
 
 TICK = 0.05
 

@@ -15,9 +15,9 @@ from turning_action import TurnDriveTurn
 from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world import STOP, Command, World
+from ator_ros.world.state import STOP, Command, World
 
 ROBOT = load_robot()
 GOALS = (Pose(1.0, 0.5, 1.0), Pose(-0.5, 0.5, 3.0))

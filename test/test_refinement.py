@@ -30,7 +30,7 @@ from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.objective import MEASURES, Measure, Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.tops.chain import TopChain
-from ator_ros.world import RobotState, World
+from ator_ros.world.state import RobotState, World
 
 
 @pytest.mark.parametrize("chain", [two_steps(), two_steps(BOTH), three_steps(), three_steps(BOTH)])

@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 from refinement_fakes import ANGLE, BOTH, LIBRARY, ROBOT, models, two_steps, world
 
-from ator_ros.experiments.calibration_learning import (
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.calibration_learning import (
     StepExample,
     cross_validated,
     fit_calibration,
     step_examples,
 )
-from ator_ros.experiments.errors import EvaluationError
-from ator_ros.experiments.policies import Toolset, naive
-from ator_ros.experiments.trials import random_trial
-from ator_ros.nodes.predictions import Predictor
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.policies import Toolset, naive
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.execution.predictions import Predictor
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall, Step, chain_steps, model_digest
 from ator_ros.refinement.calibration_file import (
@@ -223,8 +224,8 @@ def test_too_few_situations_are_refused() -> None:
 
 
 def test_steps_of_executed_chains_are_those_that_were_predicted() -> None:
-    tools = Toolset(ROBOT, {"learned": LEARNED}, OpenGate(), ALWAYS)
-    trial = random_trial(777, 3, "shoot", ROBOT, LIBRARY)
+    tools = Toolset(SOCCER, ROBOT, {"learned": LEARNED}, OpenGate(), ALWAYS)
+    trial = random_trial(SOCCER, "shoot", LIBRARY, seed=777, index=3)
     choice = naive(tools, trial)
     chosen = [[call.goal.pose.yaw, call.goal.speed] for call in choice.chain.calls[:-1]]
     row = {"success": True, "duration": 12.0, "chosen": chosen, "actions": [4.0, 5.0, 3.0]}

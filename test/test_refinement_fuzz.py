@@ -14,7 +14,7 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
 
 NUMBERS = st.one_of(
     st.floats(-4.0, 4.0),

@@ -9,21 +9,21 @@ from collections.abc import Iterator
 import pytest
 
 from ator_ros.actions.base import Goal, Status
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.execution.execution import Execution
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.phases import Deadlines, Ending
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.refining import Question, Refining, refined_chain
 from ator_ros.geometry import Pose
-from ator_ros.nodes.execution import Execution
-from ator_ros.nodes.fence import Fence
-from ator_ros.nodes.phases import Deadlines, Ending
-from ator_ros.nodes.predictions import Predictor
-from ator_ros.nodes.refining import Question, Refining, refined_chain
 from ator_ros.refinement.free_variables import with_values
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
-from ator_ros.tops.library import TopLibrary
-from ator_ros.world import STOP, BallState, Command, RobotState, World
+from ator_ros.world.state import STOP, BallState, Command, RobotState, World
 
 ROBOT = load_robot()
-LIBRARY = TopLibrary(ROBOT)
+LIBRARY = SOCCER.library(ROBOT)
 NEW_YAW = -0.6
 
 

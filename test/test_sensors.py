@@ -10,7 +10,7 @@ import pytest
 
 from ator_ros.geometry import Pose
 from ator_ros.simulation.sensors import REALISTIC, SensorConfig, Sensors
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
 
 TICK = 0.05
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.experiments.accuracy_tables import accuracy_table
 from ator_ros.performance.model_file import is_model, load_model
+from ator_ros.report.accuracy_tables import accuracy_table
 from ator_ros.resources import resource_path
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
 FILES = sorted(filter(is_model, resource_path("models").rglob("*.json")))

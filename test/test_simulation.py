@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.robot import Robot, load_robot
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.pioneer import TICK, PioneerSimulation
-from ator_ros.world import Command, World
+from ator_ros.world.state import Command, World
 
 LIMITS_SLACK = 0.03  # m/s and rad/s by which the wheels' velocity loop may overshoot
 

@@ -17,12 +17,12 @@ from typing import Any
 import pytest
 from experience_rows import made_up_experience
 
+from ator_ros.evaluation import running
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.running import run_situations
+from ator_ros.evaluation.situation import Record, Settings
+from ator_ros.evaluation.storage import PARTIAL, PartialResults
 from ator_ros.experience.table import join, read_experience
-from ator_ros.experiments import running
-from ator_ros.experiments.errors import EvaluationError
-from ator_ros.experiments.evaluation import Record, Settings
-from ator_ros.experiments.running import run_situations
-from ator_ros.experiments.storage import PARTIAL, PartialResults
 from ator_ros.files import reserved
 from ator_ros.tools import collect
 from ator_ros.tools.command_line import INTERRUPTED, guarded, undisturbed

@@ -20,7 +20,7 @@ from selection import few
 
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Experience, read_experience, write_experience
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, train
 
 ROBOT = load_robot()

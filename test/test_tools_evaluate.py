@@ -11,11 +11,12 @@ import pytest
 from experience_rows import made_up_experience
 from refinement_fakes import ROBOT
 
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.running import run_situations
+from ator_ros.evaluation.situation import Settings, evaluate_trial
+from ator_ros.evaluation.storage import PARTIAL, to_records
+from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource
 from ator_ros.experience.table import Experience, join, write_experience
-from ator_ros.experiments.evaluation import Settings, evaluate_trial
-from ator_ros.experiments.running import run_situations
-from ator_ros.experiments.storage import PARTIAL, to_records
-from ator_ros.experiments.toolset import ACTIONS, BASELINES, GATE, ToolsetSource
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
 from ator_ros.refinement.calibration_file import CALIBRATION
@@ -32,7 +33,7 @@ POLICIES = ["naive", "face_goal", "refined", "gated"]
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("models")
-    for action in ACTIONS:
+    for action in SOCCER.actions():
         save_model(folder / f"{action}.json", train(action, made_up_experience(action), ROBOT))
     save_gate(folder / GATE, ThresholdGate(0.05), {"situations": 1, "seed": 1})
     return folder
@@ -128,7 +129,7 @@ def test_what_cannot_be_run_is_said_in_one_line(
 
 def test_gate_is_learned_and_rulers_are_refitted(models: Path, tmp_path: Path) -> None:
     table = tmp_path / "experience.parquet"
-    frames = [made_up_experience(action) for action in ACTIONS]
+    frames = [made_up_experience(action) for action in SOCCER.actions()]
     write_experience(table, Experience(join(frames), {"seed": 1}))
     work = tmp_path / "work"
     options = ["--situations", "10", "--seed", "305", "--models", str(models), "--work", str(work)]

@@ -7,18 +7,20 @@ import math
 import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.domains.domain import DomainError
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.executor import ChainExecutor
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.top import TOPS, Top
-from ator_ros.world import STOP, BallState, RobotState, World
+from ator_ros.tops.top import Top
+from ator_ros.world.state import STOP, BallState, RobotState, World
 
 ROBOT = load_robot()
-LIBRARY = TopLibrary(ROBOT)
+LIBRARY = SOCCER.library(ROBOT)
 START = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), BallState(0.0, 0.0))
 
 
@@ -121,7 +123,7 @@ class Wait(Action):
 
 def test_a_new_action_joins_from_outside() -> None:
     top = Top("wait", "wait", Condition(), Condition(), Point.AXLE)
-    library = TopLibrary(ROBOT, tops=(*TOPS, top), actions={"wait": Wait})
+    library = TopLibrary(ROBOT, "waiting", tops=(top,), actions={"wait": Wait})
     executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0, 0, 0))),)))
     assert executor.step(START).status is Status.RUNNING
     later = World(0.05, START.robot, START.ball)
@@ -130,8 +132,8 @@ def test_a_new_action_joins_from_outside() -> None:
 
 def test_a_library_without_an_action_is_refused() -> None:
     with pytest.raises(KeyError, match="expected the actions"):
-        TopLibrary(ROBOT, tops=(Top("fly", "fly", Condition(), Condition()),))
-    with pytest.raises(KeyError, match="expected one of"):
-        TopLibrary(ROBOT, "none")
+        TopLibrary(ROBOT, "empty", tops=(Top("fly", "fly", Condition(), Condition()),), actions={})
+    with pytest.raises(DomainError, match="expected one of"):
+        SOCCER.library(ROBOT, "none")
     with pytest.raises(KeyError, match="goToBall"):
         LIBRARY["fly"]

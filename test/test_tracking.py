@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.tracking import BallTracker
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
+from ator_ros.world.tracking import BallTracker
 
 TICK = 0.05
 NOISE, VELOCITY_NOISE = 0.015, 0.05

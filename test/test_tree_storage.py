@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ator_ros.performance.model_tree import ModelTreeRegressor
-from ator_ros.performance.tree import ModelTree
-from ator_ros.performance.tree_storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
+from ator_ros.performance.tree.model_tree import ModelTreeRegressor
+from ator_ros.performance.tree.nodes import ModelTree
+from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
 
 RNG = np.random.default_rng(1)
 X = RNG.uniform(-1, 1, size=(1500, 3))

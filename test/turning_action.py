@@ -6,7 +6,7 @@ import math
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.world import STOP, Command, World
+from ator_ros.world.state import STOP, Command, World
 
 
 class TurnDriveTurn(Action):

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ator_ros.geometry import Pose
-from ator_ros.robot import Robot
-from ator_ros.world import STOP, Command, World
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import STOP, Command, World
 
 
 class Status(enum.Enum):

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from ator_ros.actions.base import Action
+from ator_ros.actions.specification import ActionSpec
 from ator_ros.experience.episode import TIME_LIMIT, run_episode
 from ator_ros.experience.parallel import run_tasks
-from ator_ros.experience.situations import Situation, random_situation
 from ator_ros.experience.table import episode_frame
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-
-ActionFactory = Callable[[Robot], Action]
-Sampler = Callable[[str, Robot, np.random.Generator], Situation]
 
 
 @dataclass(frozen=True)
@@ -27,26 +23,20 @@ class EpisodeTask:
 
     Attributes
     ----------
-    action : str
-        Name of the action.
-    factory : callable
-        Makes the action for a robot: its class.
+    action : ActionSpec
+        The action, and how its situations are drawn.
     robot : Robot
         Shape, limits, ball and field.
     seed, episode : int
         Of the collection, and the number of the episode in it.
-    sample : callable
-        Draws the situation.
     time_limit : float
         In s.
     """
 
-    action: str
-    factory: ActionFactory
+    action: ActionSpec
     robot: Robot
     seed: int
     episode: int
-    sample: Sampler = random_situation
     time_limit: float = TIME_LIMIT
 
 
@@ -57,45 +47,40 @@ def episode_generator(action: str, seed: int, episode: int) -> np.random.Generat
 
 
 def run_task(task: EpisodeTask) -> pd.DataFrame:
-    """Run one episode in a world of its own and give its rows.
+    """Run one episode in a world of its own and return its rows.
 
     Bullet keeps contact caches over replacements of the bodies: in a world used before, an episode with
     a ball differs in the sixth digit. A new world costs 11 ms.
     """
-    situation = task.sample(task.action, task.robot, episode_generator(task.action, task.seed, task.episode))
+    rng = episode_generator(task.action.name, task.seed, task.episode)
+    situation = task.action.sample(task.robot, rng)
     with PioneerSimulation(task.robot) as simulation:
-        episode = run_episode(simulation, task.factory(task.robot), situation, time_limit=task.time_limit)
+        action = task.action.factory(task.robot)
+        episode = run_episode(simulation, action, situation, time_limit=task.time_limit)
     return episode_frame(task.episode, episode)
 
 
 def collect(
-    factories: Mapping[str, ActionFactory],
+    actions: Iterable[ActionSpec],
     robot: Robot,
     *,
     episodes: int,
     seed: int,
     jobs: int = 1,
     backend: str = "loky",
-    sample: Sampler = random_situation,
 ) -> Iterator[pd.DataFrame]:
-    """Yield the rows of episode after episode: `episodes` of each action of `factories`.
+    """Yield the rows of episode after episode: `episodes` of each action.
 
     Parameters
     ----------
-    factories : mapping
-        Classes of actions by their names.
+    actions : iterable of ActionSpec
+        What to execute, and how situations are drawn.
     robot : Robot
         Shape, limits, ball and field.
     episodes, seed : int
         Episodes of each action, and the seed of all of them.
     jobs, backend
         As for `run_tasks`.
-    sample : callable
-        Draws the situations.
     """
-    tasks = [
-        EpisodeTask(name, factory, robot, seed, number, sample)
-        for name, factory in factories.items()
-        for number in range(episodes)
-    ]
+    tasks = [EpisodeTask(action, robot, seed, number) for action in actions for number in range(episodes)]
     yield from run_tasks(run_task, tasks, jobs=jobs, backend=backend)

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import HELD, Episode
-from ator_ros.experience.situations import Situation
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
-from ator_ros.robot import Robot
-from ator_ros.world import BallState, RobotState
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState, RobotState
 
 PAUSE = 0.3  # s without a command to move that separates two drives
 SHORTEST = 0.5  # s that a drive lasts at least

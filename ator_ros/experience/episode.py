@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Point, Status
-from ator_ros.experience.situations import Situation
+from ator_ros.actions.situation import Situation
 from ator_ros.geometry import FloatArray, wrap_angle
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world import STOP, World
+from ator_ros.world.state import STOP, World
 
 TIME_LIMIT = 30.0  # s, as in the chain executor
 TICKS_PER_SAMPLE = 2  # control ticks of 1/20 s, so that samples come at the paper's 10 Hz

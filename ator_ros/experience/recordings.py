@@ -24,7 +24,7 @@ from ator_ros.experience.table import Experience, episode_frame, join, library_v
 from ator_ros.experience.validation import checked_rows
 from ator_ros.files import limited_memory
 from ator_ros.printable import printable
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 
 TOPICS = ("odom", "cmd_vel", "ball")
 RECORDS = "performance/action"

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
-from ator_ros.experience.situations import Situation
 from ator_ros.experience.validation import FARTHEST
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import printable
-from ator_ros.world import BallState, RobotState
+from ator_ros.world.state import BallState, RobotState
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)

@@ -8,7 +8,7 @@ from pathlib import Path
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, join, read_experience
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 
 
 def read_sources(paths: Sequence[Path], robot: Robot, action_set: str | None = None) -> Experience:

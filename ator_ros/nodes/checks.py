@@ -9,7 +9,7 @@ from typing import Any
 
 from ator_ros.geometry import yaw_from_quaternion
 from ator_ros.printable import quoted
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 
 FARTHEST = 1000.0
 """Greatest coordinate in m that is believed of any robot."""

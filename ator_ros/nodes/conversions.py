@@ -25,7 +25,7 @@ from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
-from ator_ros.world import BallState, Command, RobotState, World
+from ator_ros.world.state import BallState, Command, RobotState, World
 
 DEFAULT_ACTION_SET = "default"
 

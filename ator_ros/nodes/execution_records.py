@@ -6,12 +6,12 @@ import dataclasses
 import math
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
+from ator_ros.execution.execution import Execution
+from ator_ros.execution.phases import Ending
+from ator_ros.execution.step_run import ActionRecord
 from ator_ros.nodes.conversions import call_of, chain_of, performance_of, situation_of
-from ator_ros.nodes.execution import Execution
-from ator_ros.nodes.phases import Ending
 from ator_ros.nodes.refinement_answers import chain_performance_of
-from ator_ros.tops.step_run import ActionRecord
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 _BROKEN_OFF = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
 

@@ -15,24 +15,22 @@ from rclpy.node import Node
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.execution.driving import Driving
+from ator_ros.execution.phases import WATCH_PERIOD, Ending, Phase
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.rehearsal import rehearse
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.driving import Driving
 from ator_ros.nodes.executor_settings import PARAMETERS, deadlines_of, fence_of, inputs_of
 from ator_ros.nodes.goal_run import GoalRun, unstarted
-from ator_ros.nodes.inputs import ClockJumpError, StampError
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
-from ator_ros.nodes.parameters import declare_parameters, digest_of, robot_of
-from ator_ros.nodes.phases import WATCH_PERIOD, Ending, Phase
-from ator_ros.nodes.predictions import Predictor
+from ator_ros.nodes.parameters import declare_parameters, digest_of, domain_of, robot_of
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA, SERVICES
-from ator_ros.nodes.rehearsal import rehearse
 from ator_ros.nodes.running import run_node
-from ator_ros.tops.library import TopLibrary
-from ator_ros.world import STOP, Command, World
+from ator_ros.world.inputs import ClockJumpError, StampError
+from ator_ros.world.state import STOP, Command, World
 
 _WARNING_PERIOD = 2.0
 _RESET_PERIOD = 1.0
@@ -69,9 +67,10 @@ class ExecutorNode(Node):
         self._settings = declare_parameters(self, PARAMETERS)
         robot = robot_of(self._settings)
         self._bounds = bounds_of(robot)
-        self._libraries = {name: TopLibrary(robot, name) for name in ACTION_SETS}
+        domain = domain_of(self._settings)
+        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         folder = self._settings["models"]
-        self._models = {name: read_models(self, robot, name, folder) for name in ACTION_SETS}
+        self._models = {name: read_models(self, robot, name, folder) for name in domain.action_sets}
         self._predictors = {
             name: Predictor(robot, read.models, read.calibration) for name, read in self._models.items()
         }

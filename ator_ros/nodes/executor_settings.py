@@ -6,17 +6,18 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from ator_ros.nodes.fence import Fence
-from ator_ros.nodes.inputs import Inputs
-from ator_ros.nodes.parameters import ROBOT, Parameter, SetupError
-from ator_ros.nodes.phases import Deadlines
-from ator_ros.robot import Robot
-from ator_ros.tracking import BallTracker
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.phases import Deadlines
+from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError
+from ator_ros.robot.description import Robot
+from ator_ros.world.inputs import Inputs
+from ator_ros.world.tracking import BallTracker
 
 PARAMETERS = (
     Parameter("frame", "odom", "frame of odom, ball and the goals of chains"),
     Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands"),
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
+    DOMAIN,
     ROBOT,
     Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
     Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),

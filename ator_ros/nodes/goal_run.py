@@ -13,18 +13,18 @@ from rclpy.task import Future
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.execution.execution import Execution
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.phases import Deadlines, Ending, Phase
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.refining import Question, Refining
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
-from ator_ros.nodes.execution import Execution
 from ator_ros.nodes.execution_records import action_record_of, actual, chain_record_of, outcome_of
-from ator_ros.nodes.fence import Fence
-from ator_ros.nodes.phases import Deadlines, Ending, Phase
-from ator_ros.nodes.predictions import Predictor
-from ator_ros.nodes.refining import Question, Refining
 from ator_ros.printable import printable
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 _FEEDBACK_PERIOD = 0.1
 _LONGEST_REASON = 200

@@ -22,7 +22,7 @@ from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.resources import resource_path
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 
 
 @dataclass(frozen=True, slots=True)

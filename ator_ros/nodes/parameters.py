@@ -13,8 +13,9 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
+from ator_ros.domains.domain import DEFAULT, Domain, DomainError, find_domain
 from ator_ros.printable import printable, quoted
-from ator_ros.robot import ConfigError, Robot, load_robot
+from ator_ros.robot.description import ConfigError, Robot, load_robot
 
 
 class SetupError(Exception):
@@ -83,6 +84,23 @@ class Parameter:
 
 
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
+
+
+DOMAIN = Parameter("domain", DEFAULT, "name of the domain: an entry point of the group ator_ros.domains")
+
+
+def domain_of(settings: Mapping[str, Any]) -> Domain:
+    """Return the domain that the parameter `DOMAIN` names.
+
+    Raises
+    ------
+    SetupError
+        There is none of that name, or it cannot be used.
+    """
+    try:
+        return find_domain(settings[DOMAIN.name])
+    except DomainError as error:
+        raise SetupError(str(error)) from error
 
 
 def robot_of(settings: Mapping[str, Any]) -> Robot:

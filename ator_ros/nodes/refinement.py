@@ -11,17 +11,24 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.execution.rehearsal import rehearse_refinement
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
 from ator_ros.nodes.pacing import Outbox, Pace
-from ator_ros.nodes.parameters import ROBOT, Parameter, declare_parameters, digest_of, robot_of
+from ator_ros.nodes.parameters import (
+    DOMAIN,
+    ROBOT,
+    Parameter,
+    declare_parameters,
+    digest_of,
+    domain_of,
+    robot_of,
+)
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
-from ator_ros.nodes.rehearsal import rehearse_refinement
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
 from ator_ros.performance.model_file import model_path
@@ -31,11 +38,12 @@ from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 
 PARAMETERS = (
     Parameter("frame", "odom", "frame that situations and goals must be given in"),
+    DOMAIN,
     ROBOT,
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
@@ -76,8 +84,9 @@ class RefinementNode(Node):
         self._libraries: dict[str, TopLibrary] = {}
         self._models: dict[str, ModelSet] = {}
         robot = robot_of(self._settings)
-        for action_set in ACTION_SETS:
-            self._load(robot, action_set)
+        domain = domain_of(self._settings)
+        for name in domain.action_sets:
+            self._load(robot, domain.library(robot, name))
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
@@ -95,14 +104,15 @@ class RefinementNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(f"refining chains of the action sets {', '.join(self._refiners) or '(none)'}")
 
-    def _load(self, robot: Robot, action_set: str) -> None:
+    def _load(self, robot: Robot, library: TopLibrary) -> None:
         """Read models and gate of one action set; without models its chains are refused, with the reason."""
-        self._libraries[action_set] = TopLibrary(robot, action_set)
+        action_set = library.action_set
+        self._libraries[action_set] = library
         self._models[action_set] = read = read_models(self, robot, action_set, self._settings["models"])
         if read.models:
             gate = self._load_gate(read.folder / model_path("gate", action_set), action_set)
             self._refiners[action_set] = Refiner(robot, read.models, gate, calibration=read.calibration)
-            rehearse_refinement(self._libraries[action_set], self._refiners[action_set])
+            rehearse_refinement(library, self._refiners[action_set])
 
     def _load_gate(self, file: Path, action_set: str) -> Gate | None:
         """Read the gate of an action set; without one, refinement goes by the predicted gain alone."""

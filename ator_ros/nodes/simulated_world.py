@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from ator_ros.geometry import Pose
 from ator_ros.nodes import checks
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.simulation.base_controller import COMMAND_TIMEOUT
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.simulation.sensors import Sensors
-from ator_ros.world import STOP, Command, RobotState, World
+from ator_ros.world.state import STOP, Command, RobotState, World
 
 _STANDING_V, _STANDING_W = 0.02, 0.05
 

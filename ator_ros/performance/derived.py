@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.motion.durations import drive_time, rates_of, turn_time
+from ator_ros.motion.families import Family, approach_family, dribble_family, drive_family, shot_family
+from ator_ros.motion.ideal_times import Motions, fastest_motions
 from ator_ros.performance.direct import Direct, direct_arrays
-from ator_ros.performance.durations import drive_time, rates_of, turn_time
-from ator_ros.performance.families import Family, approach_family, dribble_family, drive_family, shot_family
-from ator_ros.performance.ideal_times import Motions, fastest_motions
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 
 # The ideal shots, nine of them; the action itself chooses among more: m before the goal at which the ball is
 # let go, and where into the goal's mouth, in shares of its width from the middle, in which direction (rad).

@@ -9,7 +9,7 @@ import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import FloatArray
-from ator_ros.world import RobotState
+from ator_ros.world.state import RobotState
 
 DIRECT_VARIABLES: dict[str, str] = {
     "x": "m",

@@ -14,7 +14,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 
 Mirror = Literal["even", "odd"]
 

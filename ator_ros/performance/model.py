@@ -13,9 +13,9 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.performance.features import FEATURES, derived_from, table_of
-from ator_ros.performance.rules import RuleWriter
-from ator_ros.performance.tree import ModelTree
-from ator_ros.robot import Robot
+from ator_ros.performance.tree.nodes import ModelTree
+from ator_ros.performance.tree.rules import RuleWriter
+from ator_ros.robot.description import Robot
 
 MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "heading": "rad"}
 """What is predicted, with units: time to the end, probability of success, and the errors at the end."""

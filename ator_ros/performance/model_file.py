@@ -12,9 +12,9 @@ from typing import Any
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
 from ator_ros.performance.features import FEATURES
 from ator_ros.performance.model import MEASURES, PerformanceModel
-from ator_ros.performance.tree_storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
+from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
 from ator_ros.resources import resource_path
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 
 FORMAT = "ator_ros performance model"
 SCHEMA_VERSION = 1

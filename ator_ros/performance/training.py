@@ -10,21 +10,14 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import IDEAL, PAPER_3, SHOT, SIGNED, feature_table, names_of
+from ator_ros.performance.features import IDEAL, PAPER_3, SIGNED, feature_table, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
-from ator_ros.performance.model_tree import ModelTreeRegressor
-from ator_ros.performance.tree import ModelTree
-from ator_ros.robot import Robot
+from ator_ros.performance.tree.model_tree import ModelTreeRegressor
+from ator_ros.performance.tree.nodes import ModelTree
+from ator_ros.robot.description import Robot
 
-GENERAL = (*names_of(PAPER_3), *names_of(SIGNED))
-DRIVING = (*names_of(PAPER_3), "drive_time", "drive_turn", "v", "w_by_turn", "speedg", "hold")
-DRIBBLING = (*(name for name in GENERAL if name != "hold"), "dribble_time", "dribble_turn")
-CHOSEN: dict[str, tuple[str, ...]] = {
-    "goToPose": DRIVING,
-    "dribbleBall": DRIBBLING,
-    "shoot": (*names_of(SHOT), "v"),
-}
-"""Candidate features of each action, of which its model tree selects; chosen by `train --ablation`."""
+CANDIDATES = (*names_of(PAPER_3), *names_of(SIGNED), *names_of(IDEAL))
+"""Features that any action's model tree can select from; see `ActionSpec.features`."""
 
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
@@ -51,17 +44,12 @@ class Training:
     later_weight: float = 0.0
 
 
-def candidate_features(action: str) -> tuple[str, ...]:
-    """Return the names of the candidate features of `action`; all general ones for an unknown action."""
-    return CHOSEN.get(action, (*GENERAL, *names_of(IDEAL)))
-
-
 def train(
     action: str,
     rows: pd.DataFrame,
     robot: Robot,
     *,
-    features: Sequence[str] | None = None,
+    features: Sequence[str] = CANDIDATES,
     training: Training | None = None,
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
@@ -77,7 +65,7 @@ def train(
         Its rows of an experience table.
     robot : Robot
         The robot of the experience.
-    features : sequence of str, optional
+    features : sequence of str
         Candidate features.
     training : Training, optional
         Weights.
@@ -87,7 +75,7 @@ def train(
     TrainingError
         Too few episodes have succeeded.
     """
-    names = tuple(features) if features is not None else candidate_features(action)
+    names = tuple(features)
     how = training or Training()
     starts = rows[rows["t"] == 0.0]
     good, good_starts = rows[rows["success"]], starts[starts["success"]]

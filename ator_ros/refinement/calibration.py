@@ -3,7 +3,7 @@
 The models are learned from random starts. A chain that was chosen for its prediction is no random one: the
 search finds the situations in which the models predict too little, mostly those in which a leaf's linear
 model undercuts the time that is possible at the robot's limits. By how much actions of executed chains took
-longer than predicted is therefore learned by itself (`ator_ros.experiments.calibration_learning`), and added
+longer than predicted is therefore learned by itself (`ator_ros.evaluation.calibration_learning`), and added
 to what is reported. Which chain is best, and whether the gate lets it pass, is decided without it.
 """
 
@@ -24,9 +24,9 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.projection import Columns, chain_situations
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 IDEAL_TIMES = ("drive_time", "dribble_time", "shot_time")
 """Features that are the time in s of an action's ideal motion."""

@@ -15,9 +15,9 @@ from ator_ros.refinement.free_variables import FreeVariable, PerformanceModel
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.projection import columns_after, direct_columns, goal_columns, start_columns
 from ator_ros.refinement.slices import Slices, completed
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 Memory = dict[tuple[Any, ...], Any]
 

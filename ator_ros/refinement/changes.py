@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ator_ros.refinement.free_variables import DOMAINS, goal_values
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 

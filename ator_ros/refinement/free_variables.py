@@ -15,10 +15,12 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.experience.situations import ARRIVAL_SPEED
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+
+ARRIVAL_SPEED = 0.8
+"""Greatest arrival speed in m/s that is searched, and that situations to learn from are drawn with."""
 
 
 class PerformanceModel(Protocol):
@@ -62,7 +64,6 @@ class Domain:
 
 def _speed_domain(robot: Robot, goal: Goal) -> Domain:
     limits = robot.dribble_limits if goal.point is Point.HOLD else robot.limits
-    # No model knows faster arrivals than experience has.
     return Domain(0.0, min(limits.v, ARRIVAL_SPEED), 6, rest=0.0)
 
 

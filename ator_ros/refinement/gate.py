@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol
 from ator_ros.geometry import wrap_angle
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import TopChain
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 #: What a gate decides from, with units.
 FEATURES: Mapping[str, str] = {

@@ -14,9 +14,9 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.free_variables import goal_values, goal_variable
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 Columns = dict[str, float | FloatArray]
 

@@ -30,9 +30,9 @@ from ator_ros.refinement.gate import Gate, OpenGate, gate_features
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Optimum, searching
 from ator_ros.refinement.slices import Slices, completed
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 LONGEST_CHAIN = 32
 """Chains of more actions are refused, so that one request cannot occupy a node for long."""

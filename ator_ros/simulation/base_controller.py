@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from ator_ros.ramp import clip, ramped
-from ator_ros.robot import Robot
-from ator_ros.world import STOP, Command
+from ator_ros.robot.description import Robot
+from ator_ros.robot.ramp import clip, ramped
+from ator_ros.world.state import STOP, Command
 
 COMMAND_TIMEOUT = 0.15
 """Time in s that a command holds: three ticks."""

@@ -9,8 +9,8 @@ from string import Template
 import pybullet as p
 
 from ator_ros.resources import resource_path
-from ator_ros.robot import Ball, Robot
-from ator_ros.world import Field
+from ator_ros.robot.description import Ball, Robot
+from ator_ros.world.state import Field
 
 GRAVITY = 9.81
 WHEEL_MASS = 0.4

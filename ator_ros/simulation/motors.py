@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pybullet as p
 
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 
 _STANDING = 0.05  # rad/s of a wheel
 _HOLDING_GAIN = 0.1

@@ -8,7 +8,7 @@ from types import TracebackType
 import pybullet as p
 
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.simulation.base_controller import BaseController
 from ator_ros.simulation.bodies import (
     GRAVITY,
@@ -19,7 +19,7 @@ from ator_ros.simulation.bodies import (
     set_ball_dynamics,
 )
 from ator_ros.simulation.motors import Motors
-from ator_ros.world import BallState, Command, RobotState, World
+from ator_ros.world.state import BallState, Command, RobotState, World
 
 PHYSICS_RATE = 240
 CONTROL_RATE = 20

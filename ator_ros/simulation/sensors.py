@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.geometry import Pose
-from ator_ros.world import BallState, World
+from ator_ros.world.state import BallState, World
 
 _TELEPORT = 0.3
 

@@ -6,9 +6,9 @@ import os
 import statistics
 import time
 
-from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.collect import collect
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 ACTIONS = ("goToPose", "dribbleBall")
 SEED = 803
@@ -59,8 +59,8 @@ def measure(blocks: int = 3, episodes: int = 60) -> dict[str, dict[str, float]]:
 
 def _seconds(episodes: int, divisor: int, workers: int, seed: int) -> float:
     """Return the wall time in s that `episodes` of each action take, divided by `divisor`."""
-    factories = {name: ACTION_SETS["default"][name] for name in ACTIONS}
+    actions = [SOCCER.actions()[name] for name in ACTIONS]
     began = time.perf_counter()
-    for _ in collect(factories, load_robot(), episodes=episodes, seed=seed, jobs=workers):
+    for _ in collect(actions, load_robot(), episodes=episodes, seed=seed, jobs=workers):
         pass
     return (time.perf_counter() - began) / divisor

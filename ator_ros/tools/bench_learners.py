@@ -15,13 +15,14 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegressor
 from sklearn.tree import DecisionTreeRegressor
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import PAPER_11, feature_table, names_of
-from ator_ros.performance.model_tree import ModelTreeRegressor
-from ator_ros.performance.training import candidate_features, direct_of
-from ator_ros.robot import load_robot
+from ator_ros.performance.training import direct_of
+from ator_ros.performance.tree.model_tree import ModelTreeRegressor
+from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, peers
 from ator_ros.tools.peer_program import measure as measured
 from ator_ros.tools.peer_program import predict_ms
@@ -66,7 +67,10 @@ def measure(tables: Mapping[str, Path], environment: Path = Path(".venv-peers"))
     cases: dict[str, Row] = {}
     experience, fresh = (_table(tables[kind], SEEDS[kind]) for kind in SEEDS)
     for action in ACTIONS:
-        for names, kind in ((names_of(PAPER_11), "of the paper"), (candidate_features(action), "shipped")):
+        for names, kind in (
+            (names_of(PAPER_11), "of the paper"),
+            (SOCCER.candidates(action), "shipped"),
+        ):
             subject = f"{action}, {len(names)} features {kind}"
             print(f"bench: learners: {subject}", flush=True)
             X, y, groups = _rows(experience, action, names)

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
-from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.ramp import ramped
-from ator_ros.robot import Robot, load_robot
-from ator_ros.world import BallState, Command, RobotState, World
+from ator_ros.robot.description import Robot, load_robot
+from ator_ros.robot.ramp import ramped
+from ator_ros.world.state import BallState, Command, RobotState, World
 
 LIMIT_MS = 40.0
 _TICKS = 40
@@ -23,12 +23,13 @@ _PERIOD = 0.05
 def measure(situations: int = 120) -> dict[str, dict[str, float]]:
     """Measure the longest tick of each action set: processor time in ms over the first two seconds."""
     robot, results = load_robot(), {}
-    for name, actions in ACTION_SETS.items():
+    for name in SOCCER.action_sets:
+        actions = SOCCER.actions(name)
         longest = []
         for action, world, goal in hard_situations(robot, 8, seed=16):  # as nodes do before they are ready
-            tick_times(actions[action](robot), world, goal)
+            tick_times(actions[action].factory(robot), world, goal)
         for action, world, goal in hard_situations(robot, situations, seed=17):
-            longest.append(max(tick_times(actions[action](robot), world, goal)))
+            longest.append(max(tick_times(actions[action].factory(robot), world, goal)))
         results[f"longest executor tick, {name}"] = {
             "median_of_longest_ms": round(1000.0 * float(np.median(longest)), 1),
             "longest_ms": round(1000.0 * max(longest), 1),

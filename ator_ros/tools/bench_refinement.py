@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ator_ros.experiments.toolset import ToolsetSource, make_library, make_toolset
-from ator_ros.experiments.trials import Trial, open_speeds, random_trial
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.refinement.refiner import Refiner
 
 SEED = 801
@@ -38,7 +38,10 @@ def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]
     library = make_library(tools.robot, source)
     refiner = tools.refiner(gated=True)
     trials = {
-        kind: [random_trial(SEED, index, kind, tools.robot, library) for index in range(requests + WARM_UP)]
+        kind: [
+            random_trial(tools.domain, kind, library, seed=SEED, index=index)
+            for index in range(requests + WARM_UP)
+        ]
         for kind in {kind for kind, _ in CASES.values()}
     }
     naive = {

@@ -9,9 +9,9 @@ from collections.abc import Callable
 import pybullet as p
 
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import CONTROL_RATE, RAMPS_PER_TICK, PioneerSimulation
-from ator_ros.world import Command
+from ator_ros.world.state import Command
 
 LIMITS_TIMES_REAL_TIME = {"with ball contact": 100.0, "without a ball": 150.0}
 LIMIT_OVER_BARE = 1.3

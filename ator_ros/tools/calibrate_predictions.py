@@ -8,19 +8,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ator_ros.experiments.calibration_learning import (
+from ator_ros.evaluation.calibration_learning import (
     POLICIES,
     StepExample,
     cross_validated,
     fit_calibration,
     step_examples,
 )
-from ator_ros.experiments.errors import EvaluationError
-from ator_ros.experiments.prediction_report import prediction_report
-from ator_ros.experiments.storage import RESULT, read_result, to_records
-from ator_ros.experiments.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.storage import RESULT, read_result, to_records
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.files import portable_command, write_text
 from ator_ros.refinement.calibration_file import CALIBRATION, save_calibration
+from ator_ros.report.prediction_report import prediction_report
 from ator_ros.tools.command_line import destination, guarded
 
 
@@ -63,7 +63,7 @@ def _learn(options: argparse.Namespace, command: str) -> int:
     sets = {result["settings"]["source"]["action_set"] for _, result in results}
     if len(sets) != 1:
         raise EvaluationError(f"expected evaluations of one action set, got {', '.join(sorted(sets))}")
-    source = ToolsetSource(sets.pop(), options.models)
+    source = ToolsetSource(action_set=sets.pop(), models=options.models)
     tools = make_toolset(source)
     library = make_library(tools.robot, source)
     examples: list[StepExample] = []

@@ -11,10 +11,9 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
-from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.collect import collect
 from ator_ros.experience.parallel import BackendError, cluster
-from ator_ros.experience.situations import SITUATIONS
 from ator_ros.experience.table import (
     Experience,
     join,
@@ -23,7 +22,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import portable_command, reserved
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import (
     INTERRUPTED,
     add_parallel_options,
@@ -40,8 +39,10 @@ _EPISODE_BYTES = 10_000
 def arguments() -> argparse.ArgumentParser:
     """Return the command line of `collect`."""
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
-    parser.add_argument("--actions", nargs="+", choices=list(SITUATIONS), default=list(SITUATIONS))
-    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument(
+        "--actions", nargs="+", choices=list(SOCCER.actions()), default=list(SOCCER.actions())
+    )
+    parser.add_argument("--action-set", choices=list(SOCCER.action_sets), default="default")
     parser.add_argument("--episodes", type=whole(1), default=1000, help="per action (default: %(default)s)")
     parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
     add_parallel_options(parser)
@@ -68,21 +69,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _collect(options: argparse.Namespace, command: str) -> int:
     require_pyarrow()
     robot = load_robot(options.robot)
-    actions = ACTION_SETS[options.action_set]
-    factories = {name: actions[name] for name in options.actions}
+    actions = [SOCCER.actions(options.action_set)[name] for name in options.actions]
     frames: list[pd.DataFrame] = []
     stopped: BaseException | None = None
-    room = _EPISODE_BYTES * options.episodes * len(factories)
+    room = _EPISODE_BYTES * options.episodes * len(actions)
     with reserved(options.out.absolute().parent, room), cluster(options.cluster):
         episodes = collect(
-            factories,
+            actions,
             robot,
             episodes=options.episodes,
             seed=options.seed,
             jobs=options.jobs,
             backend=options.backend,
         )
-        bar = tqdm(episodes, total=options.episodes * len(factories), unit="episode", disable=None)
+        bar = tqdm(episodes, total=options.episodes * len(actions), unit="episode", disable=None)
         try:
             frames.extend(bar)
         except (KeyboardInterrupt, BackendError) as error:

@@ -15,16 +15,16 @@ from typing import Any
 
 from tqdm import tqdm
 
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.running import run_situations
+from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
-from ator_ros.experiments.errors import EvaluationError
-from ator_ros.experiments.evaluation import Record, Settings
-from ator_ros.experiments.running import run_situations
 from ator_ros.files import reserved
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.performance.training import TrainingError
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.robot import ConfigError
+from ator_ros.robot.description import ConfigError
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""

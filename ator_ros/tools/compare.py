@@ -13,18 +13,18 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.chain_run import TIME_LIMIT, run_chain
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.statistics import OURS, prediction_errors
+from ator_ros.evaluation.toolset import ToolsetSource, make_toolset
+from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.experience.table import library_versions
-from ator_ros.experiments.execution import TIME_LIMIT, run_chain
-from ator_ros.experiments.policies import POLICIES
-from ator_ros.experiments.statistics import OURS, prediction_errors
-from ator_ros.experiments.toolset import ToolsetSource, make_toolset
-from ator_ros.experiments.trials import CHAINS, Trial, random_trial
 from ator_ros.files import portable_command, write_text
 from ator_ros.nodes.machine import MachineError
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import INTERRUPTED, destination, whole
 from ator_ros.tools.processes import NodeEndedError, all_nodes
-from ator_ros.tops.library import TopLibrary
 
 LIMIT_PERCENT = 2.0
 """How far the mean durations may be apart."""
@@ -37,7 +37,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--situations", type=whole(1), default=50, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=941, help="of the situations (default: %(default)s)")
     parser.add_argument(
-        "--chains", nargs="+", choices=list(CHAINS), default=["dribble"], help="taken in turn"
+        "--chains", nargs="+", choices=list(SOCCER.chains), default=["dribble"], help="taken in turn"
     )
     parser.add_argument(
         "--policies", nargs="+", choices=("naive", *OURS), default=["gated"], help="taken in turn"
@@ -137,12 +137,12 @@ def _runs(options: argparse.Namespace) -> Iterator[Compared]:
     from ator_ros.tools.demo_client import DemoClient
 
     robot = load_robot()
-    library, tools = TopLibrary(robot), make_toolset(ToolsetSource())
+    library, tools = SOCCER.library(robot), make_toolset(ToolsetSource())
     kinds = itertools.cycle(itertools.product(options.chains, options.policies))
     with all_nodes(options.real_time_factor) as nodes, DemoClient(nodes.domain, nodes.check) as client:
         client.ready()
         for index, (name, policy) in zip(range(options.situations), kinds, strict=False):
-            trial = random_trial(options.seed, index, name, robot, library)
+            trial = random_trial(SOCCER, name, library, seed=options.seed, index=index)
             chain = POLICIES[policy](tools, trial).chain
             run = run_chain(robot, library, trial.world, chain)
             ros, predicted = _over_ros(client, Trial(index, trial.world, chain))

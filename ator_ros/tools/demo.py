@@ -8,13 +8,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ator_ros.experiments.trials import Trial, open_speeds, random_trial
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.nodes.machine import MachineError
-from ator_ros.robot import Robot, load_robot
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tools.command_line import INTERRUPTED, destination, whole, write_plainly
 from ator_ros.tools.demo_report import DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, all_nodes
-from ator_ros.tops.library import TopLibrary
 
 _FRAME = "odom"
 _LONGEST_DEMO = 200
@@ -72,13 +72,13 @@ def _play(options: argparse.Namespace, robot: Robot) -> Iterator[DemoSituation]:
     """Start the nodes and play the situations one by one."""
     from ator_ros.tools.demo_client import DemoClient
 
-    library = TopLibrary(robot)
+    library = SOCCER.library(robot)
     with all_nodes(options.real_time_factor, models=options.models) as nodes:
         print(f"three nodes start on ROS domain {nodes.domain} …", flush=True)
         with DemoClient(nodes.domain, nodes.check) as client:
             client.ready()
             for index in range(options.situations):
-                trial = random_trial(options.seed, index, "shoot", robot, library)
+                trial = random_trial(SOCCER, "shoot", library, seed=options.seed, index=index)
                 yield _both(client, trial, f"situation {index + 1} of {options.situations}")
 
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.experiments.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure
 from ator_ros.files import replaced
-from ator_ros.robot import Robot
+from ator_ros.report.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure
+from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 _COLUMNS = 3
 

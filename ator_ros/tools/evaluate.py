@@ -7,16 +7,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experiments.errors import EvaluationError
-from ator_ros.experiments.evaluation import Settings
-from ator_ros.experiments.policies import POLICIES
-from ator_ros.experiments.report import write_report
-from ator_ros.experiments.running import RESUMES, describe, prediction_text, table_text
-from ator_ros.experiments.storage import PartialResults, write_result
-from ator_ros.experiments.toolset import ToolsetSource, available_policies, make_toolset
-from ator_ros.experiments.trials import CHAINS
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.running import RESUMES, describe, prediction_text, table_text
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.storage import PartialResults, write_result
+from ator_ros.evaluation.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.files import portable_command
+from ator_ros.report.evaluation_page import write_report
 from ator_ros.tools.command_line import add_parallel_options, executed, guarded, whole
 
 
@@ -43,8 +42,8 @@ def arguments() -> argparse.ArgumentParser:
         help="leave out what is predicted to take S s longer than the best (default: execute all)",
     )
     parser.add_argument("--out", type=Path, default=Path("evaluation"), metavar="DIR")
-    parser.add_argument("--chain", choices=list(CHAINS), default="dribble")
-    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument("--chain", choices=list(SOCCER.chains), default="dribble")
+    parser.add_argument("--action-set", choices=list(SOCCER.action_sets), default="default")
     parser.add_argument("--policies", nargs="+", choices=list(POLICIES), help="default: all that can be run")
     parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")
     parser.add_argument(
@@ -69,7 +68,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _evaluate(options: argparse.Namespace, command: str) -> int:
     if options.situations < 1:
         raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
-    source = ToolsetSource(options.action_set, options.models, tuple(options.experience))
+    source = ToolsetSource(
+        action_set=options.action_set, models=options.models, experience=tuple(options.experience)
+    )
     tools = make_toolset(source)  # before anything is executed: a damaged file shall be told at once
     policies, missing = available_policies(source)
     for name, why in missing.items():

@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.experiments.evaluation import Settings
-from ator_ros.experiments.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
-from ator_ros.experiments.heuristics import save_baselines
-from ator_ros.experiments.running import RESUMES
-from ator_ros.experiments.toolset import BASELINES, GATE, ToolsetSource, read_rows
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
+from ator_ros.evaluation.heuristics import save_baselines
+from ator_ros.evaluation.running import RESUMES
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, read_rows
 from ator_ros.files import portable_command, reserved
 from ator_ros.refinement.gate_file import save_gate
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import add_parallel_options, executed, guarded, whole
 
 _GATE_BYTES = 100_000
@@ -28,7 +28,7 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="gate", description=__doc__)
     parser.add_argument("--situations", type=whole(10), default=400, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=301, help="of the situations (default: %(default)s)")
-    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument("--action-set", choices=list(SOCCER.action_sets), default="default")
     parser.add_argument(
         "--models", default="", metavar="DIR", help="folder of the models (default: as shipped)"
     )
@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _learn(options: argparse.Namespace, command: str) -> int:
-    source = ToolsetSource(options.action_set, options.models)
+    source = ToolsetSource(action_set=options.action_set, models=options.models)
     if options.experience is not None:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, policies=POLICIES, source=source)

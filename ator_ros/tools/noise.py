@@ -12,14 +12,13 @@ from typing import Any
 
 from tqdm import tqdm
 
-from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.noise import CONDITIONS, POINTS, TRUTH, NoiseTask, execute, summarise
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.experience.parallel import run_tasks
-from ator_ros.experiments.noise import CONDITIONS, POINTS, TRUTH, NoiseTask, execute, summarise
-from ator_ros.experiments.policies import POLICIES
-from ator_ros.experiments.toolset import ToolsetSource
-from ator_ros.experiments.trials import CHAINS
 from ator_ros.files import portable_command, write_text
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.simulation.sensors import REALISTIC
 from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
 
@@ -31,13 +30,13 @@ def arguments() -> argparse.ArgumentParser:
         "--situations", type=whole(1), default=200, help="for each chain (default: %(default)s)"
     )
     parser.add_argument("--seed", type=whole(), default=911)
-    parser.add_argument("--chains", nargs="+", choices=list(CHAINS), default=list(CHAINS))
+    parser.add_argument("--chains", nargs="+", choices=list(SOCCER.chains), default=list(SOCCER.chains))
     parser.add_argument("--policy", choices=list(POLICIES), default="refined")
     parser.add_argument(
         "--conditions", nargs="+", choices=list(CONDITIONS), default=list(CONDITIONS), metavar="NAME",
         help=f"of {', '.join(map(repr, CONDITIONS))}; the truth is always among them",
     )  # fmt: skip
-    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument("--action-set", choices=list(SOCCER.action_sets), default="default")
     parser.add_argument("--models", default="", help="folder of the models (default: the shipped ones)")
     add_jobs(parser)
     parser.add_argument("--out", type=destination, default=Path("docs/robustness_noise.json"))
@@ -70,7 +69,7 @@ def _noise(options: argparse.Namespace, command: str) -> int:
 
 
 def _measure(chain: str, options: argparse.Namespace) -> list[dict[str, Any]]:
-    source = ToolsetSource(options.action_set, options.models)
+    source = ToolsetSource(action_set=options.action_set, models=options.models)
     conditions = (TRUTH, *(name for name in options.conditions if name != TRUTH))
     work = [
         NoiseTask(options.seed, index, chain, options.policy, conditions, source)

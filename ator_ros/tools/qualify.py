@@ -11,13 +11,13 @@ from typing import Any
 
 from tqdm import tqdm
 
-from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.action_quality import KINDS, Outcome, Task, execute, regularity, summary, tasks
+from ator_ros.evaluation.ruler import over_time_optimal
 from ator_ros.experience.parallel import run_tasks
-from ator_ros.experiments.action_quality import KINDS, Outcome, Task, execute, regularity, summary, tasks
-from ator_ros.experiments.action_slices import draw_slices
-from ator_ros.experiments.ruler import over_time_optimal
 from ator_ros.files import portable_command, write_text
-from ator_ros.robot import load_robot
+from ator_ros.report.action_slices import draw_slices
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
 
 RULED = ("pose", "approach", "dribble")
@@ -36,7 +36,7 @@ def arguments() -> argparse.ArgumentParser:
         "--pairs", type=whole(), default=200, help="of them compared with the time-optimal motion"
     )
     parser.add_argument("--seed", type=whole(), default=901)
-    parser.add_argument("--action-set", choices=list(ACTION_SETS), default="default")
+    parser.add_argument("--action-set", choices=list(SOCCER.action_sets), default="default")
     add_jobs(parser)
     parser.add_argument("--out", type=destination, default=Path("docs/actions.json"))
     parser.add_argument(

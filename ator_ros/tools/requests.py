@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.base import Goal
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes import conversions
 from ator_ros.refinement.refiner import LONGEST_CHAIN
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
-from ator_ros.tops.library import TopLibrary
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
 
 _FRAME = "odom"
 
 
 def worst_request() -> RefineSubgoal.Request:
     """Return a request for everything that may be free in the longest chain."""
-    library = TopLibrary(load_robot())
+    library = SOCCER.library(load_robot())
     tops = [library[top] for top in ["goToBall", "dribbleBall"] * (LONGEST_CHAIN // 2)]
     places = [Pose(0.1 * ((step + 1) // 2), 0.0, 0.3) for step in range(LONGEST_CHAIN)]
     calls = [

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ator_ros.experiments.trials import random_trial
-from ator_ros.robot import Robot, load_robot
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tools.processes import NodeProcesses, all_nodes
 from ator_ros.tools.soak_report import NODES, Soak, sample
-from ator_ros.tops.library import TopLibrary
 
 if TYPE_CHECKING:
     from ator_ros.tools.soak_client import SoakClient
@@ -53,7 +53,7 @@ class Run:
         self._duration, self._seed, self._nodes, self._client = duration, seed, nodes, client
         self._write = write
         self._robot: Robot = load_robot()
-        self._library = TopLibrary(self._robot)
+        self._library = SOCCER.library(self._robot)
         self.soak = Soak()
 
     def go(self) -> None:
@@ -93,7 +93,7 @@ class Run:
     def _chain(self, index: int, *, counts: bool) -> None:
         from ator_ros.nodes.conversions import chain_of
 
-        trial = random_trial(self._seed, index, "dribble", self._robot, self._library)
+        trial = random_trial(SOCCER, "dribble", self._library, seed=self._seed, index=index)
         self._client.place(trial.world)
         self._client.take_answers()
         before, began = self._cpu(), time.monotonic()

@@ -12,18 +12,19 @@ from typing import Any
 
 import pandas as pd
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
 from ator_ros.experience.validation import FARTHEST
-from ator_ros.experiments.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.files import portable_command, reserved, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
 from ator_ros.performance.training import TrainingError, digest, train
+from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.resources import resource_path
-from ator_ros.robot import Robot, load_robot
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tools.command_line import destination, guarded
 
 _MODELS_BYTES = 1_000_000
@@ -109,7 +110,7 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
     for action, examples in by_action.items():
         # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
         try:
-            model = train(action, examples, robot)
+            model = train(action, examples, robot, features=SOCCER.candidates(action, source["action_set"]))
         except TrainingError as error:
             errors.append(str(error))
             continue

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.state import goal_variables, state_of
 from ator_ros.tops.top import Top
-from ator_ros.world import World
+from ator_ros.world.state import World
 
 _AT_HOLD = frozenset({("hold.x", "ball.x"), ("hold.y", "ball.y")})
 _AT_FRONT = frozenset({("ball.x", "hold.x"), ("ball.y", "hold.y")})

@@ -6,10 +6,10 @@ import dataclasses
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal
-from ator_ros.robot import Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.state import arrived, goal_variables, state_of
 from ator_ros.tops.top import Top
-from ator_ros.world import BallState, World
+from ator_ros.world.state import BallState, World
 
 EVERYTHING = "*"
 """Among the opened goal variables: all but those that say what the step is for."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from ator_ros.actions.base import Action
-from ator_ros.actions.catalogue import ACTION_SETS
-from ator_ros.robot import Robot
-from ator_ros.tops.top import TOPS, Top
+from ator_ros.robot.description import Robot
+from ator_ros.tops.top import Top
 
 
 class TopLibrary(Mapping[str, Top]):
@@ -18,31 +17,29 @@ class TopLibrary(Mapping[str, Top]):
     robot : Robot
         The robot that executes.
     action_set : str
-        Which set of actions: "default", or the paper's "bezier".
-    tops : iterable of Top, optional
-        The TOPs on offer; by default goToPose, goToBall, dribbleBall and shoot.
-    actions : mapping, optional
-        Further action classes by name, for TOPs from outside.
+        Name of the set of actions.
+    tops : iterable of Top
+        The TOPs on offer.
+    actions : mapping
+        Makers of the actions by name, each called with the robot.
 
     Raises
     ------
     KeyError
-        The action set is unknown, or a TOP names an action that the set lacks.
+        A TOP names an action that the set lacks.
     """
 
     def __init__(
         self,
         robot: Robot,
-        action_set: str = "default",
+        action_set: str,
         *,
-        tops: Iterable[Top] = TOPS,
-        actions: Mapping[str, type[Action]] | None = None,
+        tops: Iterable[Top],
+        actions: Mapping[str, Callable[[Robot], Action]],
     ) -> None:
-        if action_set not in ACTION_SETS:
-            raise KeyError(f"action set: expected one of {sorted(ACTION_SETS)}, got {action_set!r}")
         self.robot = robot
         self.action_set = action_set
-        self._actions = {**ACTION_SETS[action_set], **(actions or {})}
+        self._actions = dict(actions)
         self._tops = {top.name: top for top in tops}
         missing = sorted({top.action for top in self._tops.values()} - set(self._actions))
         if missing:

@@ -6,8 +6,8 @@ import dataclasses
 from collections.abc import Mapping
 
 from ator_ros.actions.base import Goal
-from ator_ros.robot import Robot
-from ator_ros.world import RobotState, World
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import RobotState, World
 
 State = Mapping[str, float]
 

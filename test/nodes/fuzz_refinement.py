@@ -19,6 +19,7 @@ from pathlib import Path
 
 from ator_interfaces.msg import TopCall
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
 from ator_ros.nodes import conversions
@@ -30,7 +31,7 @@ from ator_ros.refinement.changes import allowed_changes
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
 
@@ -138,7 +139,7 @@ def kind_of(error: str) -> str:
 
 def fuzz(requests: int, seed: int, refiner: Refiner) -> Counter[str]:
     """Serve generated requests and count the outcomes."""
-    library = TopLibrary(refiner.robot)
+    library = SOCCER.library(refiner.robot)
     generator = Generator(seed, list(library), bounds_of(refiner.robot))
     counts: Counter[str] = Counter()
     for number in range(requests):

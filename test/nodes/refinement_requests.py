@@ -13,7 +13,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 
 def save_small_models(folder: Path) -> None:

@@ -18,7 +18,7 @@ from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import ball_from, pose_of, robot_from, seconds_from
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
-from ator_ros.world import BallState, RobotState
+from ator_ros.world.state import BallState, RobotState
 
 RETRY = 8.0
 """Real seconds after which an unanswered request is sent again."""

@@ -21,7 +21,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import ball_odometry_of, odometry_of
 from ator_ros.nodes.network import PROFILES
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
-from ator_ros.world import BallState, RobotState
+from ator_ros.world.state import BallState, RobotState
 
 pytestmark = pytest.mark.node
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.experiments.trials import random_trial
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes.conversions import chain_of, situation_of
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tools.bench_service import YARDSTICKS
-from ator_ros.tops.library import TopLibrary
 
 
 def request(index: int) -> RefineSubgoal.Request:
     robot = load_robot()
-    trial = random_trial(802, index, "dribble", robot, TopLibrary(robot))
+    trial = random_trial(SOCCER, "dribble", SOCCER.library(robot), seed=802, index=index)
     return RefineSubgoal.Request(
         situation=situation_of(trial.world, frame="odom"),
         chain=chain_of(trial.chain, action_set="", frame="odom"),

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 
 from ator_interfaces.msg import Objective, Situation, TopCall, TopChain
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError, bounds_of
-from ator_ros.robot import load_robot
-from ator_ros.tops.library import TopLibrary
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.state import GOAL_VARIABLES
-from ator_ros.world import BallState, Command, RobotState, World
+from ator_ros.world.state import BallState, Command, RobotState, World
 
-LIBRARY = TopLibrary(load_robot())
+LIBRARY = SOCCER.library(load_robot())
 FRAME = "odom"
 
 places = st.floats(-FARTHEST, FARTHEST)

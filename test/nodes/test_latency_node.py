@@ -10,12 +10,12 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome
 from ator_ros.actions.base import Goal
-from ator_ros.experiments.execution import run_chain
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.library import TopLibrary
-from ator_ros.world import BallState, RobotState, World
+from ator_ros.world.state import BallState, RobotState, World
 
 LATENCY = 0.15
 START, GOAL = Pose(-2.0, 0.0, 0.0), Pose(0.0, 0.0, 0.5)
@@ -25,7 +25,7 @@ SLOWLY = 2.0  # s that the simulation waits for commands: this machine may be bu
 def punctual() -> float:
     """Return the time in s that the drive takes where nothing is late, without ROS."""
     robot = load_robot()
-    library = TopLibrary(robot)
+    library = SOCCER.library(robot)
     goal = Goal(GOAL, 0.0, library["goToBall"].point)
     chain = TopChain((TopCall(library["goToBall"], goal),))
     start = World(0.0, RobotState(START), BallState(0.0, 0.0))

@@ -11,7 +11,7 @@ from ros_client import Client
 
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.resources import resource_path
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
 

@@ -12,13 +12,13 @@ from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.refinement_answers import refused
-from ator_ros.robot import load_robot
-from ator_ros.tops.library import TopLibrary
+from ator_ros.robot.description import load_robot
 
-LIBRARY = TopLibrary(load_robot())
+LIBRARY = SOCCER.library(load_robot())
 MEGABYTES = 10_000_000
 FOREIGN = "\x1b[2J\u202e\n\x00" * (MEGABYTES // 7)
 LONGEST_LINE = 200

@@ -14,6 +14,7 @@ from ros2cli_subset import echo_options, echo_profile, filled, kind_of
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.nodes.conversions import chain_from
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement import refining_of
@@ -23,13 +24,12 @@ from ator_ros.refinement.calibration_file import load_calibration_if_any
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
-from ator_ros.robot import load_robot
-from ator_ros.tops.library import TopLibrary
+from ator_ros.robot.description import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 ROBOT = load_robot()
-LIBRARY = TopLibrary(ROBOT)
+LIBRARY = SOCCER.library(ROBOT)
 
 
 def printed(command: str) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_from
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.performance.model_file import load_model
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 pytestmark = pytest.mark.node
 

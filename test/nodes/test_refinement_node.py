@@ -23,7 +23,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 pytestmark = pytest.mark.node
 

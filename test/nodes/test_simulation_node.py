@@ -28,7 +28,7 @@ from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of, robot_from
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
-from ator_ros.robot import load_robot
+from ator_ros.robot.description import load_robot
 
 pytestmark = pytest.mark.node
 

@@ -1,0 +1,77 @@
+"""dribbleBall: the same curve, deceleration and rotation restricted to keep the ball (paper, section 3)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
+from ator_ros.domains.soccer.bezier.curve import Shape
+from ator_ros.domains.soccer.bezier.driver import Driver, Pushing, Style, check_goal, reached
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import Command, World
+
+LOST = 0.15
+"""Distance in m between ball and hold beyond which the ball counts as lost."""
+
+HANDLE = 1.0
+"""Length of the curve's handles in m: the least radius that the ball is led on."""
+
+
+def dribbling(handle: float) -> Style:
+    """Return how the ball is dribbled along curves with handles of a length in m."""
+    return Style(Shape(handle, 0.05, 0.2, 0.8, 0.3), 1.2 / handle, 0.75, 0.36, handle)
+
+
+def check_held(world: World, robot: Robot, name: str) -> None:
+    """Check that the ball lies in the robot's front.
+
+    Raises
+    ------
+    ActionError
+        It doesn't.
+    """
+    distance = robot.hold_offset(world)
+    if distance > LOST:
+        raise ActionError(
+            f"{name}: expected the ball within {LOST:g} m of the hold, it is {distance:.2f} m away"
+        )
+
+
+class DribbleBall(Action):
+    """Push the ball to a pose: never turning on the spot, never braking harder than the ball rolls out.
+
+    A goal with a speed is passed at that speed. A goal that was missed is driven at again in a loop.
+    """
+
+    name: ClassVar[str] = "dribbleBall"
+    handle: ClassVar[float] = HANDLE
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._driver = Driver(robot.dribble_limits, dribbling(self.handle), Pushing.of(robot), robot.field)
+        self._goal = Goal(Pose(0.0, 0.0, 0.0), point=Point.HOLD)
+
+    def start(self, world: World, goal: Goal) -> None:
+        """Commit to `goal`; see `Action.start`."""
+        check_goal(goal, self.robot.dribble_limits.v, self.name)
+        check_held(world, self.robot, self.name)
+        self._goal = goal
+        self._target = goal.robot_pose(self.robot)
+        self._driver.reset(Command(world.robot.v, world.robot.w))
+
+    def step(self, world: World) -> Step:
+        """Return the next command; see `Action.step`."""
+        distance = self.robot.hold_offset(world)
+        if distance > LOST:
+            return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
+        state, speed = world.robot, self._goal.speed
+        rel = self._target.relative(state.pose)
+        if reached(rel, state.v, speed):
+            command = self._driver.command(speed, 0.0)
+            return finished(Status.SUCCEEDED, "arrived at the goal with the ball", command)
+        return Step(
+            self._driver.follow(state, self._target, speed),
+            Status.RUNNING,
+            "dribbling along the curve to the goal",
+        )

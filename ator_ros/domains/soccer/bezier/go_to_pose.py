@@ -1,0 +1,61 @@
+"""goToPose: drive to a pose along a Bezier curve that is recomputed at every tick (paper, section 3)."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+from ator_ros.actions.base import Action, Goal, Status, Step, finished
+from ator_ros.domains.soccer.bezier.curve import Shape
+from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState, Command, World
+
+TO_POSE = Style(Shape(0.4, 0.05, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
+TO_BALL = Style(Shape(0.4, 0.22, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
+
+_AT_BALL = 0.2  # m between the ball and the hold of a robot at the goal
+_STRAIGHTENING = 0.5  # rad that a robot may turn on the spot with the ball between its fins
+
+
+class GoToPose(Action):
+    """Drive to a pose; where the goal is a ball, come from behind it and leave it in its place.
+
+    Forward only. A goal with a speed is passed at that speed; one that was missed is driven at again.
+    """
+
+    name: ClassVar[str] = "goToPose"
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._goal = Goal(Pose(0.0, 0.0, 0.0))
+
+    def start(self, world: World, goal: Goal) -> None:
+        """Commit to `goal`; see `Action.start`."""
+        check_goal(goal, self.robot.limits.v, self.name)
+        self._goal = goal
+        self._target = goal.robot_pose(self.robot)
+        self._to_ball = self._lies_at_goal(world.ball)
+        style = TO_BALL if self._to_ball else TO_POSE
+        self._driver = Driver(self.robot.limits, style, field=self.robot.field)
+        self._driver.reset(Command(world.robot.v, world.robot.w))
+
+    def step(self, world: World) -> Step:
+        """Return the next command; see `Action.step`."""
+        state, speed = world.robot, self._goal.speed
+        rel = self._target.relative(state.pose)
+        if reached(rel, state.v, speed):
+            command = self._driver.send(speed, 0.0) if speed > 0.0 else Command()
+            return finished(Status.SUCCEEDED, "arrived at the goal", command)
+        straightening = _STRAIGHTENING if self._to_ball else math.pi
+        if speed == 0.0 and standing_place(rel) and abs(rel.yaw) <= straightening:
+            return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
+        return Step(
+            self._driver.follow(state, self._target, speed), Status.RUNNING, "following the curve to the goal"
+        )
+
+    def _lies_at_goal(self, ball: BallState | None) -> bool:
+        """Return whether the ball lies where the goal wants it in the robot's front."""
+        front = self.robot.hold_point(self._target)
+        return ball is not None and math.hypot(ball.x - front.x, ball.y - front.y) < _AT_BALL

@@ -1,0 +1,116 @@
+"""shoot: dribble toward the goal mouth, then brake so that the ball rolls into the goal."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.domains.soccer.bezier.dribble_ball import LOST, check_held, dribbling
+from ator_ros.domains.soccer.bezier.driver import Driver, Pushing, check_goal
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import STOP, BallState, Command, World
+
+_POST_ROOM = 0.2
+_ROLL_RESERVE = 0.25
+_SLOWEST_SHOT = 0.5
+_HANDLE = 0.4
+_SLANT = 0.9  # rad
+_BEFORE_LINE = 0.35
+_LINE = 0.02
+_BEND = 4.0
+
+
+class Shoot(Action):
+    """Send the ball into a goal by motion alone.
+
+    The goal's position lies in the mouth of one of the field's goals; its heading and speed do not matter.
+    """
+
+    name: ClassVar[str] = "shoot"
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._driver = Driver(robot.dribble_limits, dribbling(_HANDLE), Pushing.of(robot))
+        self._side = 1
+        self._middle = 0.0
+        self._released = False
+
+    def start(self, world: World, goal: Goal) -> None:
+        """Commit to the goal mouth that `goal` lies in; see `Action.start`."""
+        check_goal(goal, self.robot.limits.v, self.name)
+        check_held(world, self.robot, self.name)
+        field = self.robot.field
+        x, y = goal.pose.x, goal.pose.y
+        if abs(abs(x) - field.length / 2) > 0.5 * field.goal_depth or abs(y) > field.goal_width / 2:
+            raise ActionError(f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m")
+        self._side = 1 if x > 0.0 else -1
+        self._middle = max(-1.0, min(1.0, y / (field.goal_width / 2))) * self._half_mouth()
+        self._driver.reset(Command(world.robot.v, world.robot.w))
+        self._released = False
+
+    def _half_mouth(self) -> float:
+        """Return half the width in m in which the ball's centre passes clear of the posts."""
+        return self.robot.field.goal_width / 2 - self.robot.ball.radius - _POST_ROOM
+
+    def step(self, world: World) -> Step:
+        """Return the next command; see `Action.step`."""
+        ball = world.ball
+        if ball is None:
+            return finished(Status.FAILED, "lost the ball: it is not seen any more")
+        depth = self._side * ball.x - self.robot.field.length / 2
+        if depth > _LINE and abs(ball.y) < self.robot.field.goal_width / 2:
+            return finished(Status.SUCCEEDED, "the ball is in the goal", STOP)
+        if self._released:
+            return self._watch(world, ball)
+        distance = self.robot.hold_offset(world)
+        if distance > LOST:
+            return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
+        crossing = self._crossing(world.robot.pose)
+        if crossing is None or abs(crossing) > self._half_mouth():
+            target = self._target(world.robot.pose)
+            command = self._driver.follow(world.robot, target, self.robot.dribble_limits.v)
+            return Step(command, Status.RUNNING, "dribbling along a curve to the goal's mouth")
+        return self._run_up(world, -depth, crossing)
+
+    def _crossing(self, pose: Pose) -> float | None:
+        """Return y (m) where the robot's straight way ahead crosses the goal line; None where it doesn't."""
+        hold = self.robot.hold_point(pose)
+        forward = self._side * math.cos(pose.yaw)
+        short = self.robot.field.length / 2 - self._side * hold.x
+        if forward < 0.3 or short < 0.0:
+            return None
+        return hold.y + short / forward * math.sin(pose.yaw)
+
+    def _target(self, pose: Pose) -> Pose:
+        """Return the pose of the axle before the mouth, in the direction from here up to a greatest slant."""
+        straight = 0.0 if self._side > 0 else math.pi
+        line = self._side * self.robot.field.length / 2
+        hold = self.robot.hold_point(pose)
+        slant = wrap_angle(math.atan2(self._middle - hold.y, line - hold.x) - straight)
+        mouth = Pose(line, self._middle, straight + max(-_SLANT, min(_SLANT, slant)))
+        return mouth.ahead(-self.robot.hold - _BEFORE_LINE)
+
+    def _run_up(self, world: World, short: float, crossing: float) -> Step:
+        """Drive straight at the mouth, and brake when the ball, `short` m before the line, will roll in."""
+        state = world.robot
+        way = max(short, 0.0) / max(abs(math.cos(state.pose.yaw)), 0.3) + _ROLL_RESERVE
+        roll = state.v**2 / (2.0 * self.robot.ball.rolling_deceleration)
+        if roll > way and abs(state.w) < 0.3 and state.v > _SLOWEST_SHOT:
+            self._released = True
+            return Step(STOP, Status.RUNNING, "braking: the ball rolls on into the goal")
+        # Steer mildly from the posts toward the middle of the mouth.
+        aim = max(-0.5, min(0.5, self._side * (self._middle - crossing)))
+        bend = aim / max(short + 0.5, 0.5) if abs(aim) > 0.1 else 0.0
+        return Step(
+            self._driver.command(self.robot.dribble_limits.v, max(-_BEND, min(_BEND, bend))),
+            Status.RUNNING,
+            "running up to the shot",
+        )
+
+    def _watch(self, world: World, ball: BallState) -> Step:
+        """Brake, and wait until the ball has crossed the line or come to rest."""
+        if ball.speed < 0.05 and abs(world.robot.v) < 0.05:
+            return finished(Status.FAILED, "missed: the ball came to rest outside the goal")
+        return Step(STOP, Status.RUNNING, "waiting for the ball to roll into the goal")

@@ -1,0 +1,66 @@
+"""Random situations with a chain to execute in them (paper, section 5)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from ator_ros.actions.base import Goal
+from ator_ros.domains.domain import ChainSampler
+from ator_ros.domains.soccer.situations import CLEARANCE, SHORTEST, random_pose
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import BallState, RobotState, World
+
+SHOOTING_DISTANCE = (1.2, 2.0)
+"""Range in m of a shooting position's distance from the middle of the goal line."""
+SHOOTING_BEARING = math.radians(50.0)
+"""Greatest angle at the goal between a shooting position and the middle axis of the field."""
+_OPEN_HEADING = frozenset({"yaw"})
+
+
+def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+    """Draw a ball to go to and to dribble to a pose: the chain of the paper's Table 1."""
+    ball, world = _start(robot, rng)
+    goal = random_pose(robot, rng)
+    while goal.distance(ball) < SHORTEST:
+        goal = random_pose(robot, rng)
+    calls = (_call(library, "goToBall", ball, _OPEN_HEADING), _call(library, "dribbleBall", goal))
+    return world, TopChain(calls)
+
+
+def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+    """Draw a ball to go to, to dribble before the goal and to shoot: the chain of the paper's Figure 1."""
+    ball, world = _start(robot, rng)
+    x, y = robot.field.goal_centre()
+    position = ball
+    while position.distance(ball) < SHORTEST:
+        distance, bearing = rng.uniform(*SHOOTING_DISTANCE), rng.uniform(-SHOOTING_BEARING, SHOOTING_BEARING)
+        position = Pose(x - distance * math.cos(bearing), y + distance * math.sin(bearing), -bearing)
+    calls = (
+        _call(library, "goToBall", ball, _OPEN_HEADING),
+        _call(library, "dribbleBall", position, _OPEN_HEADING),
+        _call(library, "shoot", Pose(x, y, 0.0)),
+    )
+    return world, TopChain(calls)
+
+
+def _start(robot: Robot, rng: np.random.Generator) -> tuple[Pose, World]:
+    """Draw a ball, and a robot at rest that does not touch it."""
+    ball = random_pose(robot, rng)
+    start = random_pose(robot, rng)
+    while start.distance(ball) < CLEARANCE:
+        start = random_pose(robot, rng)
+    return ball, World(0.0, RobotState(start), BallState(ball.x, ball.y))
+
+
+def _call(library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = frozenset()) -> TopCall:
+    return TopCall(library[top], Goal(pose, 0.0, library[top].point), opened)
+
+
+CHAINS: Mapping[str, ChainSampler] = MappingProxyType({"dribble": dribble, "shoot": shoot})

@@ -1,0 +1,10 @@
+"""Soccer as a domain."""
+
+from __future__ import annotations
+
+from ator_ros.domains.domain import Domain
+from ator_ros.domains.soccer.actions import ACTION_SETS
+from ator_ros.domains.soccer.chains import CHAINS
+from ator_ros.domains.soccer.tops import TOPS
+
+SOCCER = Domain("soccer", TOPS, ACTION_SETS, CHAINS)

@@ -1,0 +1,42 @@
+"""Where the goals' walls are, for whoever must not drive into them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import Field
+
+
+def touches_goals(poses: FloatArray, robot: Robot) -> bool:
+    """Return whether any pose comes nearer to a goal's walls than the robot's reach.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (n, 3)
+        x, y of the axle in m, yaw in rad.
+    """
+    near = np.abs(poses[:, 0]) > robot.field.length / 2 - robot.reach
+    return bool(near.any() and (wall_distances(poses[near], robot.field) < robot.reach).any())
+
+
+def wall_distances(poses: FloatArray, field: Field) -> FloatArray:
+    """Compute the distance in m from the axle at each pose, shape (n, 3), to the nearest wall of a goal."""
+    x, y = np.abs(poses[:, 0]), np.abs(poses[:, 1])
+    distances = [
+        np.hypot(
+            np.maximum(np.maximum(wall[0] - x, x - wall[1]), 0.0),
+            np.maximum(np.maximum(wall[2] - y, y - wall[3]), 0.0),
+        )
+        for wall in _walls(field)
+    ]
+    return np.minimum(*distances)
+
+
+def _walls(field: Field) -> Sequence[tuple[float, float, float, float]]:
+    """Return the boxes (x low, x high, |y| low, |y| high) of a goal, mirrored to x > 0 and y > 0."""
+    line, half, depth = field.length / 2, field.goal_width / 2, field.goal_depth
+    return ((line, line + depth, half, half + 0.05), (line + depth, line + depth + 0.05, 0.0, half))

@@ -1,0 +1,29 @@
+"""dribbleBall: drive to a pose with the ball; deceleration and rotation restricted (paper, section 3)."""
+
+from __future__ import annotations
+
+from ator_ros.domains.soccer.planned.clearance import Obstacles
+from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides
+from ator_ros.domains.soccer.planned.holding_action import HoldingAction
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.planner import fastest
+from ator_ros.domains.soccer.planned.planning import Planning
+from ator_ros.world.state import World
+
+
+class DribbleBall(HoldingAction):
+    """Brings the ball to a pose of the hold: pushes it, forward only, and never turns on the spot."""
+
+    name = "dribbleBall"
+    verb = "dribbling"
+
+    def plan(self, world: World) -> Planning[Manoeuvre]:
+        """Plan forward turns and drives that keep the ball pressed to the front."""
+        entries = entry_sides(self.robot, self.plan_limits, round(max(0.0, world.robot.v), 3))
+        exits = exit_sides(self.robot, self.plan_limits, self.goal.speed)
+        start, goal = world.robot.pose, self.target()
+        return (
+            yield from fastest(
+                self.robot, start, goal, entries, exits, self.plan_limits, Obstacles(), forward_only=True
+            )
+        )

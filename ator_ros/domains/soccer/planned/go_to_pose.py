@@ -1,0 +1,77 @@
+"""goToPose: drive to a pose; with the ball there, approach it without knocking it away."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from ator_ros.actions.base import Goal, Point, Status, Step
+from ator_ros.domains.soccer.planned.clearance import Obstacles
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
+from ator_ros.domains.soccer.planned.planner import fastest, free_sides, run_sides
+from ator_ros.domains.soccer.planned.planning import Planning
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState, World
+
+RUN = 0.25  # straight stretch behind the ball, twice the fins' length, in m
+BALL_MARGIN = 0.04
+_CAUGHT = 0.06
+_MOVED = 0.04
+
+
+class GoToPose(PlannedAction):
+    """Drives to a pose of the axle, or of the hold when the goal is a ball (paper: goToPose, goToBall).
+
+    A ball at the goal is approached in a straight run; where it rolls, the place where it will stop is
+    approached. A ball elsewhere is an obstacle.
+    """
+
+    name = "goToPose"
+    verb = "driving"
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot, robot.limits)
+
+    def start(self, world: World, goal: Goal) -> None:
+        """Plan the way to `goal`; see `Action.start`."""
+        rest = self._rest(world)
+        at_goal = rest is not None and math.hypot(rest.x - goal.pose.x, rest.y - goal.pose.y) < 2 * _CAUGHT
+        self._approach = goal.point is Point.HOLD and at_goal
+        super().start(world, goal)
+
+    def plan(self, world: World) -> Planning[Manoeuvre]:
+        """Plan an approach or a plain drive; see `PlannedAction.plan`."""
+        rest = self._rest(world)
+        if self._approach and rest is not None:
+            self.goal = dataclasses.replace(self.goal, pose=Pose(rest.x, rest.y, self.goal.pose.yaw))
+        self._planned_for = rest
+        run = RUN if self._approach else 0.0
+        exits = (run_sides if run else free_sides)(self.plan_limits, self.goal.speed, run)
+        entries = free_sides(self.plan_limits, world.robot.v, 0.0)
+        obstacles = Obstacles(rest, BALL_MARGIN, run)
+        return (
+            yield from fastest(
+                self.robot, world.robot.pose, self.target(), entries, exits, self.plan_limits, obstacles
+            )
+        )
+
+    def outdated(self, world: World) -> bool:
+        """Return whether the ball has moved while it was still free."""
+        rest, planned = self._rest(world), self._planned_for
+        if rest is None or planned is None:
+            return rest is not planned
+        touching = self.robot.hold_offset(world) < self.robot.fin_length + 2 * _MOVED
+        return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
+
+    def arrive(self, world: World) -> Step:
+        """Return the step at the end of the plan: an approach must have caught the ball."""
+        step = super().arrive(world)
+        if self._approach and step.status is Status.SUCCEEDED and self.robot.hold_offset(world) > _CAUGHT:
+            return self.replan(world, "the ball is not in front")
+        return step
+
+    def _rest(self, world: World) -> BallState | None:
+        """Return the ball where it will come to rest."""
+        return None if world.ball is None else self.robot.ball.at_rest(world.ball)

@@ -1,0 +1,28 @@
+"""What dribbleBall and shoot share: they begin with the ball in front and fail when they lose it."""
+
+from __future__ import annotations
+
+from ator_ros.actions.base import ActionError, Goal
+from ator_ros.domains.soccer.planned.holding import LOST
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import World
+
+
+class HoldingAction(PlannedAction):
+    """A planned action with the ball in front, within the robot's limits for dribbling."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot, robot.dribble_limits)
+
+    def start(self, world: World, goal: Goal) -> None:
+        """Plan the way to `goal`; see `Action.start`."""
+        offset = self.robot.hold_offset(world)
+        if offset > LOST:
+            raise ActionError(f"{self.name}: expected the ball in front, it is {offset:.2f} m from there")
+        super().start(world, goal)
+
+    def check(self, world: World) -> str | None:
+        """Return whether the ball is lost."""
+        offset = self.robot.hold_offset(world)
+        return f"lost the ball, it is {offset:.2f} m from the front" if offset > LOST else None

@@ -1,0 +1,196 @@
+"""What the actions of the default set share: plan once, commit, track, replan only when disturbed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from abc import abstractmethod
+from typing import ClassVar
+
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.opening import opening_of
+from ator_ros.domains.soccer.planned.pause import Pause
+from ator_ros.domains.soccer.planned.planning import Planning, Search
+from ator_ros.domains.soccer.planned.tracker import Tracker
+from ator_ros.domains.soccer.planned.trajectory import Trajectory
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import Limits, Robot
+from ator_ros.world.state import Command, World
+
+# Share of the base's limits that plans use; the rest is for feedback.
+PLAN_SHARE = 0.97
+POSITION_TOLERANCE = 0.05
+HEADING_TOLERANCE = 0.1
+_REPLANS = 20
+
+
+class PlannedAction(Action):
+    """An action that follows one planned manoeuvre.
+
+    Parameters
+    ----------
+    robot : Robot
+        Shape and limits.
+    limits : Limits
+        What this action may ask of the base.
+    """
+
+    verb: ClassVar[str]
+
+    def __init__(self, robot: Robot, limits: Limits) -> None:
+        super().__init__(robot)
+        self.limits = limits
+        self.plan_limits = limits.within(robot.limits.scaled(PLAN_SHARE))
+
+    def start(self, world: World, goal: Goal) -> None:
+        """Plan the way to `goal`; see `Action.start`."""
+        if not 0.0 <= goal.speed <= self.limits.v:
+            raise ActionError(
+                f"{self.name}: expected an arrival speed from 0 to {self.limits.v} m/s, got {goal.speed}"
+            )
+        self.goal = goal
+        self._replans = 0
+        self._deferred = -math.inf
+        self._tracker: Tracker | None = None
+        self._pause = Pause(world, self.plan_limits)
+        self._search: Search | None = self._searched(world, standing=world.robot.is_still)
+        self._commit(world, self._search, waits=True)
+
+    @property
+    def planning(self) -> bool:
+        """Whether there is no plan yet; see `Action.planning`."""
+        return self._tracker is None
+
+    def defer_planning(self, time: float) -> None:
+        """Plan nothing in the tick at `time`; see `Action.defer_planning`."""
+        self._deferred = time
+
+    @abstractmethod
+    def plan(self, world: World) -> Planning[Manoeuvre]:
+        """Plan from the state `world`, in which the robot does not turn; ActionError where impossible."""
+
+    def check(self, world: World) -> str | None:  # noqa: ARG002
+        """Return why the action has failed at this tick, None if it has not."""
+        return None
+
+    def outdated(self, world: World) -> bool:  # noqa: ARG002
+        """Return whether what was planned for has changed."""
+        return False
+
+    def arrive(self, world: World) -> Step:
+        """Return the step at the end of the plan."""
+        pose, goal = world.robot.pose, self.goal.robot_pose(self.robot)
+        error = pose.relative(goal)
+        distance, heading = pose.distance(goal), abs(error.yaw)
+        told = f"{100 * distance:.1f} cm and {heading:.3f} rad from the goal"
+        if distance <= POSITION_TOLERANCE and heading <= HEADING_TOLERANCE:
+            return finished(Status.SUCCEEDED, f"arrived, {told}", Command(self.goal.speed, 0.0))
+        return self.replan(world, f"missed: {told}")
+
+    def step(self, world: World) -> Step:
+        """Follow the plan for one tick, or plan on; see `Action.step`."""
+        failure = self.check(world)
+        if failure is not None:
+            return finished(Status.FAILED, failure)
+        tracker = self._tracker
+        if tracker is None:
+            return self._plan_on(world)
+        tracker.wait_for_start(world)
+        disturbed = tracker.disturbed(world)
+        if disturbed or self.outdated(world):
+            return self.replan(world, "disturbed" if disturbed else "the goal has moved")
+        left = tracker.left(world)
+        if left <= 0.0:
+            return self.arrive(world)
+        if self._search is not None:
+            return self._look_on(world, self._search)
+        return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {left:.1f} s to go")
+
+    def replan(self, world: World, why: str) -> Step:
+        """Plan anew from here, or fail when that does not help any more."""
+        if world.time == self._deferred:
+            return self._following(world, f"{why}; planning in the next tick")
+        self._replans += 1
+        if self._replans > _REPLANS:
+            return finished(Status.FAILED, f"{why}; gave up after {_REPLANS} new plans")
+        assert self._tracker is not None
+        self._search = self._searched(world, standing=False)
+        return self._replanned(world, self._tracker, self._search, why)
+
+    def left(self, world: World) -> float:
+        """Return how long the plan still takes, in s; NaN before there is one."""
+        return math.nan if self._tracker is None else self._tracker.left(world)
+
+    def target(self) -> Pose:
+        """Return the pose of the axle at the goal."""
+        return self.goal.robot_pose(self.robot)
+
+    # Plans in the making
+
+    def _searched(self, world: World, *, standing: bool) -> Search:
+        opening = opening_of(world.robot, self.plan_limits.aw)
+        planning = self.plan(dataclasses.replace(world, robot=opening.end))
+        return Search(world, opening, planning, standing=standing)
+
+    def _commit(self, world: World, search: Search, *, waits: bool = False) -> bool:
+        """Search for a slice; where that finds the plan, follow it from now on."""
+        manoeuvre = search.advance(world.time)
+        if manoeuvre is None:
+            return False
+        trajectory = Trajectory(manoeuvre, search.opening)
+        self._tracker = Tracker(self.robot, trajectory, world.time, waits=waits)
+        self._search = None
+        return True
+
+    def _replanned(self, world: World, tracker: Tracker, search: Search, why: str) -> Step:
+        """Begin to plan while the robot follows `tracker`."""
+        able = tracker.left(world) > 0.0 and not tracker.disturbed(world)
+        try:
+            if self._commit(world, search):
+                return self._following(world, f"{why}: planned anew")
+        except ActionError as error:
+            self._search = None
+            if not able:
+                return finished(Status.FAILED, f"{why}; {error}")
+            # A ball that is seen to jump about may block every way for a moment.
+            return self._following(world, f"{why}; keeping to the plan: {error}")
+        if able:
+            return self._following(world, f"{why}; keeping to the plan while planning")
+        return self._paused(world, why)
+
+    def _look_on(self, world: World, search: Search) -> Step:
+        """Find out, while the robot keeps to its plan, whether there is another, worth a stop."""
+        if world.time == self._deferred:
+            return self._following(world, "keeping to the plan; planning in the next tick")
+        try:
+            found = search.advance(world.time)
+        except ActionError as error:
+            self._search = None
+            return self._following(world, f"keeping to the plan: {error}")
+        if found is None:
+            return self._following(world, "keeping to the plan while planning")
+        return self._paused(world, "there is another way")
+
+    def _following(self, world: World, message: str) -> Step:
+        assert self._tracker is not None
+        return Step(self._tracker.command(world), Status.RUNNING, message)
+
+    def _paused(self, world: World, why: str) -> Step:
+        """Stop, to plan from where the robot then stands."""
+        self._tracker, self._search = None, None
+        self._pause = Pause(world, self.plan_limits)
+        return Step(self._pause.command(world), Status.RUNNING, f"{why}; planning")
+
+    def _plan_on(self, world: World) -> Step:
+        """Stand still, and plan from here for a slice."""
+        search = self._search
+        if self._pause.over(world) and world.time != self._deferred:
+            if search is None or not search.holds(world) or self.outdated(world):
+                search = self._search = self._searched(world, standing=True)
+            try:
+                if self._commit(world, search, waits=True):
+                    return self._following(world, "planned")
+            except ActionError as error:
+                return finished(Status.FAILED, str(error))
+        return Step(self._pause.command(world), Status.RUNNING, "planning")

@@ -1,0 +1,78 @@
+"""Planning in portions, so that no tick takes long: what does not fit into one goes on in the next."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TypeAlias, TypeVar
+
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.opening import Opening
+from ator_ros.world.state import World
+
+Found = TypeVar("Found")
+
+Planning: TypeAlias = Generator[int | Manoeuvre, None, Found]
+"""Work in portions: yields what each one has cost in points; returns what was found.
+
+A manoeuvre that is yielded is good enough for a robot in motion, which had better not wait for the rest.
+
+A point is about a millisecond. Points are counted, not measured, so that every computer plans alike.
+"""
+
+SLICE = 20
+"""Points after which planning pauses until the next tick."""
+_MOVED = 0.01  # m
+_TURNED = 0.02  # rad
+
+
+class Search:
+    """A plan in the making.
+
+    Parameters
+    ----------
+    world : World
+        The state that is planned from.
+    opening : Opening
+        What comes before the manoeuvre.
+    planning : Planning
+        Finds the manoeuvre.
+    standing : bool
+        Whether the robot stands, whatever noise odometry has, and so can wait for the best manoeuvre.
+    """
+
+    def __init__(
+        self, world: World, opening: Opening, planning: Planning[Manoeuvre], *, standing: bool
+    ) -> None:
+        self.opening = opening
+        self._start, self._planning, self._standing = world.robot, planning, standing
+        self._advanced: float | None = None
+        self._good: Manoeuvre | None = None
+
+    def advance(self, time: float) -> Manoeuvre | None:
+        """Search for a slice, once at each `time` (s); None where there is no result yet.
+
+        Raises
+        ------
+        ActionError
+            There is no way.
+        """
+        if time == self._advanced:
+            return None
+        self._advanced, spent = time, 0
+        try:
+            while spent < SLICE:
+                portion = next(self._planning)
+                if isinstance(portion, Manoeuvre):
+                    self._good = portion
+                else:
+                    spent += portion
+        except StopIteration as done:
+            found: Manoeuvre = done.value
+            return found
+        return None if self._standing else self._good
+
+    def holds(self, world: World) -> bool:
+        """Return whether the robot still stands where the plan is to begin."""
+        start, pose = self._start, world.robot.pose
+        turned = abs(start.pose.relative(pose).yaw)
+        return self._standing and start.pose.distance(pose) <= _MOVED and turned <= _TURNED

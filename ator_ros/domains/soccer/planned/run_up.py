@@ -1,0 +1,162 @@
+"""Finds run-ups to a goal: a straight lead, one turn, and straight on until the ball is let go.
+
+The heading of a shot is free, and so is the place between the posts: unlike a pose, which needs a turn at
+either end, the mouth is met by a lead and a turn whose size decides where the ball will cross the line.
+Every combination on a fine grid is tried, so that neighbouring starts find neighbouring run-ups.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ator_ros.domains.soccer.planned.bundle import Bundle, side_table
+from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre, Side
+from ator_ros.domains.soccer.planned.planning import Planning
+from ator_ros.domains.soccer.planned.profiles import straight_times, turn_times
+from ator_ros.domains.soccer.planned.release import SLANT, release
+from ator_ros.domains.soccer.planned.screening import PORTION_POINTS, look_points, portions, touching
+from ator_ros.domains.soccer.planned.turns import Driving, displacement_table, speeds_after
+from ator_ros.geometry import FloatArray, Pose, wrap_angles
+from ator_ros.robot.description import Limits, Robot
+
+_BLOCK = 16  # entries in a portion of work
+_TRIES = 3000  # where the posts block so many, there is no room
+_TURNS: FloatArray = math.radians(1.0) * np.arange(-300, 301, dtype=float)
+_LEADS: FloatArray = np.array((0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4))
+
+
+def run_up(
+    robot: Robot, start: Pose, mouth: Pose, entries: Sequence[Side], limits: Limits
+) -> Planning[Manoeuvre | None]:
+    """Plan the run-up with one turn that has the ball in the goal first; None where the posts block all.
+
+    Parameters
+    ----------
+    start : Pose
+        Pose of the axle.
+    mouth : Pose
+        Middle of the goal's mouth, heading out of the field.
+    entries : sequence of Side
+        How the lead and the turn may be driven; leads are also tried longer.
+    """
+    found = yield from _run_ups(robot, start, mouth, entries, limits)
+    obstacles = Obstacles()
+    for which in portions(np.arange(len(found)), found.times):
+        touches = np.zeros(len(which), dtype=bool)
+        if len(which) > 1:
+            touches = touching(found.bundle(which), obstacles, robot)
+            yield PORTION_POINTS
+        for index in which[~touches]:
+            manoeuvre = found.manoeuvre(int(index))
+            if is_clear(manoeuvre, obstacles, robot):
+                return manoeuvre
+            yield look_points(found.times[index])
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class _RunUps:
+    """Run-ups, fastest first.
+
+    Attributes
+    ----------
+    sides : ndarray, shape (5, n)
+        The numbers of the leads and turns, as in `Bundle`.
+    straights : ndarray, shape (3, n)
+        Where the last straights begin, seen from the mouth (m, rad).
+    turns, distances, released : ndarray, shape (n,)
+        Turn in rad, length of the straight in m, speed at its end in m/s.
+    times : ndarray, shape (n,)
+        Until the ball is in the goal, in s.
+    """
+
+    start: Pose
+    mouth: Pose
+    limits: Limits
+    sides: FloatArray
+    straights: FloatArray
+    turns: FloatArray
+    distances: FloatArray
+    released: FloatArray
+    times: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def bundle(self, which: NDArray[np.intp]) -> Bundle:
+        """Return the manoeuvres of the indices `which`, shape (n,)."""
+        released, distance, mouth = self.released[which], self.distances[which], self.mouth
+        x, y, heading = self.straights[:, which]
+        x, y = x + distance * np.cos(heading), y + distance * np.sin(heading)
+        c, s = math.cos(mouth.yaw), math.sin(mouth.yaw)
+        goals = np.stack((mouth.x + c * x - s * y, mouth.y + s * x + c * y, mouth.yaw + heading))
+        nothing = np.zeros(len(which))
+        exits = np.stack((nothing, released, released, nothing, np.full(len(which), self.limits.w)))
+        return Bundle(
+            self.start, goals, self.sides[:, which], exits, self.turns[which], nothing, distance, self.limits
+        )
+
+    def manoeuvre(self, index: int) -> Manoeuvre:
+        """Return one of them."""
+        length, outer, *turn = self.sides[:, index].tolist()
+        released, distance = float(self.released[index]), float(self.distances[index])
+        last = Pose(*self.straights[:, index].tolist()).ahead(distance)
+        return Manoeuvre(
+            self.start,
+            self.mouth.compose(last),
+            Side(length, outer, Driving(*turn)),
+            Side(0.0, released, Driving(released, 0.0, self.limits.w)),
+            float(self.turns[index]),
+            0.0,
+            distance,
+            self.limits,
+        )
+
+
+def _run_ups(
+    robot: Robot, start: Pose, mouth: Pose, entries: Sequence[Side], limits: Limits
+) -> Planning[_RunUps]:
+    """Find the `_TRIES` fastest run-ups on the grid."""
+    seen = mouth.relative(start)
+    kept = np.flatnonzero(np.abs(wrap_angles(seen.yaw + _TURNS)) <= SLANT)
+    table = displacement_table(_TURNS, tuple(side.turn for side in entries), limits)[:, :, kept]
+    sides, found = side_table(entries), []
+    yield 1
+    for first in range(0, len(entries), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        found.append(_of_sides(robot, seen, sides[:, block], table[block], _TURNS[kept], limits))
+        yield 1
+    columns = np.concatenate(found, axis=1)
+    times = columns[-1]
+    if len(times) > _TRIES:
+        columns = columns[:, times <= np.partition(times, _TRIES - 1)[_TRIES - 1]]
+    columns = columns[:, np.argsort(columns[-1], kind="stable")[:_TRIES]]
+    return _RunUps(start, mouth, limits, columns[:5], columns[5:8], *columns[8:])
+
+
+def _of_sides(
+    robot: Robot, seen: Pose, sides: FloatArray, table: FloatArray, turns: FloatArray, limits: Limits
+) -> FloatArray:
+    """Find run-ups with some of the sides; their numbers in the order of `_RunUps`, shape (12, n)."""
+    headings = wrap_angles(seen.yaw + turns)
+    # Shapes from here on: (entries, leads, turns).
+    length, outer, speed, acceleration, rate = sides[:, :, None, None]
+    leads = length + _LEADS[:, None]
+    along, across = leads + table[:, 0, None], table[:, 1, None]
+    c, s = math.cos(seen.yaw), math.sin(seen.yaw)
+    x, y = seen.x + c * along - s * across, seen.y + s * along + c * across
+    turning = turn_times(turns, rate, limits.aw)
+    after = speeds_after(speed, acceleration, turning, limits.v)
+    end = release(robot, x, y, headings, after, limits)
+    times = straight_times(leads, outer, speed, limits) + turning + end.time
+    entry, lead, turn = found = np.nonzero(end.allowed)
+    picked = sides[:, entry]
+    picked[0] = leads[entry, lead, 0]
+    return np.stack((*picked, x[found], y[found], headings[turn], turns[turn],
+                     end.distance[found], end.speed[found], times[found]))  # fmt: skip

@@ -1,0 +1,151 @@
+"""Rules out many manoeuvres at once, before single ones are looked at exactly.
+
+Where rounding could matter, a manoeuvre is not ruled out: the exact look decides (see `planner`).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ator_ros.domains.soccer.goals import wall_distances
+from ator_ros.domains.soccer.planned.bundle import Bundle, closed_bundle, courses
+from ator_ros.domains.soccer.planned.clearance import STRIDE, Obstacles, ball_distances
+from ator_ros.domains.soccer.planned.trajectory import DT
+from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState
+
+BACKWARD = -1e-6
+"""Speed in m/s below which a robot drives backward."""
+_DOUBT = 1e-8  # m, s or m/s within which the exact look decides
+
+
+_SAMPLES = 32_000  # of trajectories, in a portion of work
+_LARGEST = 64  # manoeuvres in a portion
+PORTION_POINTS = 4
+"""What a portion costs in points of planning, see `planning`."""
+
+
+class Verdict(enum.IntEnum):
+    """What is known of a manoeuvre: not one that is allowed, or one that touches something."""
+
+    IMPOSSIBLE = 0
+    TOUCHES = 1
+    OPEN = 2
+
+
+def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.intp]]:
+    """Divide the indices `order` into portions of about the same work, the first of a single one.
+
+    `times` are the durations in s, ascending, of all manoeuvres that the indices are of.
+    """
+    size = 1
+    while len(order):
+        yield order[:size]
+        order = order[size:]
+        if len(order):
+            size = max(2, min(16 * size, _LARGEST, int(_SAMPLES * DT / max(times[order[0]], DT))))
+
+
+def look_points(duration: float) -> int:
+    """Return what the exact look at a manoeuvre of `duration` s costs in points."""
+    return 1 + int(duration / 20.0)
+
+
+def screened(
+    bundle: Bundle, longest: FloatArray, obstacles: Obstacles, robot: Robot, *, forward_only: bool
+) -> NDArray[np.int8]:
+    """Judge manoeuvres that are still to be closed.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        n manoeuvres.
+    longest : ndarray, shape (n,)
+        Greatest duration in s, once closed.
+
+    Returns
+    -------
+    ndarray of int8, shape (n,)
+        A `Verdict` each.
+    """
+    bundle, found = closed_bundle(bundle)
+    speeds, _ = courses(bundle)
+    duration = speeds.durations.sum(axis=1)
+    possible, certain = duration < longest - _DOUBT, np.abs(duration - longest) > _DOUBT
+    if forward_only:
+        back = ((speeds.ends < BACKWARD - _DOUBT) & (speeds.durations > _DOUBT)).any(axis=1)
+        hardly = ((speeds.ends < BACKWARD + _DOUBT) & (speeds.durations > -_DOUBT)).any(axis=1)
+        possible &= ~back
+        certain &= (back == hardly) | (duration > longest + _DOUBT)
+    certain &= found
+    verdicts = np.where(certain & ~possible, Verdict.IMPOSSIBLE, Verdict.OPEN).astype(np.int8)
+    valid = certain & possible
+    if valid.any():
+        verdicts[valid] -= touching(bundle.picked(valid), obstacles, robot)
+    return verdicts
+
+
+def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
+    """Return which closed manoeuvres touch an obstacle for certain; see `clearance.is_clear`."""
+    speeds, turns = courses(bundle)
+    duration = speeds.durations.sum(axis=1)
+    grid = DT * np.arange(int(duration.max() / DT) + 2)
+    times = np.minimum(grid, duration[:, None])
+    poses = _poses(bundle, times, speeds.at(times), turns.at(times))
+    seen = grid[::STRIDE] < duration[:, None] - _DOUBT
+    touches = _near_walls(poses[:, :, ::STRIDE], seen, robot)
+    if obstacles.ball is None:
+        return touches
+    if obstacles.run > 0.0:
+        left = np.hypot(poses[0] - bundle.goals[0, :, None], poses[1] - bundle.goals[1, :, None])
+        far = left > obstacles.run + _DOUBT
+        last = np.where(far.any(axis=1), far.shape[1] - 1 - np.argmax(far[:, ::-1], axis=1), -1)
+        seen &= STRIDE * np.arange(seen.shape[1]) <= last[:, None]
+    return touches | _near_ball(poses[:, :, ::STRIDE], seen, obstacles.ball, obstacles.ball_margin, robot)
+
+
+def _poses(bundle: Bundle, times: FloatArray, speeds: FloatArray, turns: FloatArray) -> FloatArray:
+    """Compute poses as `Trajectory` does, shape (3, n, times)."""
+    start, goals, steps = bundle.start, bundle.goals[:, :, None], np.diff(times, axis=1)
+    yaw = start.yaw + _summed(0.5 * (turns[:, :-1] + turns[:, 1:]) * steps)
+    middle = 0.5 * (yaw[:, :-1] + yaw[:, 1:])
+    travelled = 0.5 * (speeds[:, :-1] + speeds[:, 1:]) * steps
+    poses = np.stack(
+        (start.x + _summed(travelled * np.cos(middle)), start.y + _summed(travelled * np.sin(middle)), yaw)
+    )
+    errors = goals - poses[:, :, -1:]
+    errors[2] = (errors[2] + np.pi) % (2.0 * np.pi) - np.pi
+    poses += times / np.maximum(times[:, -1:], DT) * errors
+    return poses
+
+
+def _summed(steps: FloatArray) -> FloatArray:
+    sums = np.zeros((len(steps), steps.shape[1] + 1))
+    np.cumsum(steps, axis=1, out=sums[:, 1:])
+    return sums
+
+
+def _near_walls(poses: FloatArray, seen: BoolArray, robot: Robot) -> BoolArray:
+    """Return which rows of poses, shape (3, n, m), have one that is `seen` and touches a goal's wall."""
+    near = seen & (np.abs(poses[0]) > robot.field.length / 2 - robot.reach)
+    distances = wall_distances(poses[:, near].T, robot.field)
+    return _in_rows(near, distances < robot.reach - _DOUBT)
+
+
+def _near_ball(poses: FloatArray, seen: BoolArray, ball: BallState, margin: float, robot: Robot) -> BoolArray:
+    body = np.hypot(max(robot.front, robot.rear), robot.half_width)
+    reach = max(robot.reach, body) + robot.ball.radius + margin
+    near = seen & (np.abs(poses[0] - ball.x) < reach) & (np.abs(poses[1] - ball.y) < reach)
+    return _in_rows(near, ball_distances(poses[:, near].T, ball, robot) < margin - _DOUBT)
+
+
+def _in_rows(places: BoolArray, hits: BoolArray) -> BoolArray:
+    """Return which rows of `places` hold one of the `hits`, given for its true elements in order."""
+    rows = np.zeros(len(places), dtype=bool)
+    rows[np.nonzero(places)[0][hits]] = True
+    return rows

@@ -1,0 +1,88 @@
+"""shoot: send the ball into the goal by motion alone, since the robot has no kicker."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+
+from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
+from ator_ros.domains.soccer.planned.clearance import Obstacles
+from ator_ros.domains.soccer.planned.holding import release_sides, run_up_sides
+from ator_ros.domains.soccer.planned.holding_action import HoldingAction
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.planner import fastest
+from ator_ros.domains.soccer.planned.planning import Planning
+from ator_ros.domains.soccer.planned.release import release_poses, rolling_time, scoring_time
+from ator_ros.domains.soccer.planned.run_up import run_up
+from ator_ros.world.state import World
+
+_PATIENCE = 2.0
+_LARGE = math.radians(200.0)  # beyond which two turns may be better than one
+_TRIES = 40  # for each way to release: where the posts block so many, another release is better
+
+
+class Shoot(HoldingAction):
+    """Runs at the goal with the ball and brakes: the ball rolls on, over the line.
+
+    The goal's position is the middle of the goal's mouth; its yaw and speed are not used, since what
+    counts is the ball.
+    """
+
+    name = "shoot"
+    verb = "running up"
+
+    def start(self, world: World, goal: Goal) -> None:
+        """Plan the run-up; see `Action.start`."""
+        self._released: float | None = None
+        super().start(world, Goal(goal.pose, 0.0, goal.point))
+
+    def plan(self, world: World) -> Planning[Manoeuvre]:
+        """Plan the run-up that brings the ball behind the line first."""
+        robot, limits, start = self.robot, self.plan_limits, world.robot.pose
+        mouth = self.goal.pose._replace(yaw=0.0 if self.goal.pose.x > 0.0 else math.pi)
+        speed = round(max(0.0, world.robot.v), 3)
+        entries = run_up_sides(robot, limits, speed)
+        one_turn = yield from run_up(robot, start, mouth, entries, limits)
+        if one_turn is not None and abs(one_turn.first) < _LARGE:
+            return one_turn
+        best, soonest = one_turn, math.inf
+        if one_turn is not None:
+            soonest = scoring_time(robot, mouth, one_turn)
+            yield one_turn
+        exits = release_sides(robot, limits)
+        for pose in release_poses(robot, mouth, limits):
+            longest = soonest - rolling_time(robot, mouth, pose, limits.v)
+            with suppress(ActionError):
+                plan = yield from fastest(robot, start, pose, entries, exits, limits, Obstacles(),
+                                          forward_only=True, tries=_TRIES, longest=longest)  # fmt: skip
+                time = scoring_time(robot, mouth, plan)
+                if time < soonest:
+                    best, soonest = plan, time
+                    yield plan
+        if best is None:
+            raise ActionError(f"{self.name}: expected room for a run-up to the goal, found none")
+        return best
+
+    def step(self, world: World) -> Step:
+        """Follow the run-up, then brake until the ball is in the goal."""
+        if self._in_goal(world):
+            return finished(Status.SUCCEEDED, "the ball is in the goal")
+        if self._released is None:
+            return super().step(world)
+        ball = world.ball
+        over = world.time - self._released > _PATIENCE or ball is None or ball.speed < 0.02
+        if over:
+            return finished(Status.FAILED, "the ball stopped before the goal")
+        return finished(Status.RUNNING, "the ball is rolling")
+
+    def arrive(self, world: World) -> Step:
+        """Release the ball by braking as hard as the base can."""
+        self._released = world.time
+        return finished(Status.RUNNING, "released the ball")
+
+    def _in_goal(self, world: World) -> bool:
+        ball, goal = world.ball, self.goal.pose
+        if ball is None:
+            return False
+        beyond = (ball.x - goal.x) * math.copysign(1.0, goal.x) > self.robot.ball.radius
+        return beyond and abs(ball.y - goal.y) < self.robot.field.goal_width / 2.0

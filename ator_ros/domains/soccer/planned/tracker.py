@@ -1,0 +1,134 @@
+"""Follows a trajectory: its velocities ahead of time, and feedback (Kanayama et al., ICRA 1990)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ator_ros.domains.soccer.planned.trajectory import Trajectory
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import Command, RobotState, World
+
+DISTURBED_DISTANCE = 0.12  # m from the plan
+DISTURBED_HEADING = 0.35  # rad
+_ROUNDING = 1e-6  # s by which sums of ticks may be off
+_LONGEST_WAIT = 1.0  # s for the robot's start, on a computer that plans slowly
+_SHORT = 0.5  # s; a robot may hardly move in a plan that takes less
+_SEEN_LATE = 0.02  # s after which the speeds of a plan are those of a robot that follows it
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """The planned pose seen from the robot: m ahead, m to the left, rad counter-clockwise."""
+
+    along: float
+    across: float
+    heading: float
+
+    @property
+    def distance(self) -> float:
+        """Distance from the plan in m."""
+        return math.hypot(self.along, self.across)
+
+
+class Tracker:
+    """Steers a robot along a trajectory.
+
+    Parameters
+    ----------
+    robot : Robot
+        Lag of the base, and the bounds of the commands.
+    trajectory : Trajectory
+        What to follow.
+    start_time : float
+        When the trajectory starts, in s of the world's time.
+    period : float
+        Control period in s.
+    waits : bool
+        Whether the trajectory starts later where the robot does.
+    """
+
+    GAIN_ALONG = 2.0
+    GAIN_HEADING = 3.0
+    # Turn rate per lateral deviation: falls with speed so that the loop's damping stays above one half,
+    # and fades out where the robot hardly moves and turning corrects nothing.
+    GAIN_ACROSS = 12.0
+    ACROSS_BANDWIDTH = 6.0
+    SLOW = 0.1
+
+    def __init__(
+        self,
+        robot: Robot,
+        trajectory: Trajectory,
+        start_time: float,
+        period: float = 0.05,
+        *,
+        waits: bool = False,
+    ) -> None:
+        self._limits, self._period, self._lever = robot.limits, period, robot.track / 2.0
+        self.trajectory = trajectory
+        self._start = self._made = start_time
+        first = trajectory.at(0.0)
+        still = RobotState(first.pose, first.v, first.w).is_still
+        self._waits = waits and still and trajectory.duration > _SHORT
+        # A command is reached after a period's ramp, most of which it is late, and the motors lag behind.
+        self._preview = 0.8 * period + robot.motor_time_constant
+
+    def wait_for_start(self, world: World) -> None:
+        """Let time begin when a robot at rest does: where planning takes long, its first command is late."""
+        if not self._waits:
+            return
+        patient = world.time - self._made < _LONGEST_WAIT
+        self._waits = patient and world.robot.is_still
+        if self._waits:
+            self._start = world.time
+        elif patient:
+            self._start = self._begun(world)
+
+    def _begun(self, world: World) -> float:
+        """Return when (s) a robot that moves began, whole periods ago: states may have been missed."""
+        most = max(1, round(self.elapsed(world) / self._period))
+        if most == 1:
+            return self._start
+
+        def error(ticks: int) -> float:
+            planned = self.trajectory.at(ticks * self._period - _SEEN_LATE)
+            change = abs(planned.v - world.robot.v) + self._lever * abs(planned.w - world.robot.w)
+            # Speeds tell most, just after a start; a metre counts as a metre per second.
+            return change + planned.pose.distance(world.robot.pose)
+
+        return world.time - min(range(1, most + 1), key=error) * self._period
+
+    def left(self, world: World) -> float:
+        """Return the time in s to the end of the trajectory; not positive afterwards."""
+        return self.trajectory.duration - self.elapsed(world) - _ROUNDING
+
+    def disturbed(self, world: World) -> bool:
+        """Return whether the robot is so far from the plan that following it makes no sense."""
+        deviation = self.deviation(world)
+        return deviation.distance > DISTURBED_DISTANCE or abs(deviation.heading) > DISTURBED_HEADING
+
+    def elapsed(self, world: World) -> float:
+        """Return the time in s since the trajectory started."""
+        return world.time - self._start
+
+    def deviation(self, world: World) -> Deviation:
+        """Return the deviation of the robot from the plan at this moment."""
+        planned = self.trajectory.at(self.elapsed(world)).pose
+        seen: Pose = world.robot.pose.relative(planned)
+        return Deviation(seen.x, seen.y, seen.yaw)
+
+    def command(self, world: World) -> Command:
+        """Return the next velocity command."""
+        error = self.deviation(world)
+        ahead = self.trajectory.at(self.elapsed(world) + self._preview)
+        v = ahead.v * math.cos(error.heading) + self.GAIN_ALONG * error.along
+        w = ahead.w + self._across(ahead.v) * error.across + self.GAIN_HEADING * math.sin(error.heading)
+        bound = self._limits
+        return Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
+
+    def _across(self, v: float) -> float:
+        speed = max(abs(v), self.SLOW)
+        gain = min(self.GAIN_ACROSS, self.ACROSS_BANDWIDTH / speed)
+        return math.copysign(gain, v) * min(1.0, abs(v) / self.SLOW)

@@ -1,0 +1,100 @@
+"""Random situations from which actions are executed and observed (paper, section 3)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.goals import touches_goals
+from ator_ros.geometry import Pose
+from ator_ros.refinement.free_variables import ARRIVAL_SPEED
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import BallState, RobotState
+
+END_MARGIN = 0.9  # m that starts and goals keep from the goal lines, where the goals' posts are
+SIDE_MARGIN = 0.4  # m that they keep from the side lines
+CLEARANCE = 0.6  # m between the axle at the start and the ball, so that the two don't touch
+SHORTEST = 0.5  # m between start and goal
+SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line when a shot starts
+
+
+def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
+    """Draw a pose that lies well within the lines."""
+    half_length, half_width = robot.field.length / 2 - END_MARGIN, robot.field.width / 2 - SIDE_MARGIN
+    x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
+    return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+
+
+def _share(rng: np.random.Generator, share: float) -> bool:
+    return bool(rng.random() < share)
+
+
+def _speed(rng: np.random.Generator, share: float) -> float:
+    """Draw a speed in m/s that is not zero in `share` of the cases."""
+    speed = float(rng.uniform(0.0, ARRIVAL_SPEED))
+    return speed if _share(rng, share) else 0.0
+
+
+def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a drive: three quarters approach a ball, half of these with an arrival speed, the others a pose.
+
+    One start in seven is in motion.
+    """
+    with_ball = _share(rng, 0.75)
+    goal = random_pose(robot, rng)
+    start = random_pose(robot, rng)
+    while start.distance(goal) < (CLEARANCE if with_ball else SHORTEST):
+        start = random_pose(robot, rng)
+    state = RobotState(start)
+    if _share(rng, 1.0 / 7.0):
+        state = RobotState(
+            start,
+            float(rng.uniform(-0.3, 0.8) * robot.limits.v),
+            float(rng.uniform(-0.5, 0.5) * robot.limits.w),
+        )
+    if not with_ball:
+        return Situation("goToPose", state, None, Goal(goal, 0.0, Point.AXLE))
+    return Situation("goToPose", state, BallState(goal.x, goal.y), Goal(goal, _speed(rng, 0.5), Point.HOLD))
+
+
+def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, BallState]:
+    """Return robot and ball when the robot at `pose` holds the ball and drives at `speed` (m/s)."""
+    ball = robot.hold_point(pose)
+    vx, vy = speed * math.cos(pose.yaw), speed * math.sin(pose.yaw)
+    return RobotState(pose, speed), BallState(ball.x, ball.y, vx, vy)
+
+
+def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed."""
+    goal = random_pose(robot, rng)
+    ball = random_pose(robot, rng)
+    while ball.distance(goal) < SHORTEST:
+        ball = random_pose(robot, rng)
+    state, rolling = _holding(robot, robot.pose_holding(ball), _speed(rng, 0.5))
+    return Situation("dribbleBall", state, rolling, Goal(goal, _speed(rng, 0.3), Point.HOLD))
+
+
+def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a shot from up to 2.5 m before the goal: the ball is held, and every second start is in motion."""
+    x, y = robot.field.goal_centre()
+    start = _shooting_pose(robot, rng)
+    while touches_goals(np.array([start]), robot):
+        start = _shooting_pose(robot, rng)
+    state, rolling = _holding(robot, start, _speed(rng, 0.5))
+    return Situation("shoot", state, rolling, Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
+
+
+def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
+    """Draw a pose of the robot whose ball lies within range of the goal."""
+    x, y = robot.field.goal_centre()
+    bearing = rng.uniform(-0.45, 0.45) * math.pi  # seen from the goal, the lines beside it excluded
+    distance = rng.uniform(*SHOT_RANGE)
+    ball = Pose(
+        x - float(distance * math.cos(bearing)),
+        y + float(distance * math.sin(bearing)),
+        float(rng.uniform(-math.pi, math.pi)),
+    )
+    return robot.pose_holding(ball)

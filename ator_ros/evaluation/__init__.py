@@ -1,0 +1,1 @@
+"""Evaluation: trials, policies, the oracle, and what their runs show."""

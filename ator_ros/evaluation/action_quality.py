@@ -1,0 +1,168 @@
+"""How fast, reliable and regular the actions are: the numbers that everything learned stands on."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ator_ros.actions.base import ActionError, Status
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
+from ator_ros.experience.episode import place
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import Robot, load_robot
+from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.world.state import BallState, RobotState
+
+KINDS = ("pose", "approach", "dribble", "shoot")
+_TURN = math.radians(1.0)
+_MOVED = 0.01  # m by which a ball that is approached may have moved before the robot is at it
+_LIMIT = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One situation: kind of motion, action set, seed, number, and by how much the start is turned (rad)."""
+
+    kind: str
+    action_set: str
+    seed: int
+    index: int
+    turn: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How one execution went.
+
+    Attributes
+    ----------
+    success, early : bool
+        The goal was reached; the ball was moved before its time.
+    duration : float
+        In s.
+    excess : float
+        Greatest command over its limit, as a ratio (1: at the limit).
+    poses : tuple of poses
+        Start and goal of the axle, for the ruler.
+    reason : str
+        How it ended.
+    planned : float
+        Duration in s that was planned at the start; NaN where the action has no plan.
+    """
+
+    success: bool
+    early: bool
+    duration: float
+    excess: float
+    poses: tuple[Pose, Pose]
+    reason: str
+    planned: float = math.nan
+
+
+def situation_of(task: Task, robot: Robot) -> Situation:
+    """Draw the situation of a task: at rest at both ends, the start perhaps turned by a degree."""
+    rng = np.random.default_rng((task.seed, KINDS.index(task.kind), task.index))
+    action = {"pose": "goToPose", "approach": "goToPose", "dribble": "dribbleBall", "shoot": "shoot"}[
+        task.kind
+    ]
+    sample = SOCCER.actions(task.action_set)[action].sample
+    drawn = sample(robot, rng)
+    while action == "goToPose" and (drawn.ball is None) != (task.kind == "pose"):
+        drawn = sample(robot, rng)
+    pose = drawn.robot.pose._replace(yaw=drawn.robot.pose.yaw + task.turn)
+    ball = drawn.ball
+    if ball is not None and task.kind != "approach":
+        hold = robot.hold_point(pose)
+        ball = BallState(hold.x, hold.y)
+    return Situation(action, RobotState(pose), ball, dataclasses.replace(drawn.goal, speed=0.0))
+
+
+def execute(task: Task) -> Outcome:
+    """Execute one task in a world of its own."""
+    return execute_situation(situation_of(task, load_robot()), task)
+
+
+def execute_situation(situation: Situation, task: Task) -> Outcome:
+    """Execute `situation` with the action set of `task` in a world of its own."""
+    with PioneerSimulation(load_robot()) as simulation:
+        return _execute(simulation, situation, task)
+
+
+def _execute(simulation: PioneerSimulation, situation: Situation, task: Task) -> Outcome:
+    robot, goal = simulation.robot, situation.goal
+    place(simulation, situation)
+    action = SOCCER.actions(task.action_set)[situation.action].factory(robot)
+    early, excess = False, 0.0
+    poses = (situation.robot.pose, goal.robot_pose(robot))
+    try:
+        action.start(simulation.world(), goal)
+    except ActionError as error:
+        return Outcome(False, False, _LIMIT, 0.0, poses, str(error))
+    planned = math.nan
+    if isinstance(action, PlannedAction) and task.kind != "shoot":  # a shot is planned up to the release only
+        planned = action.left(simulation.world())
+    while simulation.time < _LIMIT:
+        world = simulation.world()
+        step = action.step(world)
+        if step.status is not Status.RUNNING:
+            break
+        command, pose = step.command, world.robot.pose
+        excess = max(excess, abs(command.v) / robot.limits.v, abs(command.w) / robot.limits.w)
+        early = early or (task.kind == "approach" and _touched_early(situation, world.ball, pose, robot))
+        simulation.command(command)
+        simulation.tick()
+    success = step.status is Status.SUCCEEDED
+    return Outcome(success, early, simulation.time, excess, poses, step.message, planned)
+
+
+def _touched_early(situation: Situation, ball: BallState | None, pose: Pose, robot: Robot) -> bool:
+    first = situation.ball
+    if ball is None or first is None:
+        return False
+    moved = math.hypot(ball.x - first.x, ball.y - first.y) > _MOVED
+    ahead = pose.relative(Pose(ball.x, ball.y, 0.0))
+    caught = abs(ahead.y) < 0.05 and ahead.x < robot.hold + 0.03
+    return moved and not caught
+
+
+def summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Sum up executions of one kind: counts, shares in percent, durations in s."""
+    durations = np.array([outcome.duration for outcome in outcomes if outcome.success])
+    failures = sorted({outcome.reason for outcome in outcomes if not outcome.success})
+    return {
+        "kind": kind,
+        "situations": len(outcomes),
+        "success_percent": round(100.0 * len(durations) / len(outcomes), 2),
+        "ball_moved_early_percent": round(100.0 * float(np.mean([o.early for o in outcomes])), 2),
+        "mean_duration_s": round(float(durations.mean()), 3) if len(durations) else None,
+        "greatest_command_over_limit": round(max(outcome.excess for outcome in outcomes), 3),
+        **_around_plan([outcome for outcome in outcomes if outcome.success]),
+        "failures": failures[:10],
+    }
+
+
+def _around_plan(outcomes: Sequence[Outcome]) -> dict[str, float]:
+    """Return mean and standard deviation (s) of duration less plan; nothing where there are no plans."""
+    over = np.array([outcome.duration - outcome.planned for outcome in outcomes])
+    if not len(over) or np.isnan(over).any():
+        return {}
+    return {"over_plan_mean_s": round(float(over.mean()), 3), "over_plan_std_s": round(float(over.std()), 3)}
+
+
+def regularity(base: Sequence[Outcome], turned: Sequence[Outcome]) -> dict[str, float]:
+    """Return percentiles of the change of duration (s) when the start is turned by a degree."""
+    changes = [abs(one.duration - other.duration) for one, other in zip(base, turned, strict=True)
+               if one.success and other.success]  # fmt: skip
+    return {f"p{level}_s": round(float(np.percentile(changes, level)), 3) for level in (50, 95, 99, 100)}
+
+
+def tasks(kind: str, action_set: str, seed: int, situations: int, turn_degrees: int = 0) -> list[Task]:
+    """Return the tasks of one kind, all starts turned by `turn_degrees`."""
+    return [Task(kind, action_set, seed, index, turn_degrees * _TURN) for index in range(situations)]

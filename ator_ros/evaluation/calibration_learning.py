@@ -1,0 +1,176 @@
+"""Learning what predictions of actions in chains miss, from chains that were executed (see `calibration`)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.policies import Models, Toolset
+from ator_ros.evaluation.statistics import mean_interval
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.geometry import FloatArray
+from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall, Step, chain_steps, model_digest
+from ator_ros.refinement.chain_model import predict_chain
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+
+POLICIES = ("naive", "refined", "refined_speed")
+"""Policies whose chains are learned from: the gated ones execute the same chains."""
+LEAST_SITUATIONS = 20
+FOLDS = 10
+
+
+@dataclass(frozen=True)
+class StepExample:
+    """One executed action of a chain.
+
+    Attributes
+    ----------
+    chain, policy : str
+        Names of the chain and of the policy that chose it.
+    situation : (int, int)
+        Seed and number of the situation; start and ball are the same in all chains.
+    action : str
+        Name of the action.
+    step : Step
+        What was known of it beforehand.
+    actual : float
+        How long it took in s.
+    """
+
+    chain: str
+    policy: str
+    situation: tuple[int, int]
+    action: str
+    step: Step
+    actual: float
+
+
+def step_examples(
+    records: Iterable[Mapping[str, Any]], *, seed: int, chain: str, tools: Toolset, library: TopLibrary
+) -> list[StepExample]:
+    """Return the executed actions in records of `evaluate_trial`, of the chains that succeeded.
+
+    Raises
+    ------
+    EvaluationError
+        The records hold no durations of actions.
+    """
+    examples: list[StepExample] = []
+    models = tools.models["learned"]
+    for record in records:
+        trial = random_trial(tools.domain, chain, library, seed=seed, index=record["index"])
+        for policy in POLICIES:
+            row = record["policies"].get(policy)
+            if row is None or not row["success"]:
+                continue
+            chosen = _as_chosen(trial.chain, row["chosen"])
+            actual = row.get("actions")
+            if not isinstance(actual, list) or len(actual) != len(chosen.calls):
+                raise EvaluationError("expected records with the durations of all actions: evaluate again")
+            prediction = predict_chain(trial.world, chosen, models, tools.robot)
+            (steps,) = chain_steps([(chosen, prediction)], trial.world, models, tools.robot)
+            examples += [
+                StepExample(chain, policy, (seed, record["index"]), call.top.action, step, float(took))
+                for call, step, took in zip(chosen.calls, steps, actual, strict=True)
+                if step is not None
+            ]
+    return examples
+
+
+def _as_chosen(chain: TopChain, chosen: Sequence[Sequence[float]]) -> TopChain:
+    for index, (yaw, speed) in enumerate(chosen):
+        goal = chain.calls[index].goal
+        chain = chain.with_goal(
+            index, dataclasses.replace(goal, pose=goal.pose._replace(yaw=yaw), speed=speed)
+        )
+    return chain
+
+
+def fit_calibration(examples: Sequence[StepExample], models: Models) -> Calibration:
+    """Fit the shortfall of each action, by least squares over all executions of it.
+
+    Raises
+    ------
+    EvaluationError
+        There are too few examples of every action.
+    """
+    shortfalls: dict[str, Shortfall] = {}
+    for action in sorted({example.action for example in examples}):
+        of_action = [example for example in examples if example.action == action]
+        if len({example.situation for example in of_action}) >= LEAST_SITUATIONS:
+            shortfalls[action] = _fit(of_action, model_digest(models.get(action)))
+    if not shortfalls:
+        raise EvaluationError(f"expected chains of at least {LEAST_SITUATIONS} situations, got too few")
+    return Calibration(shortfalls)
+
+
+def _fit(examples: Sequence[StepExample], model: str) -> Shortfall:
+    table = np.array([[term(example.step) for term, _ in TERMS.values()] for example in examples])
+    missed = np.array([example.actual - example.step.predicted for example in examples])
+    varies = np.ptp(table, axis=0) > 0.0
+    design = np.column_stack([np.ones(len(table)), table[:, varies]])
+    (constant, *slopes), *_ = np.linalg.lstsq(design, missed, rcond=None)
+    names = [name for name, used in zip(TERMS, varies, strict=True) if used]
+    fitted = design @ np.array([constant, *slopes])
+    return Shortfall(
+        float(constant),
+        {name: float(slope) for name, slope in zip(names, slopes, strict=True)},
+        float(fitted.min()),
+        float(fitted.max()),
+        model,
+    )
+
+
+def cross_validated(examples: Sequence[StepExample], models: Models) -> dict[str, dict[str, Any]]:
+    """Return the mean errors of predicted chain durations on situations that were not fitted to.
+
+    Returns
+    -------
+    dict
+        By "chain policy": chains; "raw" and "corrected": mean of predicted minus actual in s, and its 95 %
+        interval; "raw_mae_s" and "corrected_mae_s".
+    """
+    situations = sorted({example.situation for example in examples})
+    order = np.random.default_rng(0).permutation(len(situations))
+    raw: dict[tuple[str, str, tuple[int, int]], float] = {}
+    corrected: dict[tuple[str, str, tuple[int, int]], float] = {}
+    for fold in range(FOLDS):
+        held_out = {situations[number] for number in order[fold::FOLDS]}
+        rest = [example for example in examples if example.situation not in held_out]
+        calibration = fit_calibration(rest, models)
+        for example in examples:
+            if example.situation in held_out:
+                key = (example.chain, example.policy, example.situation)
+                error = example.step.predicted - example.actual
+                shortfall = calibration.shortfalls.get(example.action)
+                added = 0.0 if shortfall is None else shortfall.of(example.step)
+                raw[key] = raw.get(key, 0.0) + error
+                corrected[key] = corrected.get(key, 0.0) + error + added
+    groups = dict.fromkeys((chain, policy) for chain, policy, _ in raw)
+    return {
+        f"{chain} {policy}": _judged(_of(raw, chain, policy), _of(corrected, chain, policy))
+        for chain, policy in groups
+    }
+
+
+def _of(errors: Mapping[tuple[str, str, tuple[int, int]], float], chain: str, policy: str) -> FloatArray:
+    return np.array([error for key, error in errors.items() if key[:2] == (chain, policy)])
+
+
+def _judged(raw: FloatArray, corrected: FloatArray) -> dict[str, Any]:
+    return {
+        "chains": len(raw),
+        "raw_s": round(math.fsum(raw) / len(raw), 4),
+        "raw_ci95": mean_interval(raw),
+        "raw_mae_s": round(float(np.abs(raw).mean()), 4),
+        "corrected_s": round(math.fsum(corrected) / len(corrected), 4),
+        "corrected_ci95": mean_interval(corrected),
+        "corrected_mae_s": round(float(np.abs(corrected).mean()), 4),
+    }

@@ -1,0 +1,171 @@
+"""Learning the gate from executed situations, two ways, compared by cross-validation (paper, section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.tree import DecisionTreeClassifier
+
+from ator_ros.evaluation.statistics import labels
+from ator_ros.geometry import FloatArray
+from ator_ros.refinement.gate import FEATURES, ThresholdGate, TreeGate
+
+LearnedGate = ThresholdGate | TreeGate
+GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
+HARM = 3.0
+"""What a run made worse by more than 2 % weighs, in s, beside the time it loses."""
+KEPT = 0.97
+"""Least share of the ungated gain that a threshold keeps, of headings alone and of headings and speeds."""
+FOLDS = 10
+TREE_DEPTH = 3
+TREE_LEAF = 10
+
+
+@dataclass(frozen=True)
+class GateExamples:
+    """Situations executed naive and refined.
+
+    Attributes
+    ----------
+    features : ndarray, shape (n, len(FEATURES))
+        What the gate decides from.
+    naive, refined : ndarray, shape (n,)
+        Durations in s.
+    situation : ndarray of int, shape (n,)
+        Which examples are of the same situation.
+    kind : ndarray of int, shape (n,)
+        0 where the heading alone was refined, 1 where the arrival speed was too.
+    """
+
+    features: FloatArray
+    naive: FloatArray
+    refined: FloatArray
+    situation: NDArray[np.int64]
+    kind: NDArray[np.int64]
+
+    def part(self, rows: NDArray[Any]) -> GateExamples:
+        """Return some of the examples."""
+        columns = (self.features, self.naive, self.refined, self.situation, self.kind)
+        return GateExamples(*(column[rows] for column in columns))
+
+
+def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
+    """Return the examples, with and without arrival speed, of records as `evaluate_trial` makes them."""
+    rows, naive, refined, situation, kinds = [], [], [], [], []
+    for record in records:
+        for kind, (policy, key) in enumerate((("refined", "features"), ("refined_speed", "features_speed"))):
+            if record.get(key):
+                rows.append([record[key][name] for name in FEATURES])
+                naive.append(record["policies"]["naive"]["duration"])
+                refined.append(record["policies"][policy]["duration"])
+                situation.append(record["index"])
+                kinds.append(kind)
+    return GateExamples(
+        np.array(rows, dtype=float), *(np.array(column) for column in (naive, refined, situation, kinds))
+    )
+
+
+def fit_threshold(examples: GateExamples) -> ThresholdGate:
+    """Return the threshold that harms least, of those that keep nearly all of the gain."""
+    gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
+    gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
+    refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
+    allowed = [index for index, rows in enumerate(refine) if _kept(examples, rows) >= KEPT]
+    harm = [_worse(examples, rows) for rows in refine]
+    return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
+
+
+def fit_tree(examples: GateExamples) -> TreeGate:
+    """Return the decision tree that tells Higher, Equal and Lower apart, as the paper's does."""
+    tree = DecisionTreeClassifier(max_depth=TREE_DEPTH, min_samples_leaf=TREE_LEAF, random_state=0)
+    tree.fit(examples.features, labels(examples.refined, examples.naive))
+    nodes, names = tree.tree_, list(FEATURES)
+    inner = nodes.children_left >= 0
+    return TreeGate(
+        feature=tuple(names[f] if i else "" for f, i in zip(nodes.feature, inner, strict=True)),
+        threshold=tuple(float(t) if i else 0.0 for t, i in zip(nodes.threshold, inner, strict=True)),
+        left=tuple(int(child) for child in nodes.children_left),
+        right=tuple(int(child) for child in nodes.children_right),
+        label=tuple(str(tree.classes_[np.argmax(value[0])]) for value in nodes.value),
+    )
+
+
+def decisions(gate: LearnedGate, examples: GateExamples) -> NDArray[np.bool_]:
+    """Return for each example whether the gate refines."""
+    return np.array([gate.decide(dict(zip(FEATURES, row, strict=True)))[0] for row in examples.features])
+
+
+def _gain(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
+    return float((examples.naive - examples.refined)[refine].sum())
+
+
+def _worse(examples: GateExamples, refine: NDArray[np.bool_]) -> int:
+    taken = np.where(refine, examples.refined, examples.naive)
+    return int(np.sum(labels(taken, examples.naive) == "Lower"))
+
+
+def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
+    """Return the share of the ungated gain that is kept, of the kind of refinement that keeps least."""
+    shares = []
+    for kind in np.unique(examples.kind):
+        of_kind = examples.kind == kind
+        possible = _gain(examples, of_kind)
+        shares.append(_gain(examples, refine & of_kind) / possible if possible > 0.0 else 1.0)
+    return min(shares)
+
+
+def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
+    return _gain(examples, refine) - HARM * _worse(examples, refine)
+
+
+def compare_gates(examples: GateExamples) -> dict[str, dict[str, float]]:
+    """Judge both kinds of gate on situations that they were not fitted to.
+
+    Returns
+    -------
+    dict
+        For "open" (refine always), "threshold" and "tree": utility (s), mean_gain_s, kept_gain_percent (of
+        that of "open"), higher, equal, lower (examples), and refined_percent; for the tree also
+        accuracy_percent.
+    """
+    situations = np.random.default_rng(0).permutation(np.unique(examples.situation))
+    refine = {"threshold": np.zeros(len(examples.naive), bool), "tree": np.zeros(len(examples.naive), bool)}
+    correct = 0
+    for fold in range(FOLDS):
+        held_out = np.isin(examples.situation, situations[fold::FOLDS])
+        rest, test = examples.part(~held_out), examples.part(held_out)
+        tree = fit_tree(rest)
+        refine["threshold"][held_out] = decisions(fit_threshold(rest), test)
+        refine["tree"][held_out] = decisions(tree, test)
+        correct += int(np.sum(predicted_labels(tree, test) == labels(test.refined, test.naive)))
+    everything = np.ones(len(examples.naive), bool)
+    results = {name: _judged(examples, rows) for name, rows in {"open": everything, **refine}.items()}
+    results["tree"]["accuracy_percent"] = round(100.0 * correct / len(examples.naive), 1)
+    return results
+
+
+def predicted_labels(gate: TreeGate, examples: GateExamples) -> NDArray[np.str_]:
+    """Return the tree's label of each example."""
+    sentences = [gate.decide(dict(zip(FEATURES, row, strict=True)))[1] for row in examples.features]
+    return np.array([sentence.split()[0] for sentence in sentences])
+
+
+def _judged(examples: GateExamples, refine: NDArray[np.bool_]) -> dict[str, float]:
+    taken = np.where(refine, examples.refined, examples.naive)
+    label = labels(taken, examples.naive)
+    possible = float(np.sum(examples.naive - examples.refined))
+    gain = float(np.sum(examples.naive - taken))
+    return {
+        "utility": round(_utility(examples, refine), 3),
+        "mean_gain_s": round(gain / len(taken), 4),
+        "kept_gain_percent": round(100.0 * gain / possible, 2) if possible else 0.0,
+        "higher": int(np.sum(label == "Higher")),
+        "equal": int(np.sum(label == "Equal")),
+        "lower": int(np.sum(label == "Lower")),
+        "refined_percent": round(100.0 * float(refine.mean()), 1),
+    }

@@ -1,0 +1,169 @@
+"""How robot-soccer teams estimate time without learning: linear in distance and turns.
+
+Each model takes the place of the learned ones in the same search, with the coefficients its team chose by
+hand and with coefficients refitted to our robot's experience.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import nnls
+
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.files import read_json, write_text
+from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.robot.description import Robot
+
+_USED = frozenset({"x", "y", "yaw", "xg", "yg", "yawg", "hold"})
+_HEADLESS = frozenset({"shoot"})
+"""Actions whose goal has no heading."""
+SCHEMA = "ator_ros/baselines"
+
+
+@dataclass(frozen=True, slots=True)
+class LinearTime:
+    """A time that is linear in the distance, the turn toward the goal, and the turn at the goal.
+
+    Attributes
+    ----------
+    per_metre : float
+        In s/m.
+    per_start_turn, per_goal_turn : float
+        In s/rad.
+    hold : float
+        Distance in m between the axle and a held ball.
+    constant : float
+        In s.
+    """
+
+    per_metre: float
+    per_start_turn: float
+    per_goal_turn: float
+    hold: float
+    constant: float = 0.0
+
+    @property
+    def used_variables(self) -> frozenset[str]:
+        """Direct variables that the time depends on."""
+        return _USED if self.per_goal_turn else _USED - {"yawg"}
+
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
+        """Return the duration in s, shape (n,), and nothing else."""
+        distance, start_turn, goal_turn = linear_terms(direct, self.hold, aims=self.per_goal_turn > 0.0)
+        duration = self.constant + self.per_metre * distance
+        duration = duration + self.per_start_turn * start_turn + self.per_goal_turn * goal_turn
+        return SimpleNamespace(duration=np.atleast_1d(duration))
+
+
+def linear_terms(
+    direct: Mapping[str, Any], hold: float, *, aims: bool = True
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return distance (m) and the turns (rad) at the start and at the goal between two poses of the axle.
+
+    Parameters
+    ----------
+    direct : mapping
+        Direct variables.
+    hold : float
+        Distance in m between the axle and a held ball.
+    aims : bool
+        The goal has a heading; otherwise its position is where the axle shall come.
+    """
+    offset = np.asarray(direct["hold"]) * hold * aims
+    dx = direct["xg"] - offset * np.cos(direct["yawg"]) - direct["x"]
+    dy = direct["yg"] - offset * np.sin(direct["yawg"]) - direct["y"]
+    bearing = np.arctan2(dy, dx)
+    start_turn = np.abs(wrap_angles(bearing - direct["yaw"]))
+    goal_turn = np.abs(wrap_angles(direct["yawg"] - bearing)) * aims
+    return np.hypot(dx, dy), start_turn, goal_turn
+
+
+def bitbots(action: str, robot: Robot) -> LinearTime:
+    """Return the time model of bit-bots: 7.0 s/m, 3.82 s/rad of either turn."""
+    return LinearTime(7.0, 3.82, 0.0 if action in _HEADLESS else 3.82, robot.hold)
+
+
+def booster(action: str, robot: Robot) -> LinearTime:
+    """Return the cost of Booster's soccer demo: range at 1 m/s, turn at 1 rad/s, 1.33 s/rad of angle."""
+    return LinearTime(1.0, 1.0, 0.0 if action in _HEADLESS else 1.33, robot.hold)
+
+
+def refit(model: LinearTime, action: str, starts: pd.DataFrame) -> LinearTime:
+    """Fit the coefficients of `model` to observed durations; turns that it weighs alike stay alike.
+
+    Parameters
+    ----------
+    model : LinearTime
+        Gives the form.
+    action : str
+        What was executed.
+    starts : pandas.DataFrame
+        One row per successful episode: direct variables at the start, and the duration in s.
+    """
+    direct = {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
+    distance, start_turn, goal_turn = linear_terms(direct, model.hold, aims=action not in _HEADLESS)
+    ones = np.ones(len(starts))
+    duration = starts["duration"].to_numpy(dtype=float)
+    if model.per_start_turn == model.per_goal_turn:
+        (constant, per_metre, turn), _ = nnls(np.stack([ones, distance, start_turn + goal_turn], 1), duration)
+        coefficients = (float(per_metre), float(turn), float(turn))
+    else:
+        (constant, *rest), _ = nnls(np.stack([ones, distance, start_turn, goal_turn], 1), duration)
+        coefficients = (float(rest[0]), float(rest[1]), float(rest[2]))
+    return LinearTime(*coefficients, hold=model.hold, constant=float(constant))
+
+
+HAND_SET: Mapping[str, Callable[[str, Robot], LinearTime]] = MappingProxyType(
+    {"bitbots": bitbots, "booster": booster}
+)
+
+
+def save_baselines(path: Path, starts: Mapping[str, pd.DataFrame], robot: Robot) -> None:
+    """Refit both teams' models to the successful starts of each action, and write the coefficients."""
+    models = {
+        f"{team}_refitted": {
+            action: dataclasses.asdict(refit(make(action, robot), action, rows))
+            for action, rows in starts.items()
+        }
+        for team, make in HAND_SET.items()
+    }
+    write_text(path, json.dumps({"schema": SCHEMA, "models": models}, indent=1) + "\n")
+
+
+def load_baselines(path: Path, robot: Robot) -> dict[str, dict[str, LinearTime]]:
+    """Read refitted models: by name of the set, by action.
+
+    Raises
+    ------
+    EvaluationError
+        The file cannot be read or lacks a coefficient; the message says what was expected.
+    """
+    try:
+        data = read_json(path)
+        if data["schema"] != SCHEMA:
+            raise EvaluationError(f"{path}: schema: expected {SCHEMA!r}, got {data['schema']!r}")
+        return {
+            name: {action: _linear_time(row, robot) for action, row in data["models"][name].items()}
+            for name in (f"{team}_refitted" for team in HAND_SET)
+        }
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise EvaluationError(f"{path}: expected coefficients as `gate` writes them: {error!r}") from error
+
+
+def _linear_time(row: Mapping[str, Any], robot: Robot) -> LinearTime:
+    names = ("per_metre", "per_start_turn", "per_goal_turn", "constant")
+    values = {name: float(row[name]) for name in names}
+    if not all(map(math.isfinite, values.values())):
+        raise ValueError(f"expected finite coefficients, got {values}")
+    return LinearTime(**values, hold=robot.hold)

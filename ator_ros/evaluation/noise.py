@@ -1,0 +1,157 @@
+"""How often chains succeed with the sensors of a real robot, against the truth in the same situations."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ator_ros.evaluation.chain_run import Run, run_chain
+from ator_ros.evaluation.policies import POLICIES, Toolset
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.simulation.sensors import REALISTIC, SensorConfig, Sensors
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.tracking import BallTracker
+
+TRUTH = "truth"
+POINTS = 3.0
+"""By how many points the success rate may be below that with the truth."""
+_LATE = SensorConfig(latency=0.1)
+_RESAMPLES = 5000
+_MOST_REASONS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """What the executor is told of the world.
+
+    Attributes
+    ----------
+    sensors : SensorConfig
+        How the sensors err.
+    tracked : bool
+        Whether a filter makes the most of the ball's sights, as in the node.
+    fetches : int
+        How many times a lost ball may be fetched again.
+    foreseen : float
+        By how much in s the executor looks ahead of what it is told.
+    """
+
+    sensors: SensorConfig = field(default_factory=SensorConfig)
+    tracked: bool = True
+    fetches: int = 0
+    foreseen: float = 0.0
+
+
+#: Each error alone, states that come late, then all errors; a new condition is a new row.
+CONDITIONS: Mapping[str, Condition] = MappingProxyType(
+    {
+        TRUTH: Condition(),
+        "drift": Condition(SensorConfig(drift=REALISTIC.drift, heading_drift=REALISTIC.heading_drift)),
+        "ball noise": Condition(
+            SensorConfig(ball_noise=REALISTIC.ball_noise, ball_velocity_noise=REALISTIC.ball_velocity_noise)
+        ),
+        "ball delay": Condition(SensorConfig(ball_delay=REALISTIC.ball_delay)),
+        "ball dropouts": Condition(SensorConfig(ball_dropouts=REALISTIC.ball_dropouts)),
+        "latency": Condition(_LATE, foreseen=_LATE.latency),
+        "latency, 50 ms too much foreseen": Condition(_LATE, foreseen=0.15),
+        "latency, 50 ms too little foreseen": Condition(_LATE, foreseen=0.05),
+        "latency, not foreseen": Condition(_LATE),
+        "all": Condition(REALISTIC),
+        "all and latency": Condition(
+            dataclasses.replace(REALISTIC, latency=_LATE.latency), foreseen=_LATE.latency
+        ),
+        "all, lost balls fetched": Condition(REALISTIC, fetches=2),
+        "all, untracked": Condition(REALISTIC, tracked=False),
+    }
+)
+
+
+@dataclass(frozen=True)
+class NoiseTask:
+    """One situation under some conditions: seed, number, chain, policy, tools."""
+
+    seed: int
+    index: int
+    chain: str
+    policy: str
+    conditions: tuple[str, ...]
+    source: ToolsetSource = field(default_factory=ToolsetSource)
+
+
+@cache
+def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
+    """Return what is the same for all situations, made once per process."""
+    tools = make_toolset(source)
+    return tools, make_library(tools.robot, source)
+
+
+def execute(task: NoiseTask) -> dict[str, Run]:
+    """Execute the chain of one situation under each condition, chosen once by the policy from the truth."""
+    tools, library = _tools(task.source)
+    trial = random_trial(tools.domain, task.chain, library, seed=task.seed, index=task.index)
+    chain = POLICIES[task.policy](tools, trial).chain
+    runs = {}
+    for name in task.conditions:
+        condition = CONDITIONS[name]
+        sensors = Sensors(condition.sensors, task.seed * 1_000_003 + task.index)
+        noise, velocity_noise = condition.sensors.ball_noise, condition.sensors.ball_velocity_noise
+        tracker = BallTracker(noise if condition.tracked else 0.0, velocity_noise)
+        runs[name] = run_chain(
+            tools.robot,
+            library,
+            trial.world,
+            chain,
+            observe=lambda world, s=sensors, t=tracker: t.observe(s.observe(world)),  # type: ignore[misc]
+            fetches=condition.fetches,
+            latency=condition.foreseen,
+        )
+    return runs
+
+
+def summarise(results: Sequence[Mapping[str, Run]]) -> list[dict[str, Any]]:
+    """Sum up the runs of many situations, a row for each condition.
+
+    Returns
+    -------
+    list of dict
+        condition; latency_s of the states and foreseen_s by the executor; success_percent; points_below_truth
+        with its 95 % bootstrap interval over situations; within_limit; mean_duration_s of the successes;
+        error_median_m and error_p95_m, by the truth, of the last goal; failures: what failed and how often.
+    """
+    truth = np.array([runs[TRUTH].success for runs in results])
+    return [_row(name, [runs[name] for runs in results], truth) for name in results[0]]
+
+
+def _row(name: str, runs: Sequence[Run], truth: Any) -> dict[str, Any]:
+    success = np.array([run.success for run in runs])
+    below = 100.0 * (truth.astype(float) - success)
+    draws = np.random.default_rng(0).integers(len(below), size=(_RESAMPLES, len(below)))
+    errors = np.array([run.error for run in runs if run.success and np.isfinite(run.error)])
+    failures = Counter(_without_numbers(run.reason) for run in runs if not run.success)
+    durations = [run.duration for run in runs if run.success]
+    return {
+        "condition": name,
+        "latency_s": CONDITIONS[name].sensors.latency,
+        "foreseen_s": CONDITIONS[name].foreseen,
+        "success_percent": round(100.0 * float(success.mean()), 2),
+        "points_below_truth": round(float(below.mean()), 2),
+        "points_below_truth_ci95": np.percentile(below[draws].mean(axis=1), (2.5, 97.5)).round(2).tolist(),
+        "within_limit": bool(below.mean() <= POINTS),
+        "mean_duration_s": round(float(np.mean(durations)), 3) if durations else None,
+        "error_median_m": round(float(np.median(errors)), 4) if errors.size else None,
+        "error_p95_m": round(float(np.percentile(errors, 95)), 4) if errors.size else None,
+        "failures": dict(failures.most_common(_MOST_REASONS)),
+    }
+
+
+def _without_numbers(reason: str) -> str:
+    return re.sub(r"-?\d+(\.\d+)?", "#", reason)

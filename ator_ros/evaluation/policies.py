@@ -1,0 +1,153 @@
+"""The policies that are compared: each chooses the open variables of a trial's chain."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.trials import Trial, open_speeds, with_headings
+from ator_ros.geometry import Pose
+from ator_ros.refinement.answer import Refinement
+from ator_ros.refinement.calibration import Calibration
+from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
+from ator_ros.refinement.free_variables import PerformanceModel
+from ator_ros.refinement.gate import Gate, OpenGate
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import World
+
+Models = Mapping[str, PerformanceModel]
+
+
+@dataclass(frozen=True)
+class Toolset:
+    """What the policies choose with.
+
+    Attributes
+    ----------
+    domain : Domain
+        Whose situations and chains.
+    robot : Robot
+        Sizes and limits.
+    models : mapping
+        Sets of performance models by name, each a mapping from action name to model; "learned" is always
+        there.
+    gate : Gate
+        The gate of the gated policies.
+    calibration : Calibration
+        What predictions of the learned models miss.
+    """
+
+    domain: Domain
+    robot: Robot
+    models: Mapping[str, Models]
+    gate: Gate
+    calibration: Calibration = field(default_factory=Calibration)
+
+    def refiner(self, models: str = "learned", *, gated: bool = False) -> Refiner:
+        """Return a refiner with one of the sets of models."""
+        gate = self.gate if gated else OpenGate()
+        return Refiner(self.robot, self.models[models], gate, calibration=self.calibration)
+
+    def predict(self, world: World, chain: TopChain) -> ChainPrediction:
+        """Return what the learned models predict of a chain as it is, corrected by the calibration."""
+        models = self.models["learned"]
+        prediction = predict_chain(world, chain, models, self.robot)
+        calibration = self.calibration.matching(models)
+        return calibration.corrected([(chain, prediction)], world, models, self.robot)[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A chain that is ready to be executed, how it came about, and the refinement that led to it, if any."""
+
+    chain: TopChain
+    refinement: Refinement | None = None
+    by_models: bool = False
+
+
+Policy = Callable[[Toolset, Trial], Choice]
+
+
+def naive(tools: Toolset, trial: Trial) -> Choice:
+    """Choose the heading at which the first action alone is fastest, at rest (paper, section 5)."""
+    return Choice(tools.refiner().naive(trial.world, open_speeds(trial.chain)), by_models=True)
+
+
+def bearing(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
+    """Choose the heading in which each subgoal is seen from the place before it."""
+    places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls)]
+    return Choice(with_headings(trial.chain, _bearings(places[:-1])))
+
+
+def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
+    """Choose the heading in which the next goal is seen from each subgoal, as most soccer teams do."""
+    places = [call.goal.pose for call in trial.chain.calls]
+    return Choice(with_headings(trial.chain, _bearings(places)))
+
+
+def _bearings(places: Sequence[Pose]) -> dict[int, float]:
+    """Return for each place but the last the bearing in rad of the next."""
+    pairs = enumerate(itertools.pairwise(places))
+    return {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in pairs}
+
+
+def refining(models: str = "learned", *, gated: bool = False, speed: bool = False) -> Policy:
+    """Return the policy that refines the naive chain.
+
+    Parameters
+    ----------
+    models : str
+        Name of the set of models in the toolset.
+    gated : bool
+        Leave the chain alone where the gate says so.
+    speed : bool
+        Also refine the arrival speeds.
+    """
+
+    def choose(tools: Toolset, trial: Trial) -> Choice:
+        start = naive(tools, trial).chain
+        chain = _reopened(start, open_speeds(trial.chain) if speed else trial.chain)
+        refinement = tools.refiner(models, gated=gated).refine(trial.world, chain)
+        return Choice(refinement.chain, refinement)
+
+    return choose
+
+
+def _reopened(chain: TopChain, plan: TopChain) -> TopChain:
+    """Return the goals of `chain` with what `plan` leaves open."""
+    pairs = zip(chain.calls, plan.calls, strict=True)
+    return TopChain(tuple(dataclasses.replace(call, open=planned.open) for call, planned in pairs))
+
+
+MODEL_SETS = (
+    "bitbots",
+    "bitbots_refitted",
+    "booster",
+    "booster_refitted",
+    "turn_drive_turn",
+    "ideal_time",
+    "hist_gradient_boosting",
+)
+"""Sets of models that take the place of the learned ones, each in the policy of its name."""
+
+#: A new policy is a new row. The oracle is no policy: it needs executions.
+POLICIES: Mapping[str, Policy] = MappingProxyType(
+    {
+        "naive": naive,
+        "bearing": bearing,
+        "face_goal": face_goal,
+        "refined": refining(),
+        "gated": refining(gated=True),
+        "refined_speed": refining(speed=True),
+        "gated_speed": refining(gated=True, speed=True),
+        **{name: refining(name) for name in MODEL_SETS},
+        "ideal_time_speed": refining("ideal_time", speed=True),
+    }
+)

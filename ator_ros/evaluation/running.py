@@ -1,0 +1,141 @@
+"""A whole evaluation: in parallel, resumable, the same whatever the number of workers."""
+
+from __future__ import annotations
+
+import contextlib
+import platform
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.situation import Record, Settings, evaluate_trial
+from ator_ros.evaluation.statistics import outcomes, prediction_errors, summarise
+from ator_ros.evaluation.storage import PartialResults
+from ator_ros.experience.parallel import run_tasks
+from ator_ros.experience.table import library_versions
+from ator_ros.files import reserved
+
+RESUMES = "the same command goes on from here"
+_RECORD_BYTES = 5000  # of a situation with every policy and 24 headings of the oracle; most have a fifth
+_SPARE = 500_000  # bytes
+Progress = Callable[[Iterable[Record], int, int], Iterable[Record]]
+
+
+def run_situations(
+    settings: Settings,
+    *,
+    situations: int,
+    folder: Path,
+    jobs: int = 1,
+    backend: str = "loky",
+    progress: Progress | None = None,
+) -> list[Record]:
+    """Evaluate situations 0 to `situations` - 1, except those whose results `folder` has already.
+
+    Parameters
+    ----------
+    settings : Settings
+        What the results depend on.
+    situations : int
+        How many.
+    folder : Path
+        Where partial results are kept.
+    jobs, backend
+        As for `ator_ros.experience.parallel.run_tasks`.
+    progress : callable
+        Wraps the records as they come; also given how many were there and how many there will be.
+
+    Raises
+    ------
+    EvaluationError
+        The folder holds results of other settings, or the disk is full; what was done is kept.
+    OSError
+        The folder cannot be written, or has no room for the results.
+    BackendError
+        The parallel backend cannot be used.
+    """
+    partial = PartialResults(folder, settings, settings.source.digest(settings.policies, settings.chain))
+    tasks = [(settings, index) for index in range(situations) if index not in partial.records]
+    results: Iterable[Record] = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
+    if progress is not None:
+        results = progress(results, situations - len(tasks), situations)
+    # At the end the report needs as much room as the partial results.
+    with reserved(folder, _SPARE + 2 * _RECORD_BYTES * len(tasks)) as release:
+        for record in results:
+            try:
+                partial.append(record)
+            except OSError as error:
+                release()
+                with contextlib.suppress(OSError):  # then this situation is executed again
+                    partial.append(record)
+                kept = f"{len(partial.records)} of {situations} situations are kept"
+                raise EvaluationError(f"{partial.path}: {error.strerror}; {kept}, {RESUMES}") from error
+    return [partial.records[index] for index in range(situations)]
+
+
+def describe(settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
+    """Return what goes into `evaluation.json` beside the runs."""
+    summary: dict[str, Any] = {
+        "situations": len(records),
+        "seed": settings.seed,
+        "command": command,
+        **summarise(outcomes(records)),
+    }
+    for name, row in summary.items():
+        if isinstance(row, dict) and "predicted" in records[0]["policies"].get(name, {}):
+            row["prediction"] = prediction_errors(records, name)
+    return {
+        "summary": summary,
+        "settings": _portable(asdict(settings)),
+        "executed": sum(record["executed"] for record in records),
+        "digest": settings.source.digest(settings.policies, settings.chain),
+        "digests": settings.source.digests(settings.chain),
+        "versions": library_versions(),
+        "machine": platform.platform(),
+    }
+
+
+def _portable(settings: dict[str, Any]) -> dict[str, Any]:
+    """Leave out the folders of this machine."""
+    source = settings["source"]
+    source["models"] = Path(source["models"]).name
+    source["experience"] = [Path(table).name for table in source["experience"]]
+    return settings
+
+
+def table_text(summary: Mapping[str, Any]) -> str:
+    """Return the summary as a table for a terminal."""
+    head = f"{'policy':24}{'mean s':>9}{'gain %':>8}{'95 %':>16}{'higher':>8}{'equal':>7}{'lower':>7}"
+    lines = [head + f"{'oracle %':>10}{'failed':>8}"]
+    for name, row in summary.items():
+        if isinstance(row, Mapping):
+            low, high = row["improvement_ci95"]
+            share = row["oracle_captured_percent"]
+            lines.append(
+                f"{name:24}{row['mean_duration_s']:9.2f}{row['improvement_percent']:8.2f}"
+                f"{f'{low:.2f} to {high:.2f}':>16}{row['higher']:8}{row['equal']:7}{row['lower']:7}"
+                f"{'-' if share is None else f'{share:.1f}':>10}{row['failures']:8}"
+            )
+    return "\n".join(lines)
+
+
+def prediction_text(summary: Mapping[str, Any]) -> str:
+    """Return how predictions differ from what was executed as a table for a terminal; empty without any."""
+    rows = [(name, row["prediction"]) for name, row in summary.items() if has_predictions(row)]
+    if not rows:
+        return ""
+    lines = [f"{'predicted - actual':24}{'mean s':>9}{'95 %':>18}{'MAE s':>8}{'chains':>8}"]
+    for name, row in rows:
+        low, high = row["mean_error_ci95"]
+        lines.append(
+            f"{name:24}{row['mean_error_s']:+9.3f}{f'{low:+.3f} to {high:+.3f}':>18}"
+            f"{row['mae_s']:8.3f}{row['chains']:8}"
+        )
+    return "\n".join(lines)
+
+
+def has_predictions(row: Any) -> bool:
+    """Return whether a row of the summary has errors of predictions."""
+    return isinstance(row, Mapping) and row.get("prediction", {}).get("chains", 0) > 0

@@ -1,0 +1,197 @@
+"""One situation of the experiment: every policy chooses, every different chain is executed once."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from ator_ros.evaluation.chain_run import Run, run_chain
+from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.trials import Trial, random_trial, with_headings
+from ator_ros.geometry import wrap_angle
+from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+
+Record = dict[str, Any]
+"""What is kept of one situation; see `evaluate_trial`."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that the result of an evaluation depends on.
+
+    Attributes
+    ----------
+    seed : int
+        Of the situations.
+    chain : str
+        Which chain, of the domain.
+    policies : tuple of str
+        Names of `POLICIES`.
+    oracle : int
+        How many headings of the first subgoal the oracle executes, evenly spaced from the naive one; 0: no
+        oracle.
+    oracle_margin : float or None
+        The oracle leaves out what is predicted to take so many s longer than its best; None: nothing.
+    oracle_speeds : tuple of float
+        Arrival speeds in m/s that the oracle of heading and speed executes at each heading.
+    source : ToolsetSource
+        Where robot, actions, models and gate come from.
+    """
+
+    seed: int
+    chain: str = "dribble"
+    policies: tuple[str, ...] = tuple(POLICIES)
+    oracle: int = 0
+    oracle_margin: float | None = None
+    oracle_speeds: tuple[float, ...] = ()
+    source: ToolsetSource = field(default_factory=ToolsetSource)
+
+
+class Executions:
+    """Executes chains from one start, each different one once."""
+
+    def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
+        self._robot, self._library, self._trial = tools.robot, library, trial
+        self._runs: dict[tuple[float, ...], Run] = {}
+
+    def __call__(self, chain: TopChain) -> Run:
+        """Return the run of `chain`."""
+        key = tuple(
+            round(value, 6) + 0.0
+            for call in chain.calls
+            for value in (wrap_angle(call.goal.pose.yaw), call.goal.speed)
+        )
+        if key not in self._runs:
+            self._runs[key] = run_chain(self._robot, self._library, self._trial.world, chain)
+        return self._runs[key]
+
+    @property
+    def count(self) -> int:
+        """How many different chains were executed."""
+        return len(self._runs)
+
+
+@cache
+def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
+    """Return what is the same for all situations, made once per process."""
+    tools = make_toolset(source)
+    return tools, make_library(tools.robot, source)
+
+
+def evaluate_trial(task: tuple[Settings, int]) -> Record:
+    """Evaluate all policies in one situation.
+
+    Returns
+    -------
+    dict
+        "index"; "start": robot x, y, yaw, ball x, y, goal x, y, yaw (m, rad); "policies": by name "duration"
+        (s), "success", "reason", "error" (m), "chosen": heading and speed of each intermediate subgoal,
+        "actions": durations of the actions (s), "predicted": duration of the chain (s); "features" and
+        "features_speed": what the gate decides from; "oracle": "headings" (rad), "durations" (s), "best" (s)
+        and "success"; "oracle_speed": "best" and "success"; "executed": how many chains were.
+    """
+    settings, index = task
+    tools, library = _tools(settings.source)
+    trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=index)
+    execute = Executions(tools, library, trial)
+    choices = {name: POLICIES[name](tools, trial) for name in settings.policies}
+    record: Record = {
+        "index": index,
+        "start": _start(trial),
+        "policies": {
+            name: _policy_record(tools, trial, choice, execute(choice.chain))
+            for name, choice in choices.items()
+        },
+    }
+    for name, key in (("refined", "features"), ("refined_speed", "features_speed")):
+        refinement = choices[name].refinement if name in choices else None
+        if refinement is not None and refinement.features:
+            record[key] = {feature: round(value, 5) for feature, value in refinement.features.items()}
+    if settings.oracle:
+        record.update(_oracle(settings, tools, trial, execute, naive(tools, trial).chain))
+    record["executed"] = execute.count
+    return record
+
+
+def _start(trial: Trial) -> list[float]:
+    ball = trial.chain.calls[0].goal.pose
+    goal = trial.chain.calls[1].goal.pose
+    return [round(value, 4) for value in (*trial.world.robot.pose, ball.x, ball.y, *goal)]
+
+
+def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: Run) -> Record:
+    chosen = [[round(c.goal.pose.yaw, 4), round(c.goal.speed, 3)] for c in choice.chain.calls[:-1]]
+    record: Record = {"duration": round(run.duration, 3), "success": run.success, "chosen": chosen}
+    record["actions"] = [round(duration, 3) for duration in run.actions]
+    if not run.success:
+        record["reason"] = run.reason
+    elif not math.isnan(run.error):
+        record["error"] = round(run.error, 4)
+    predicted = _predicted(tools, trial, choice)
+    if predicted is not None:
+        record["predicted"] = round(predicted.duration, 3)
+    return record
+
+
+def _predicted(tools: Toolset, trial: Trial, choice: Choice) -> ChainPrediction | None:
+    """Return what is predicted of the chosen chain; None for one that was chosen without a model."""
+    refinement = choice.refinement
+    if refinement is not None:
+        return refinement.after if refinement.refined else refinement.before
+    return tools.predict(trial.world, choice.chain) if choice.by_models else None
+
+
+def _oracle(
+    settings: Settings, tools: Toolset, trial: Trial, execute: Executions, start: TopChain
+) -> dict[str, Record]:
+    """Execute evenly spaced headings of the first subgoal, the others as predicted best for each."""
+    naive_heading = start.calls[0].goal.pose.yaw
+    steps = (2.0 * math.pi * k / settings.oracle for k in range(settings.oracle))
+    headings = [wrap_angle(naive_heading + step) for step in steps]
+    chains = [with_headings(start, {0: yaw}) for yaw in headings]
+    if len(start.calls) > 2:
+        plans = [with_headings(trial.chain, {0: yaw}) for yaw in headings]
+        chains = [tools.refiner().refine(trial.world, plan).chain for plan in plans]
+    runs = _executed(settings, tools, trial, execute, chains)
+    best = min([run for run in runs if run is not None] + [execute(start)], key=lambda run: run.duration)
+    records: dict[str, Record] = {
+        "oracle": {
+            "headings": [round(yaw, 3) for yaw in headings],
+            "durations": [None if run is None else round(run.duration, 2) for run in runs],
+            "best": round(best.duration, 3),
+            "success": best.success,
+        }
+    }
+    if settings.oracle_speeds:
+        moving = [_with_speed(chain, v) for chain in chains for v in settings.oracle_speeds]
+        moving_runs = [run for run in _executed(settings, tools, trial, execute, moving) if run is not None]
+        best = min([best, *moving_runs], key=lambda run: run.duration)
+        records["oracle_speed"] = {"best": round(best.duration, 3), "success": best.success}
+    return records
+
+
+def _executed(
+    settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chains: Sequence[TopChain]
+) -> list[Run | None]:
+    """Execute the chains that are predicted to come within the oracle's margin of the best of them."""
+    costs = [predicted_cost(tools, trial, chain) for chain in chains]
+    margin = settings.oracle_margin
+    bound = math.inf if margin is None else min(costs) + margin
+    return [execute(chain) if cost <= bound else None for chain, cost in zip(chains, costs, strict=True)]
+
+
+def predicted_cost(tools: Toolset, trial: Trial, chain: TopChain) -> float:
+    """Return the duration in s that the learned models predict for a chain as it is."""
+    return predict_chain(trial.world, chain, tools.models["learned"], tools.robot).cost
+
+
+def _with_speed(chain: TopChain, speed: float) -> TopChain:
+    goal = dataclasses.replace(chain.calls[0].goal, speed=speed)
+    return chain.with_goal(0, goal)

@@ -1,0 +1,156 @@
+"""The results of an evaluation on disk: partial results that can be resumed, and the finished JSON file."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.situation import Record, Settings
+from ator_ros.files import UnreadableError, read_json, read_text, write_text
+
+PARTIAL = "situations.jsonl"
+RESULT = "evaluation.json"
+SCHEMA = "ator_ros/evaluation"
+VERSION = 1
+LARGEST = 1_000_000_000
+"""Bytes of a file of results that is read."""
+
+
+class PartialResults:
+    """Records of single situations, appended one by one, so that an interrupted evaluation goes on.
+
+    The first line holds what the records depend on, every other line a digest of it and of its record. A line
+    that was cut off by a crash is forgotten.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the file lies; it is made when missing.
+    settings : Settings
+        Of this evaluation.
+    digest : str
+        Of everything else that the results depend on: robot, models, gate.
+
+    Raises
+    ------
+    EvaluationError
+        The folder holds results of other settings, or cannot be written.
+    """
+
+    def __init__(self, folder: Path, settings: Settings, digest: str) -> None:
+        self.path = folder / PARTIAL
+        identity = {"settings": dataclasses.asdict(settings), "digest": digest}
+        self._header = json.dumps(identity, sort_keys=True)
+        self.records: dict[int, Record] = {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lines = read_text(self.path, LARGEST).split("\n") if self.path.exists() else []
+        except (OSError, ValueError) as error:
+            raise EvaluationError(f"{folder}: expected a folder for results: {error}") from error
+        if len(lines) > 1 and lines[0] != self._header:
+            raise EvaluationError(
+                f"{self.path}: expected partial results of the same settings, models and gate, got others: "
+                "choose another --out, or delete that file"
+            )
+        for number, line in enumerate(lines[1:-1], start=2):
+            record = self._record(line, number)
+            self.records[record["index"]] = record
+        # Written anew, so that the remains of a line that was cut off disappear.
+        write_text(self.path, "\n".join([self._header, *lines[1:-1], ""]))
+
+    def _record(self, line: str, number: int) -> Record:
+        """Read a line that `append` wrote with the same settings and models."""
+        try:
+            data = json.loads(line)
+            record: Record = data["record"]
+            genuine = data["of"] == self._identity(record)
+        except (ValueError, RecursionError, KeyError, TypeError):
+            genuine = False
+        if not genuine:
+            raise EvaluationError(
+                f"{self.path}: line {number}: expected a situation's record of these settings and models, "
+                f"got a damaged or foreign line {line[:60]!r}: delete the line"
+            )
+        return record
+
+    def _identity(self, record: Record) -> str:
+        """Digest a record with the settings and models that it was made with."""
+        text = self._header + json.dumps(record, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def append(self, record: Record) -> None:
+        """Keep the record of one more situation, whole or not at all.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written.
+        """
+        line = json.dumps({"of": self._identity(record), "record": record}, separators=(",", ":"))
+        size = self.path.stat().st_size
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+        except OSError:
+            os.truncate(self.path, size)
+            raise
+        self.records[record["index"]] = record
+
+    @staticmethod
+    def remove(folder: Path) -> None:
+        """Delete the partial results in `folder`, once the finished ones are written."""
+        (folder / PARTIAL).unlink(missing_ok=True)
+
+
+def write_result(folder: Path, result: Mapping[str, Any], records: Sequence[Record]) -> Path:
+    """Write `evaluation.json`: what `result` holds, and every run under "runs", by columns to be compact."""
+    head = json.dumps({"schema": SCHEMA, "version": VERSION, **result}, indent=1)
+    runs = json.dumps(to_columns(records), separators=(",", ":"))
+    path = folder / RESULT
+    write_text(path, f'{head[:-2]},\n "runs": {runs}\n}}\n')
+    return path
+
+
+def to_columns(records: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
+    """Turn records into columns: each key to the list of its values, mappings key by key."""
+    names = dict.fromkeys(name for record in records if record is not None for name in record)
+    columns: dict[str, Any] = {}
+    for name in names:
+        values = [None if record is None else record.get(name) for record in records]
+        nested = any(isinstance(value, Mapping) for value in values)
+        columns[name] = to_columns(values) if nested else values
+    return columns
+
+
+def to_records(columns: Mapping[str, Any], count: int) -> list[Record]:
+    """Turn columns that `to_columns` made back into records; what is missing is left out."""
+    records: list[Record] = [{} for _ in range(count)]
+    for name, values in columns.items():
+        rows = to_records(values, count) if isinstance(values, Mapping) else values
+        for record, value in zip(records, rows, strict=True):
+            if value is not None and value != {}:
+                record[name] = value
+    return records
+
+
+def read_result(path: Path) -> dict[str, Any]:
+    """Read `evaluation.json`.
+
+    Raises
+    ------
+    EvaluationError
+        The file cannot be read, or is no finished evaluation.
+    """
+    try:
+        data = read_json(path, largest=LARGEST)
+    except UnreadableError as error:
+        raise EvaluationError(str(error)) from error
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA or data.get("version") != VERSION:
+        raise EvaluationError(f"{path}: expected an evaluation of version {VERSION}, got another file")
+    return data

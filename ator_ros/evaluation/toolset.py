@@ -1,0 +1,142 @@
+"""What the policies choose with, read from the shipped models and, where given, a table of experience."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from ator_ros.domains.domain import DEFAULT, find_domain
+from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
+from ator_ros.evaluation.heuristics import bitbots, booster, load_baselines
+from ator_ros.evaluation.policies import POLICIES, Models, Toolset
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.experience.table import join, read_experience
+from ator_ros.performance.model_file import load_model, model_path
+from ator_ros.refinement.calibration import model_digest
+from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
+from ator_ros.refinement.gate import OpenGate
+from ator_ros.refinement.gate_file import load_gate
+from ator_ros.resources import resource_path
+from ator_ros.robot.description import Robot, load_robot
+from ator_ros.tops.library import TopLibrary
+
+GATE = "gate.json"
+BASELINES = "baselines.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolsetSource:
+    """Where robot, actions, models and gate come from.
+
+    Attributes
+    ----------
+    domain : str
+        Name of the domain.
+    action_set : str
+        Which of its action sets.
+    models : str
+        Folder of the models, laid out as the shipped models/; empty: that one.
+    experience : tuple of str
+        Tables that the models with gradient boosting are fitted to; empty: there are none.
+    """
+
+    domain: str = DEFAULT
+    action_set: str = "default"
+    models: str = ""
+    experience: tuple[str, ...] = ()
+
+    def folder(self) -> Path:
+        """Return the folder of the model files."""
+        top = Path(self.models) if self.models else resource_path("models")
+        return top / model_path("gate", self.action_set).parent
+
+    def digest(self, policies: Iterable[str], chain: str) -> str:
+        """Return a digest of the robot's description and of all files that the choices depend on."""
+        robot = load_robot()
+        sha = hashlib.sha256(robot.digest().encode())
+        names = [f"{action}.json" for action in self._actions(chain, robot)] + [CALIBRATION]
+        names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
+        names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []
+        for file in [*(self.folder() / name for name in names), *map(Path, self.experience)]:
+            sha.update(file.read_bytes() if file.exists() else b"none")
+        return sha.hexdigest()[:16]
+
+    def digests(self, chain: str) -> dict[str, str]:
+        """Return the digests of the robot and of the learned models that the actions of a chain have.
+
+        Raises
+        ------
+        ModelFileError
+            A model cannot be used.
+        """
+        robot = load_robot()
+        files = {action: self.folder() / f"{action}.json" for action in self._actions(chain, robot)}
+        models = {action: model_digest(load_model(file, robot)) for action, file in files.items()}
+        return {"robot": robot.digest(), **models}
+
+    def _actions(self, chain: str, robot: Robot) -> list[str]:
+        """Return the actions of a chain, one for each step."""
+        trial = random_trial(find_domain(self.domain), chain, make_library(robot, self), seed=0, index=0)
+        return [call.top.action for call in trial.chain.calls]
+
+
+def read_rows(tables: Iterable[Path | str]) -> dict[str, pd.DataFrame]:
+    """Read tables of experience; give the rows of each action in them.
+
+    Raises
+    ------
+    ExperienceError
+        A table cannot be used.
+    """
+    frame = join(read_experience(table).frame for table in tables)
+    return {str(action): rows for action, rows in frame.groupby("action", sort=False)}
+
+
+def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the policies that can be run with what there is, and the others with what they lack."""
+    missing: dict[str, str] = {}
+    if not (source.folder() / BASELINES).exists():
+        why = f"{source.folder() / BASELINES} is not there; the tool `gate` makes it"
+        missing |= {"bitbots_refitted": why, "booster_refitted": why}
+    if not (source.folder() / GATE).exists():
+        why = f"{source.folder() / GATE} is not there; the tool `gate` makes it"
+        missing |= {"gated": why, "gated_speed": why}
+    if not source.experience:
+        missing["hist_gradient_boosting"] = "it needs the table of experience: --experience FILE"
+    return tuple(name for name in POLICIES if name not in missing), missing
+
+
+def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
+    """Return the TOP library with the actions of the source."""
+    return find_domain(source.domain).library(robot, source.action_set)
+
+
+def make_toolset(source: ToolsetSource) -> Toolset:
+    """Read models and gate, and fit what is fitted anew.
+
+    Raises
+    ------
+    ModelFileError, RefinementError, ExperienceError, EvaluationError
+        A file that is there cannot be used; the message names it.
+    """
+    domain, robot, folder = find_domain(source.domain), load_robot(), source.folder()
+    actions = list(domain.actions(source.action_set))
+    models: dict[str, Models] = {
+        "learned": {action: load_model(folder / f"{action}.json", robot) for action in actions},
+        "bitbots": {action: bitbots(action, robot) for action in actions},
+        "booster": {action: booster(action, robot) for action in actions},
+        "ideal_time": ideal_times(robot),
+        "turn_drive_turn": plain_times(robot),
+    }
+    if (folder / BASELINES).exists():
+        models |= load_baselines(folder / BASELINES, robot)
+    if source.experience:
+        models["hist_gradient_boosting"] = {
+            action: BoostedTime(robot).fit(rows) for action, rows in read_rows(source.experience).items()
+        }
+    gate = load_gate(folder / GATE, source.action_set) if (folder / GATE).exists() else OpenGate()
+    return Toolset(domain, robot, models, gate, load_calibration_if_any(folder))

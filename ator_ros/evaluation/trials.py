@@ -1,0 +1,75 @@
+"""Random situations with a chain to execute in them (paper, section 5)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from ator_ros.domains.domain import Domain
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import World
+
+#: What the seeds of the experiments are for; no range is used for anything else.
+SEEDS: Mapping[str, str] = MappingProxyType(
+    {
+        "1xx": "training episodes",
+        "2xx": "episodes that measure the models' accuracy",
+        "3xx": "situations that the gate and the calibration are learned from",
+        "4xx-8xx": "development",
+        "9xx": "quality of the actions, effect of the sensors",
+        "2005": "the evaluations of before, looked at while the gate was made",
+        "2015": "the final evaluation of the paper's actions",
+        "2026": "the final evaluation",
+        "3107": "further situations that the calibration is learned from",
+        "3108": "the final errors of calibrated predictions",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One situation of an experiment: the state at the start and the plan, its first heading left open."""
+
+    index: int
+    world: World
+    chain: TopChain
+
+
+def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, index: int) -> Trial:
+    """Draw situation number `index` of the experiment with this seed: it depends on nothing else.
+
+    Parameters
+    ----------
+    domain : Domain
+        Whose situations.
+    chain : str
+        Which of its chains.
+    library : TopLibrary
+        Where the chain's TOPs come from.
+    seed, index : int
+        Of the experiment, and of the situation in it.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+    return Trial(index, *domain.chains[chain](library.robot, library, rng))
+
+
+def open_speeds(chain: TopChain) -> TopChain:
+    """Return the chain with the arrival speeds at its intermediate subgoals left open too."""
+    *intermediate, last = chain.calls
+    opened = (dataclasses.replace(call, open=call.open | {"speed"}) for call in intermediate)
+    return TopChain((*opened, last))
+
+
+def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:
+    """Return the chain with headings (rad) at some subgoals replaced and committed to."""
+    calls = list(chain.calls)
+    for index, yaw in headings.items():
+        call = calls[index]
+        goal = dataclasses.replace(call.goal, pose=call.goal.pose._replace(yaw=float(yaw)))
+        calls[index] = dataclasses.replace(call, goal=goal, open=call.open - {"yaw"})
+    return TopChain(tuple(calls))

@@ -1,0 +1,215 @@
+"""The chain executor: calls the action of each TOP in turn (paper, section 2.2), tick by tick."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ator_ros.actions.base import Status, Step
+from ator_ros.execution.step_run import STOPPING, ActionRecord, Predict, StepRun
+from ator_ros.tops.ball import (
+    at_ball,
+    at_rest,
+    drives_to_ball,
+    fetches_ball,
+    has_left,
+    is_at_front,
+    is_in_the_way,
+    is_lost,
+    starts_holding,
+)
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import STOP, Command, World
+
+
+@dataclass(frozen=True, slots=True)
+class ChainStep:
+    """One tick of a chain: command, status, step (from 0), a sentence, time since the start in s."""
+
+    command: Command
+    status: Status
+    index: int
+    message: str
+    elapsed: float
+
+
+class ChainExecutor:
+    """Executes a TOP chain.
+
+    Parameters
+    ----------
+    library : TopLibrary
+        Gives the actions.
+    chain : TopChain
+        What to execute; each pre-condition is checked when its turn comes.
+    time_limit : float
+        Time in s that each step may take, however often its goal moves with the ball.
+    predict : callable, optional
+        Predicts the performance of a step from the world in which it starts, for the record.
+    fetches : int
+        How many times the ball may be fetched again when it is lost; then the chain goes on from the last
+        step before that fetches it.
+    """
+
+    def __init__(
+        self,
+        library: TopLibrary,
+        chain: TopChain,
+        *,
+        time_limit: float = 30.0,
+        predict: Predict | None = None,
+        fetches: int = 0,
+    ) -> None:
+        self._library = library
+        self._chain = chain
+        self._time_limit = time_limit
+        self._predict = predict
+        self._fetches = fetches
+        self._began: float | None = None
+        self._planned = -math.inf  # when a step was last planned while another was driven, s
+        self.records: list[ActionRecord] = []
+        self.fetched = 0
+        self._index = 0
+        self._over = False
+        self._run = self._new_run(chain, 0)
+
+    def step(self, world: World) -> ChainStep:
+        """Return the command of this tick; an action that ends hands over to the next in the same tick.
+
+        In one tick at most one action begins, since each plans.
+        """
+        if self._began is None:
+            self._began = world.time
+        step = self._follow_ball(world)
+        while step is None:
+            waiting = not self._run.begun
+            step = self._run.step(world)
+            if step.status is Status.RUNNING:
+                break
+            self.records.append(self._run.record(world, step))
+            following = self._after(world, step.status)
+            if following is None:
+                self._over = True
+                return self._told(world, Step(STOP, step.status, step.message))
+            self._enter(*following)
+            if self._run.stopping:
+                step = Step(STOP, Status.RUNNING, STOPPING)
+            elif waiting or self._planned == world.time:
+                step = Step(step.command, Status.RUNNING, step.message)
+            else:
+                step = self._follow_ball(world)
+        return self._told(world, step)
+
+    def break_off(self, world: World, why: str) -> None:
+        """Record the action that is under way, if there is one, as broken off in the state `world`."""
+        if self._run.begun and not self._over:
+            self.records.append(self._run.record(world, Step(STOP, Status.RUNNING, why)))
+        self._over = True
+
+    @property
+    def chain(self) -> TopChain:
+        """The chain as it is executed; the goals of approaches move with the ball."""
+        return self._chain
+
+    @property
+    def index(self) -> int:
+        """The step of the chain that is being executed, from 0."""
+        return self._index
+
+    def head_for(self, world: World, chain: TopChain) -> bool:
+        """Go on with other goals from the present step on, without a stop.
+
+        Parameters
+        ----------
+        world : World
+            The present state.
+        chain : TopChain
+            The same TOPs as in `chain`.
+
+        Returns
+        -------
+        bool
+            False, and nothing has changed: there is no way from here to the present step's new goal, or none
+            that is found at once.
+        """
+        if chain.calls[self._index] != self._run.call:
+            run = self._changed_run(chain, standing_first=self._run.stopping)
+            if self._run.begun and (self._is_blocked(world) or not self._begins(world, run)):
+                return False
+            self._replace_run(world, run)
+        self._chain = chain
+        return True
+
+    def _begins(self, world: World, run: StepRun) -> bool:
+        """Begin `run` while the robot drives; return whether its way is known."""
+        self._planned = world.time
+        self._run.defer_planning(world.time)  # where it goes on after all: one search in a tick
+        return run.begin(world) is None and not run.planning
+
+    def _follow_ball(self, world: World) -> Step | None:
+        """Move the goal of an approach with a ball that has left it; return a stop where no way leads on."""
+        robot, call, resting = self._library.robot, self._run.call, at_rest(world, self._library.robot)
+        pushed = self._run.begun and is_at_front(world, robot)
+        left = drives_to_ball(call.top) and not pushed and has_left(resting, call, robot)
+        if not left or self._planned == world.time:
+            return None
+        chain = self._chain.with_goal(self._index, at_ball(call.goal, resting))
+        if self.head_for(world, chain):
+            return None
+        self._replace_run(world, self._changed_run(chain, standing_first=True))
+        self._chain = chain
+        return Step(STOP, Status.RUNNING, STOPPING)
+
+    def _is_blocked(self, world: World) -> bool:
+        """Return whether the ball that is driven to lies where the robot can only stop."""
+        return drives_to_ball(self._run.call.top) and is_in_the_way(world, self._library.robot)
+
+    def _replace_run(self, world: World, run: StepRun) -> None:
+        if self._run.begun:
+            self.records.append(self._run.record(world, Step(STOP, Status.RUNNING, "another goal took over")))
+        self._run = run
+
+    def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
+        """Return the step that follows, and whether the robot shall stand first; None at the chain's end."""
+        if status is Status.SUCCEEDED:
+            return (self._index + 1, False) if self._index + 1 < len(self._chain) else None
+        fetching = self._fetching_step(world)
+        if fetching is None:
+            return None
+        self.fetched += 1
+        return fetching, True
+
+    def _fetching_step(self, world: World) -> int | None:
+        """Return the step to go back to for a ball that is lost; None where none is to be fetched."""
+        top = self._run.call.top
+        missed = starts_holding(top) or (fetches_ball(top) and self._run.begun)
+        if self.fetched >= self._fetches or not missed or not is_lost(world, self._library.robot):
+            return None
+        before = (i for i in range(self._index, -1, -1) if fetches_ball(self._chain.calls[i].top))
+        return next(before, None)
+
+    def _enter(self, index: int, standing_first: bool) -> None:
+        self._index = index
+        self._run = self._new_run(self._chain, index, standing_first=standing_first)
+
+    def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:
+        """Return a run of the present step with the goal in `chain`; its time goes on."""
+        return self._new_run(chain, self._index, standing_first=standing_first, since=self._run.since)
+
+    def _new_run(
+        self, chain: TopChain, index: int, *, standing_first: bool = False, since: float | None = None
+    ) -> StepRun:
+        return StepRun(
+            self._library,
+            index,
+            chain.calls[index],
+            time_limit=self._time_limit,
+            predict=self._predict,
+            standing_first=standing_first,
+            since=since,
+        )
+
+    def _told(self, world: World, step: Step) -> ChainStep:
+        assert self._began is not None
+        return ChainStep(step.command, step.status, self._index, step.message, world.time - self._began)

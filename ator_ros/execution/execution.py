@@ -1,0 +1,301 @@
+"""The execution of one goal: refine, execute, stop (without ROS; both clocks are passed in)."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+
+from ator_ros.actions.base import Status
+from ator_ros.execution.chain_executor import ChainExecutor
+from ator_ros.execution.fence import Fence, FenceWatch
+from ator_ros.execution.phases import Deadlines, Ending, Phase
+from ator_ros.execution.predictions import Predictor, remaining
+from ator_ros.execution.refining import Question, Refining, refined_chain
+from ator_ros.execution.step_run import ActionRecord, is_standing
+from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.tops.ball import at_rest, ball_user, needs_ball
+from ator_ros.tops.chain import InvalidChainError, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.top import Top
+from ator_ros.world.state import STOP, Command, World
+
+_LONGEST_STOP = 2.0
+_ENDINGS = {Status.SUCCEEDED: Ending.SUCCEEDED, Status.FAILED: Ending.FAILED}
+
+
+class Execution:
+    """One goal, from its acceptance until the robot stands again.
+
+    Parameters
+    ----------
+    library : TopLibrary
+        Gives the actions.
+    chain : TopChain
+        What to execute.
+    refining : Refining
+        What is asked of refinement; the start waits for the first answer.
+    now : float
+        The real time in s, as everywhere here: the state has a clock of its own.
+    predictor, deadlines, fence
+        Predict what happens; say when to give up waiting, and where the robot may drive.
+    fetches : int
+        How many times a lost ball may be fetched again.
+    """
+
+    def __init__(
+        self,
+        library: TopLibrary,
+        chain: TopChain,
+        *,
+        refining: Refining,
+        now: float,
+        predictor: Predictor,
+        deadlines: Deadlines,
+        fence: Fence,
+        fetches: int = 0,
+    ) -> None:
+        self.chain = chain
+        self.phase = Phase.WAITING
+        self.ending: Ending | None = None
+        self.reason = Phase.WAITING.value
+        self.refining = refining
+        self.start: World | None = None
+        self.records: list[tuple[ActionRecord, World, Ending]] = []
+        self.elapsed = 0.0
+        self._library, self._predictor, self._deadlines = library, predictor, deadlines
+        self._fence = FenceWatch(fence, library.robot, deadlines.longest_gap)
+        self._fetches = fetches
+        self._seen: World | None = None
+        self._accepted, self._heard = now, math.inf
+        self._stopped_at = math.inf
+        self._blind = False
+        self._executor: ChainExecutor | None = None
+        self._answer: tuple[TopChain, str] | None = None
+        self._prediction: Callable[[], ChainPrediction | None] | None = None
+
+    @property
+    def step(self) -> int:
+        """The step of the chain that is executed, from 0."""
+        return 0 if self._executor is None else self._executor.index
+
+    @property
+    def fetched(self) -> int:
+        """How many times a lost ball was fetched again."""
+        return 0 if self._executor is None else self._executor.fetched
+
+    @property
+    def top(self) -> Top:
+        """The TOP of that step."""
+        return self.chain.calls[self.step].top
+
+    @property
+    def predicted(self) -> ChainPrediction | None:
+        """What was predicted of the chain; computed when it is asked for, after the command is on its way."""
+        return None if self._prediction is None else self._prediction()
+
+    @property
+    def question(self) -> Question | None:
+        """What is to be asked of refinement now."""
+        return self.refining.question if self.phase in (Phase.REFINING, Phase.EXECUTING) else None
+
+    def predicted_remaining(self, now: float) -> float:
+        """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if not known."""
+        if self.ending is not None:
+            return 0.0
+        if self.predicted is None or self.start is None:
+            return math.nan
+        began = self.records[-1][1].time if self.records else self.start.time
+        return remaining(self.predicted, self.step, now - began)
+
+    def silent(self, now: float) -> bool:
+        """Return whether no odometry has come for half its deadline: the robot should stand until then."""
+        return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.silence
+
+    def tick(self, world: World, now: float, *, ball_overdue: bool = False) -> Command:
+        """Take a newer state of the world and return the command for it.
+
+        Where the ball is overdue, a step that needs it pauses; it ends when twice in a row no recent ball is
+        known, or when it is to begin without one.
+        """
+        self._heard, self._seen = now, world
+        # Planning takes time, for which a simulation waits that has heard from us.
+        if self.phase is Phase.WAITING and self._begin(world, now) and is_standing(world.robot):
+            return STOP
+        if self.phase is Phase.EXECUTING:
+            return self._execute(world, now, ball_overdue=ball_overdue)
+        if self.phase is Phase.STOPPING:
+            self._stopped_at = min(self._stopped_at, world.time)
+            stood = is_standing(world.robot) or world.time - self._stopped_at > _LONGEST_STOP
+            self.phase = Phase.ENDED if stood else Phase.STOPPING
+        return STOP
+
+    def listening(self, now: float) -> None:
+        """Listen again from `now` on: odometry that came while a tick was computed is not overdue."""
+        self._heard = now
+
+    def watch(self, now: float) -> None:
+        """Look whether something is overdue."""
+        if self.phase is Phase.WAITING and now - self._accepted > self._deadlines.start:
+            self._give_up_waiting()
+        if self.question is not None and now - self.question.asked > self._deadlines.refinement:
+            self.unrefined(f"no answer within {self._deadlines.refinement:g} s")
+        if self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom:
+            reason = f"odom is missing: expected newer odometry within {self._deadlines.odom:g} s, got none"
+            self.end(Ending.INPUT_LOST, reason)
+            self.phase = Phase.ENDED  # nothing will tell when the robot stands
+
+    def end(self, ending: Ending, reason: str) -> None:
+        """End for some reason, of which the first counts; an action that is under way leaves its record."""
+        if self.ending is not None:
+            return
+        if self._executor is not None and self._seen is not None:
+            self._executor.break_off(self._seen, reason)
+            self._keep_records(self._executor, self._seen, ending)
+        self.ending, self.reason, self.phase = ending, reason, Phase.STOPPING
+        if math.isinf(self._heard):  # then odometry that never came counts as missing since the acceptance
+            self._heard = self._accepted
+
+    def misbehaved(self, reason: str) -> None:
+        """End because the base does not follow its commands, also where only its standing is awaited."""
+        if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
+            self.ending, self.reason = Ending.BASE_FAULT, reason
+        self.end(Ending.BASE_FAULT, reason)
+
+    def refined_to(self, chain: TopChain, refined: bool, reason: str) -> None:
+        """Take the answer to `question`; when the robot drives, with the next state.
+
+        An unrefined answer may differ from the question: naive values replace its placeholders.
+        """
+        if self.question is None:
+            return
+        if self._executor is None:
+            self._start_with(chain, refined, reason)
+        elif refined:
+            self._answer = chain, reason
+        else:  # the chain under way has no placeholders left
+            self._go_on(reason, changed=False)
+
+    def unrefined(self, why: str) -> None:
+        """Go on with the chain as it is, since there is no good answer to `question`."""
+        sent = "" if self.phase is Phase.EXECUTING else "executed as sent, "
+        self._go_on(f"{sent}refinement failed: {why}", changed=False)
+
+    def _go_on(self, why: str, *, changed: bool) -> None:
+        if self.question is not None:
+            self.refining.close(why, changed=changed, elapsed=self.elapsed)
+            self.phase = Phase.EXECUTING
+
+    def _start_with(self, chain: TopChain, refined: bool, reason: str) -> None:
+        assert self.start is not None
+        assert self.question is not None
+        planned = self.chain
+        try:
+            self.chain = refined_chain(planned, self.question, chain, self.start, self._library.robot)
+        except InvalidChainError as error:
+            self.unrefined(f"its answer cannot be used: {error}")
+        else:
+            self._go_on(reason, changed=refined and self.chain != planned)
+
+    def _take_answer(self, world: World, executor: ChainExecutor) -> None:
+        """Head for other goals from where the robot is, if that is still possible."""
+        answer, question, robot, self._answer = self._answer, self.question, self._library.robot, None
+        if answer is None or question is None:
+            return
+        if question.step != self.step:
+            self.unrefined("its step was over when the answer came")
+            return
+        try:
+            changed = refined_chain(self.chain, question, answer[0], at_rest(world, robot), robot)
+        except InvalidChainError as error:
+            self.unrefined(f"its answer cannot be used: {error}")
+            return
+        if executor.head_for(world, changed):
+            self._go_on(answer[1], changed=True)
+        else:
+            self.unrefined("there is no way from here to the refined subgoal")
+
+    def _begin(self, world: World, now: float) -> bool:
+        """Start with the first state in which the chain can be judged: with a ball where one is needed.
+
+        Says whether the chain is to be executed now.
+        """
+        self.start = world
+        if world.ball is None and ball_user(self.chain.calls) is not None:
+            self.reason = "waiting for a ball"
+            return False
+        violations = self.chain.violations(world, self._library.robot)
+        if violations:
+            self.end(Ending.REFUSED, f"no valid plan: {'; '.join(violations)}")
+            return False
+        self.phase = Phase.REFINING if self.refining.wanted else Phase.EXECUTING
+        if self.refining.wanted:
+            self.refining.ask(world, self.chain, now)
+        self.reason = self.phase.value
+        return not self.refining.wanted
+
+    def _give_up_waiting(self) -> None:
+        limit = f"expected one within {self._deadlines.start:g} s of the goal, got none"
+        if self.start is None:
+            self.end(Ending.INPUT_LOST, f"odom is missing: {limit}")
+            self.phase = Phase.ENDED  # nothing will tell when the robot stands
+        else:
+            self.end(Ending.INPUT_LOST, f"ball is missing: {ball_user(self.chain.calls)} needs it, {limit}")
+
+    def _execute(self, world: World, now: float, *, ball_overdue: bool) -> Command:
+        if self._executor is None:
+            # Later than the first state when refinement has taken its time.
+            self.start = world
+            self._prediction = functools.cache(functools.partial(self._predictor.chain, world, self.chain))
+            self._executor = ChainExecutor(
+                self._library,
+                self.chain,
+                time_limit=self._deadlines.action,
+                predict=lambda begin, call: functools.partial(self._predictor.action, begin, call),
+                fetches=self._fetches,
+            )
+        blind, self._blind = self._blind, self._lacks_ball(world)
+        # Once it may happen: after a long tick, odometry may be read before a ball that has long been there.
+        if self._blind and blind:
+            return self._end_without_ball()
+        if self._blind or (ball_overdue and needs_ball(self.top)):
+            self.reason = f"{self.top.name} pauses: no word of the ball"
+            return STOP
+        fault = self._fence.fault(world, self.chain.calls[self.step])
+        if fault is not None:
+            return self._stop(Ending.OUT_OF_BOUNDS, fault)
+        if self._fence.pausing:
+            self.reason = f"{self.top.name} pauses: the ball leads out of the fence"
+            return STOP
+        self._take_answer(world, self._executor)
+        step = self._executor.step(world)
+        self.chain = self._executor.chain
+        self._keep_records(self._executor, world, Ending.PREEMPTED)
+        self.elapsed = step.elapsed
+        self.reason = step.message
+        if step.status is Status.RUNNING:
+            self.refining.ask_again(world, self.chain, now, step=self.step)
+            return step.command
+        if self._lacks_ball(world):  # for the step that was just handed over to
+            return self._end_without_ball()
+        if step.status is Status.SUCCEEDED:
+            return self._stop(Ending.SUCCEEDED, step.message)
+        if self.records[-1][0].lost_ball:
+            return self._stop(Ending.BALL_LOST, f"ball lost in {self.top.name}: {step.message}")
+        return self._stop(Ending.FAILED, step.message)
+
+    def _keep_records(self, executor: ChainExecutor, world: World, broken_off: Ending) -> None:
+        """Keep the records of the actions that have ended in the state `world`."""
+        new = executor.records[len(self.records) :]
+        self.records += [(record, world, _ENDINGS.get(record.outcome, broken_off)) for record in new]
+
+    def _lacks_ball(self, world: World) -> bool:
+        return world.ball is None and needs_ball(self.top)
+
+    def _end_without_ball(self) -> Command:
+        reason = f"ball is missing: {self.top.name} needs it, and no recent one is known"
+        return self._stop(Ending.INPUT_LOST, reason)
+
+    def _stop(self, ending: Ending, reason: str) -> Command:
+        self.end(ending, reason)
+        return STOP

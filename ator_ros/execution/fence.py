@@ -1,0 +1,181 @@
+"""The area in which the robot may drive (without ROS)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.robot.description import Robot
+from ator_ros.robot.ramp import clip, stopping_way
+from ator_ros.tops.ball import at_ball, at_rest, drives_to_ball, has_left, is_at_front
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.world.state import RobotState, World
+
+_DOUBT = 0.3
+"""Time in s for which the ball must lead out: its velocity may be false until its positions tell."""
+_ROUNDING = 1e-9
+_OFF_THE_WAY = 0.05
+"""Distance in m by which an action may miss its goal and its way."""
+_PERIOD = 0.05
+"""Time in s between two commands where a goal is judged before anything is known of odometry's rate."""
+
+
+def room_inside(robot: Robot) -> float:
+    """Return the distance in m from the edge at which a goal must lie so that `FenceWatch` does not end it.
+
+    It is the tolerance of a position, and what the robot drives at full speed until it follows a command.
+    """
+    return _OFF_THE_WAY + robot.limits.v * (_PERIOD + robot.motor_time_constant)
+
+
+@dataclass(frozen=True, slots=True)
+class Fence:
+    """A rectangle for the middle of the robot's axle, in m in odometry's frame; its body may stick out."""
+
+    x_min: float
+    y_min: float
+    x_max: float
+    y_max: float
+
+    @classmethod
+    def around(cls, robot: Robot) -> Fence:
+        """Return the fence around the field and its margin."""
+        field = robot.field
+        x, y = field.length / 2.0 + field.margin, field.width / 2.0 + field.margin
+        return cls(-x, -y, x, y)
+
+    @classmethod
+    def of(cls, edges: Sequence[float]) -> Fence:
+        """Return the fence with these least x and y and greatest x and y in m.
+
+        Raises
+        ------
+        ValueError
+            They are not four finite numbers in that order.
+        """
+        if len(edges) != 4 or not all(map(math.isfinite, edges)):
+            raise ValueError(f"expected four finite numbers in m, got {list(edges)}")
+        fence = cls(*edges)
+        if not (fence.x_min < fence.x_max and fence.y_min < fence.y_max):
+            raise ValueError(f"expected least x, least y, greatest x, greatest y in m, got {list(edges)}")
+        return fence
+
+    def outside(self, x: float, y: float) -> float:
+        """Return the distance in m from a place to the area; 0 inside."""
+        return math.hypot(max(self.x_min - x, 0.0, x - self.x_max), max(self.y_min - y, 0.0, y - self.y_max))
+
+    def violation(self, chain: TopChain, robot: Robot) -> str | None:
+        """Return in words which step of a chain leads out of the area; None where none does."""
+        for number, call in enumerate(chain.calls):
+            if self.leads_out(call, robot):
+                (x, y, _), speed = call.goal.robot_pose(robot), call.goal.speed
+                room = f"{room_inside(robot):.2f} m from its edge" + (", with room to stop" if speed else "")
+                return (
+                    f"chain.calls[{number}].goal ({call.top.name}): expected a place for the robot inside "
+                    f"the {self}, {room}, got the axle at x {x:.2f} m, y {y:.2f} m"
+                    + (f", {speed:.2f} m/s" if speed else "")
+                )
+        return None
+
+    def leads_out(self, call: TopCall, robot: Robot) -> bool:
+        """Return whether a step would bring the robot, or the ball that it holds then, out of the area.
+
+        The robot must come to stand `room_inside` the edge, also where it arrives at speed. What is shot may
+        lie anywhere.
+        """
+        if not {term.variable for term in call.top.post.terms} & {"robot.x", "hold.x"}:
+            return False
+        goal = call.goal
+        ball_out = goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0
+        return ball_out or not self._has_room(goal, robot)
+
+    def _has_room(self, goal: Goal, robot: Robot) -> bool:
+        """Return whether the robot can arrive at `goal`, and stop from its speed, far enough inside."""
+        x, y, yaw = goal.robot_pose(robot)
+        way = max(stopping_way(goal.speed), goal.speed**2 / (2.0 * robot.limits.brake))
+        room = room_inside(robot)
+        inner = Fence(self.x_min + room, self.y_min + room, self.x_max - room, self.y_max - room)
+        places = [(x, y), (x + way * math.cos(yaw), y + way * math.sin(yaw))]
+        return all(inner.outside(*place) <= _ROUNDING for place in places)
+
+    def __str__(self) -> str:
+        """Return the area in words."""
+        return f"fence (x from {self.x_min:g} to {self.x_max:g} m, y from {self.y_min:g} to {self.y_max:g} m)"
+
+
+class FenceWatch:
+    """Looks, during one goal, whether the robot is about to leave the area.
+
+    A robot that starts outside may drive in: never farther away than it was, plus twice its own reach, in
+    which it can turn round. Once inside it must stay there.
+
+    Parameters
+    ----------
+    fence : Fence
+        The area.
+    robot : Robot
+        Limits, with which the robot brakes, and lag of its motors.
+    longest_gap : float
+        Time in s between two states after which the robot is commanded to stand anyway.
+    """
+
+    def __init__(self, fence: Fence, robot: Robot, longest_gap: float) -> None:
+        self._fence, self._robot, self._longest_gap = fence, robot, longest_gap
+        self._allowed = math.inf
+        self._time: float | None = None
+        self._leads_out_since = math.inf
+
+    @property
+    def pausing(self) -> bool:
+        """Whether the ball leads out, so that the robot should rather stand than follow it."""
+        return self._leads_out_since < math.inf
+
+    def fault(self, world: World, call: TopCall) -> str | None:
+        """Take a state in which `call` is executed; return in words why the goal must end, or None."""
+        return self._leaving(world) or self._following(world, call)
+
+    def _leaving(self, world: World) -> str | None:
+        pose = world.robot.pose
+        here = self._fence.outside(pose.x, pose.y)
+        self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
+        robot, reach = world.robot, self._reaction(world.time) * abs(world.robot.v)
+        stop = math.copysign(abs(stopping_way(robot.v)) + reach, robot.v)
+        brake = math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake) + reach, robot.v)
+        curved = max(self._outside(robot, share * brake, bend=True) for share in (0.5, 1.0))
+        if max(self._outside(robot, stop), min(self._outside(robot, brake), curved)) <= self._allowed:
+            return None
+        return (
+            f"the robot would leave the {self._fence}: it drives at {robot.v:.2f} m/s from x {pose.x:.2f} m, "
+            f"y {pose.y:.2f} m, {math.degrees(pose.yaw):.0f} degrees, and could not stand inside"
+        )
+
+    def _reaction(self, time: float) -> float:
+        """Return the time in s from this state until a command that answers the next one is followed."""
+        period = 0.0 if self._time is None else min(time - self._time, self._longest_gap)
+        self._time = time
+        return period + self._robot.motor_time_constant
+
+    def _outside(self, robot: RobotState, way: float, *, bend: bool = False) -> float:
+        """Return how far outside in m the robot is `way` m on, straight ahead or in the bend it drives."""
+        turned = clip(way * robot.w / robot.v, math.pi) if bend and robot.v != 0.0 else 0.0
+        chord = way * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
+        yaw = robot.pose.yaw + turned / 2.0
+        return self._fence.outside(robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw))
+
+    def _following(self, world: World, call: TopCall) -> str | None:
+        """Return why not to follow the ball, once it has led out for long enough to be believed."""
+        resting = at_rest(world, self._robot)
+        followed = drives_to_ball(call.top) and not is_at_front(world, self._robot)
+        if not (followed and has_left(resting, call, self._robot)):
+            self._leads_out_since = math.inf
+            return None
+        goal = at_ball(call.goal, resting)
+        out = self._fence.leads_out(dataclasses.replace(call, goal=goal), self._robot)
+        self._leads_out_since = min(self._leads_out_since, world.time) if out else math.inf
+        if world.time - self._leads_out_since < _DOUBT:
+            return None
+        x, y, _ = goal.pose
+        return f"the ball leaves the {self._fence}: {call.top.name} would lead to x {x:.2f} m, y {y:.2f} m"

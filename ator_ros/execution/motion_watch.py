@@ -1,0 +1,252 @@
+"""Whether the base moves as it is commanded to, by odometry (without ROS; both clocks are passed in)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from ator_ros.geometry import wrap_angle
+from ator_ros.robot.description import Robot
+from ator_ros.robot.ramp import ramped
+from ator_ros.world.state import STOP, Command, RobotState
+
+_TENTH = 0.1
+_QUARTER = 0.25
+_WINDOW = 0.1  # s over which the motion of the pose is judged
+_LONGEST_GAP = 0.1  # s between two states that counts: what happened in a longer one is not known
+_SHORTEST_WAIT = 0.1  # real s: commands need some, in which simulated time may run far ahead
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """Thresholds above which motion that contradicts the commands is a fault, derived from the robot.
+
+    Attributes
+    ----------
+    asked : float
+        Speed of the faster wheel in m/s from which a command must be answered: 4 % of the greatest speed. The
+        dead zone of a base lies below.
+    patience : float
+        Time in s without an answer, or with motion that nobody asked for: 0.2 s and three time constants of
+        the motors. With the time that it takes to brake it stays below half a second.
+    frozen : float
+        Time in s in which the pose may contradict the velocity: three messages at 20 Hz.
+    v, w : float
+        Speeds in m/s and rad/s by which the base may exceed the commands: a tenth of the limits.
+    brake, aw : float
+        Decelerations in m/s^2 and rad/s^2 that a slow base must reach: half of the limits.
+    """
+
+    asked: float
+    patience: float
+    frozen: float
+    v: float
+    w: float
+    brake: float
+    aw: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> Thresholds:
+        """Derive the thresholds from the description of a robot."""
+        limits = robot.limits
+        return cls(
+            asked=0.04 * limits.v,
+            patience=0.2 + 3.0 * robot.motor_time_constant,
+            frozen=0.15,
+            v=_TENTH * limits.v,
+            w=_TENTH * limits.w,
+            brake=0.5 * limits.brake,
+            aw=0.5 * limits.aw,
+        )
+
+
+class MotionWatch:
+    """Compares what odometry tells with the commands that were sent.
+
+    Three contradictions are faults: a pose that stands while the velocity says that it moves (frozen
+    odometry), commands without any motion (blocked wheels, or odometry that froze while the robot stood), and
+    motion beyond all commands (a base that somebody else steers, or nobody).
+
+    Parameters
+    ----------
+    robot : Robot
+        Limits, track and lag of the motors.
+    latency : float
+        Time in s from the stamp of a state until the command that answers it moves the base.
+    """
+
+    def __init__(self, robot: Robot, latency: float) -> None:
+        self.bounds = Thresholds.of(robot)
+        self._limits, self._arm = robot.limits, robot.track / 2.0
+        self._latency = latency
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past, as when a goal begins: nobody knows what the base was commanded to before."""
+        self._sent: deque[tuple[float, Command]] = deque()
+        self._last: tuple[float, RobotState] | None = None
+        self._expected = STOP
+        self._unanswered = _Stretch()
+        self._unasked = _Stretch()
+        self._frozen = _Stretch()
+        self._poses: deque[tuple[float, RobotState]] = deque()
+        self._bands: tuple[_Band, _Band] | None = None
+
+    def sent(self, time: float, command: Command) -> None:
+        """Note a command that was sent as the answer to a state of `time` (s)."""
+        acts = time + self._latency
+        while self._sent and self._sent[-1][0] >= acts:
+            self._sent.pop()
+        self._sent.append((acts, command))
+
+    def fault(self, time: float, robot: RobotState, now: float) -> str | None:
+        """Take a state of the robot as odometry tells it, at `time` s by its stamp and `now` s of real time.
+
+        Returns
+        -------
+        str or None
+            What is wrong, in words; None where the base moves as it is commanded to.
+        """
+        last, self._last = self._last, (time, robot)
+        if last is None or self._bands is None or time <= last[0]:
+            self._bands = _Band.around(robot.v), _Band.around(robot.w)
+            return None
+        before, elapsed = last[1], time - last[0]
+        dt = min(elapsed, _LONGEST_GAP)
+        command = self._weakest(last[0], time)
+        by_pose = self._speed_by_pose(before, robot, elapsed)
+        return (
+            self._contradiction(time, robot, dt, now)
+            or self._silence(before, robot, by_pose, command, dt, now)
+            or self._excess(time, robot, elapsed, now)
+        )
+
+    def _contradiction(self, time: float, robot: RobotState, dt: float, now: float) -> str | None:
+        """Return the fault where the pose stands, though odometry says that it moves.
+
+        The pose is compared with one some messages ago: between two that come soon after each other jitter
+        looks like motion.
+        """
+        self._poses.append((time, robot))
+        while len(self._poses) > 1 and self._poses[1][0] <= time - _WINDOW + _ROUNDING:
+            self._poses.popleft()
+        then, before = self._poses[0]
+        states, count = [state for _, state in self._poses], len(self._poses)
+        said = self._wheel(sum(state.v for state in states) / count, sum(state.w for state in states) / count)
+        by_pose = self._speed_by_pose(before, robot, time - then) if time > then else math.inf
+        frozen = said >= self.bounds.asked and by_pose < _TENTH * said
+        if not self._frozen.lasts(frozen, dt, now, self.bounds.frozen - _WINDOW):
+            return None
+        return _frozen_pose(robot, _WINDOW + self._frozen.seconds)
+
+    def _silence(
+        self, before: RobotState, robot: RobotState, by_pose: float, command: Command, dt: float, now: float
+    ) -> str | None:
+        """Return the fault where the base does not answer commands.
+
+        A base whose velocity changes answers them, though it may be passing through zero: a weak one stands
+        nearly still for a while when it goes from backward to forward.
+        """
+        self._expected = ramped(self._expected, command, dt, self._limits)
+        wanted = self._wheel(self._expected.v, self._expected.w)
+        asked = self._wheel(command.v, command.w) >= self.bounds.asked
+        shown = min(self._wheel(robot.v, robot.w), by_pose)
+        changed = self._wheel(robot.v - before.v, robot.w - before.w)
+        gained = _QUARTER * self._wheel(self._limits.a * dt, self._limits.aw * dt)
+        unanswered = asked and shown < _TENTH * wanted and changed < gained
+        if not self._unanswered.lasts(unanswered, dt, now, self.bounds.patience):
+            return None
+        if self._wheel(robot.v, robot.w) >= self.bounds.asked:
+            return _frozen_pose(robot, self._unanswered.seconds)
+        return (
+            f"the base does not move: commanded to {command.v:.2f} m/s and {command.w:.2f} rad/s, odometry "
+            f"has shown no motion for {self._unanswered.seconds:.2f} s: blocked wheels, motors off, or "
+            "frozen odometry"
+        )
+
+    def _excess(self, time: float, robot: RobotState, elapsed: float, now: float) -> str | None:
+        """Return the fault where the base moves beyond all commands, coasting included."""
+        assert self._bands is not None
+        commands = self._recent(time - elapsed)
+        v, w = self._bands
+        v.follow([command.v for command in commands], self.bounds.brake * elapsed)
+        w.follow([command.w for command in commands], self.bounds.aw * elapsed)
+        beyond = v.beyond(robot.v, self.bounds.v) or w.beyond(robot.w, self.bounds.w)
+        if not self._unasked.lasts(beyond, min(elapsed, _LONGEST_GAP), now, self.bounds.patience):
+            return None
+        last = commands[-1] if commands else STOP
+        return (
+            f"the base moves although it was not commanded to: odometry shows {robot.v:.2f} m/s and "
+            f"{robot.w:.2f} rad/s, the last command was {last.v:.2f} m/s and {last.w:.2f} rad/s"
+        )
+
+    def _weakest(self, since: float, time: float) -> Command:
+        """Return the slowest command that moved the base between two times in s.
+
+        Between messages that are far apart the robot is commanded to stand.
+        """
+        at_first = next((sent for acts, sent in reversed(self._sent) if acts <= since + _ROUNDING), STOP)
+        later = [sent for acts, sent in self._sent if since + _ROUNDING < acts <= time]
+        return min([at_first, *later], key=lambda command: self._wheel(command.v, command.w))
+
+    def _recent(self, time: float) -> list[Command]:
+        """Return the commands, the oldest first, that `time` s may still show, and forget older ones."""
+        while len(self._sent) > 1 and self._sent[1][0] < time - self.bounds.patience:
+            self._sent.popleft()
+        return [command for _, command in self._sent]
+
+    def _speed_by_pose(self, before: RobotState, robot: RobotState, elapsed: float) -> float:
+        """Return the speed in m/s of the faster wheel, as the difference of two poses tells it."""
+        way = before.pose.distance(robot.pose)
+        turn = wrap_angle(robot.pose.yaw - before.pose.yaw)
+        return self._wheel(way / elapsed, turn / elapsed)
+
+    def _wheel(self, v: float, w: float) -> float:
+        """Return the speed in m/s of the faster wheel, without its sign."""
+        return abs(v) + abs(w) * self._arm
+
+
+def _frozen_pose(robot: RobotState, seconds: float) -> str:
+    return (
+        f"odometry is frozen: it says that the robot moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
+        f"but its pose has stood still for {seconds:.2f} s"
+    )
+
+
+class _Stretch:
+    """How long something has been so without a break, by the stamps and in real time."""
+
+    def __init__(self) -> None:
+        self.seconds, self._since = 0.0, math.inf
+
+    def lasts(self, so: bool, dt: float, now: float, longest: float) -> bool:
+        """Count `dt` s more, or begin anew; return whether it has lasted as long as it may."""
+        if not so:
+            self.seconds, self._since = 0.0, math.inf
+            return False
+        self._since = min(self._since, now)
+        self.seconds += dt
+        return self.seconds >= longest - _ROUNDING and now - self._since >= _SHORTEST_WAIT - _ROUNDING
+
+
+class _Band:
+    """The speeds that the commands explain: between 0 and the commands, or where the base still brakes."""
+
+    def __init__(self, low: float, high: float) -> None:
+        self._low, self._high = low, high
+
+    @classmethod
+    def around(cls, speed: float) -> _Band:
+        """Return the band of a base that was found at `speed`."""
+        return cls(min(0.0, speed), max(0.0, speed))
+
+    def follow(self, targets: list[float], braked: float) -> None:
+        """Take the commands that may still show, and by how much speeds beyond them have had to fall."""
+        self._low = min(0.0, *targets, self._low + braked)
+        self._high = max(0.0, *targets, self._high - braked)
+
+    def beyond(self, speed: float, margin: float) -> bool:
+        """Return whether `speed` lies outside by more than `margin`."""
+        return speed < self._low - margin or speed > self._high + margin

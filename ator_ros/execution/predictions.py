@@ -1,0 +1,55 @@
+"""What the performance models say of a chain that is executed as it is (without ROS)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from ator_ros.refinement.calibration import Calibration
+from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
+from ator_ros.refinement.free_variables import PerformanceModel
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.world.state import World
+
+
+def remaining(prediction: ChainPrediction, step: int, since: float) -> float:
+    """Return the predicted time in s to a chain's end, `since` s after `step` (from 0) has begun."""
+    current, *rest = (action.get("duration", math.nan) for action in prediction.actions[step:])
+    return max(0.0, current - since) + sum(rest)
+
+
+class Predictor:
+    """Predicts chains and their actions.
+
+    Parameters
+    ----------
+    robot : Robot
+        Sizes and limits.
+    models : mapping
+        Action name to performance model; chains with other actions are not predicted.
+    calibration : Calibration, optional
+        What the models' predictions miss.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        models: Mapping[str, PerformanceModel],
+        calibration: Calibration | None = None,
+    ) -> None:
+        self._robot = robot
+        self._models = models
+        self._calibration = (calibration or Calibration()).matching(models)
+
+    def chain(self, world: World, chain: TopChain) -> ChainPrediction | None:
+        """Predict `chain` from the state `world`; None where an action has no model."""
+        if any(call.top.action not in self._models for call in chain.calls):
+            return None
+        prediction = predict_chain(world, chain, self._models, self._robot)
+        return self._calibration.corrected([(chain, prediction)], world, self._models, self._robot)[0]
+
+    def action(self, world: World, call: TopCall) -> Mapping[str, float] | None:
+        """Predict one action from the state `world`; None where it has no model."""
+        prediction = self.chain(world, TopChain((call,)))
+        return None if prediction is None else prediction.actions[0]

@@ -1,0 +1,201 @@
+"""One step of a chain while it is executed, and what is recorded of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
+from ator_ros.tops.ball import (
+    at_rest,
+    drives_to_ball,
+    is_lost,
+    keeps_holding,
+    starts_holding,
+)
+from ator_ros.tops.chain import TopCall
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.state import goal_variables, state_of
+from ator_ros.world.state import STOP, RobotState, World
+
+Predict = Callable[[World, TopCall], Any]
+
+STOPPING = "stopping, to drive to the ball from there"
+"""What is said of a step that waits until the robot stands."""
+_STANDING_V = 0.02
+_STANDING_W = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class ActionRecord:
+    """How one action of a chain went.
+
+    Attributes
+    ----------
+    index : int
+        Step of the chain, from 0.
+    top, action : str
+        Names of the TOP and of its action.
+    start : World
+        Situation in which the action started.
+    goal : Goal
+        What it was to reach.
+    duration : float
+        Time it took in s.
+    outcome : Status
+        SUCCEEDED, FAILED, or RUNNING where it was broken off: another goal took over, since the ball had
+        moved, or the chain was ended.
+    reason : str
+        A sentence on how it ended.
+    position_error, heading_error : float
+        Distance from the goal at the end in m, difference of headings in rad.
+    predicted : object
+        What the performance model predicted at the start; None without one.
+    lost_ball : bool
+        Whether it failed because the ball that it should have held was not in front any more.
+    """
+
+    index: int
+    top: str
+    action: str
+    start: World
+    goal: Goal
+    duration: float
+    outcome: Status
+    reason: str
+    position_error: float
+    heading_error: float
+    predicted: Any = None
+    lost_ball: bool = False
+
+
+class StepRun:
+    """One action of a chain with one goal, from its pre-condition to its post-condition.
+
+    Parameters
+    ----------
+    library : TopLibrary
+        Gives the action.
+    index : int
+        Of the step, from 0.
+    call : TopCall
+        What to execute.
+    time_limit : float
+        Time in s that it may take, stopping first included.
+    predict : callable, optional
+        Predicts the performance of the step from the world in which it starts.
+    standing_first : bool
+        Whether the robot shall stand before it starts.
+    since : float, optional
+        Time in s from which the limit counts, where it replaces a run with another goal.
+    """
+
+    def __init__(
+        self,
+        library: TopLibrary,
+        index: int,
+        call: TopCall,
+        *,
+        time_limit: float,
+        predict: Predict | None = None,
+        standing_first: bool = False,
+        since: float | None = None,
+    ) -> None:
+        self.call = call
+        self.stopping = standing_first
+        self.since = since
+        self._library, self._index = library, index
+        self._time_limit, self._predict = time_limit, predict
+        self._action: Action | None = None
+        self._start: World | None = None
+        self._predicted: Any = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether its action has started."""
+        return self._action is not None
+
+    @property
+    def planning(self) -> bool:
+        """Whether its action has started, and has not found its way yet."""
+        return self._action is not None and self._action.planning
+
+    def defer_planning(self, time: float) -> None:
+        """Let the action, if it has started, plan nothing in the tick at `time` (s)."""
+        if self._action is not None:
+            self._action.defer_planning(time)
+
+    def begin(self, world: World) -> str | None:
+        """Start the action; give a sentence where that is impossible."""
+        call, robot = self.call, self._library.robot
+        seen = at_rest(world, robot) if drives_to_ball(call.top) else world
+        violations = call.top.pre.violations(state_of(seen, robot), goal_variables(call.goal))
+        if violations:
+            return f"pre-condition of {call.top.name}: {'; '.join(violations)}"
+        action = self._library.action(call.top)
+        try:
+            action.start(world, call.goal)
+        except ActionError as error:
+            return str(error)
+        self._action, self._start = action, world
+        self._predicted = None if self._predict is None else self._predict(world, call)
+        return None
+
+    def step(self, world: World) -> Step:
+        """Return the command of this tick; the action starts when its turn has come."""
+        self.since = world.time if self.since is None else self.since
+        step = self._next(world)
+        if step.status is Status.RUNNING and world.time - self.since > self._time_limit:
+            return Step(STOP, Status.FAILED, f"{self.call.top.name} took longer than {self._time_limit:g} s")
+        return step
+
+    def _next(self, world: World) -> Step:
+        self.stopping = self.stopping and not is_standing(world.robot)
+        if self.stopping:
+            return Step(STOP, Status.RUNNING, STOPPING)
+        fault = None if self.begun else self.begin(world)
+        if fault is not None:
+            return Step(STOP, Status.FAILED, fault)
+        assert self._action is not None
+        return self._confirmed(world, self._action.step(world))
+
+    def _confirmed(self, world: World, step: Step) -> Step:
+        """Believe in success only when the post-condition holds."""
+        if step.status is not Status.SUCCEEDED:
+            return step
+        top, goal = self.call.top, goal_variables(self.call.goal)
+        violations = top.post.violations(state_of(world, self._library.robot), goal)
+        if not violations:
+            return step
+        return Step(STOP, Status.FAILED, f"post-condition of {top.name}: {'; '.join(violations)}")
+
+    def record(self, world: World, step: Step) -> ActionRecord:
+        """Return the record of this step, whose last tick was `step`, in the state `world`."""
+        call, start, robot = self.call, self._start or world, self._library.robot
+        pose, goal = world.robot.pose, call.goal.robot_pose(robot)
+        return ActionRecord(
+            self._index,
+            call.top.name,
+            call.top.action,
+            start,
+            call.goal,
+            world.time - start.time,
+            step.status,
+            step.message,
+            pose.distance(goal),
+            abs(pose.relative(goal).yaw),
+            self._predicted,
+            step.status is Status.FAILED and self._has_lost_ball(world),
+        )
+
+    def _has_lost_ball(self, world: World) -> bool:
+        """Return whether the ball that this step holds, or should have started with, is not in front."""
+        top = self.call.top
+        meant = keeps_holding(top) or (starts_holding(top) and not self.begun)
+        return meant and is_lost(world, self._library.robot)
+
+
+def is_standing(robot: RobotState) -> bool:
+    """Return whether the robot stands."""
+    return abs(robot.v) < _STANDING_V and abs(robot.w) < _STANDING_W

@@ -1,0 +1,208 @@
+"""Linear models of many nodes at once, from their normal equations alone (paper, section 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.performance.tree.nodes import IntArray
+
+# Added to the diagonal of the normal equations of standardised features: it settles features that are
+# constant or collinear in a node, and biases the others by a millionth.
+RIDGE = 1e-6
+# Share of the target's squares that keeps an exact fit from looking better than exact by rounding.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Standardised:
+    """Rows centred and scaled for well-conditioned normal equations, and the way back to their units.
+
+    Attributes
+    ----------
+    rows : array of float, shape (n, n_features + 2)
+        Columns: the constant 1, the features, the target; all but the first of mean 0 and deviation 1 (or 0).
+    mean, scale : array of float, shape (n_features + 1,)
+        Of the features and the target.
+    """
+
+    rows: FloatArray
+    mean: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def from_rows(cls, X: FloatArray, y: FloatArray, weight: FloatArray) -> Standardised:
+        """Standardise features of shape (n, n_features) and targets of shape (n,), weighted."""
+        table = np.column_stack([X, y])
+        mean = np.average(table, axis=0, weights=weight)
+        deviation = np.sqrt(np.average((table - mean) ** 2, axis=0, weights=weight))
+        # A column that varies by rounding only is a constant.
+        scale = np.where(deviation > 1e-12 * np.abs(mean), deviation, 0.0)
+        scale[scale == 0] = 1.0
+        rows = np.column_stack([np.ones(len(X)), (table - mean) / scale])
+        return cls(rows, mean, scale)
+
+    def to_units(self, models: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return intercepts (n_nodes,) and slopes (n_nodes, n_features) of models (n_nodes, 1+n_features)."""
+        slopes = models[:, 1:] * self.scale[-1] / self.scale[:-1]
+        intercepts = models[:, 0] * self.scale[-1] + self.mean[-1] - slopes @ self.mean[:-1]
+        return intercepts, slopes
+
+
+def normal_equations(rows: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the weighted sums of products of all columns of `rows`, shape (n_columns, n_columns)."""
+    moments: FloatArray = (rows * weight[:, None]).T @ rows
+    return moments
+
+
+def solve(moments: FloatArray) -> FloatArray:
+    """Return the linear model of one node with all features, shape (1 + n_features,)."""
+    left = moments[:-1, :-1] / moments[0, 0]
+    left.flat[:: len(left) + 1] += RIDGE
+    model: FloatArray = np.linalg.solve(left, moments[:-1, -1] / moments[0, 0])
+    return model
+
+
+def residual_squares(moments: FloatArray) -> FloatArray:
+    """Return the sum of squared residuals of the linear model with all features, shape (…).
+
+    Parameters
+    ----------
+    moments : array of float, shape (…, 2 + n_features, 2 + n_features)
+        Normal equations.
+    """
+    weight = moments[..., 0, 0]
+    scaled = moments / weight[..., None, None]
+    terms = np.arange(moments.shape[-1] - 1)
+    scaled[..., terms, terms] += RIDGE
+    scaled[..., -1, -1] *= 1.0 + _ROUNDING
+    # The last element of the Cholesky factor is what the others leave of the target.
+    left: FloatArray = weight * np.linalg.cholesky(scaled)[..., -1, -1] ** 2
+    return left
+
+
+def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
+    """Return the sum of squared residuals of each node's model on the rows that its moments were summed over.
+
+    Parameters
+    ----------
+    models : array of float, shape (n_nodes, 1 + n_features)
+    moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
+
+    Returns
+    -------
+    array of float, shape (n_nodes,)
+    """
+    residual = np.column_stack([-models, np.ones(len(models))])
+    error = np.einsum("ni,nij,nj->n", residual, moments, residual)
+    clipped: FloatArray = np.maximum(error, 0.0)
+    return clipped
+
+
+def corrected_error(
+    squared: FloatArray, weight: FloatArray, samples: FloatArray, terms: FloatArray
+) -> FloatArray:
+    """Return M5's estimate of the root-mean-square error on new rows: RMSE × (n + v) / (n − v).
+
+    Parameters
+    ----------
+    squared : array of float, shape (n_nodes,)
+        Sum of squared residuals on the learning rows.
+    weight : array of float, shape (n_nodes,)
+        Total weight of these rows.
+    samples : array of float, shape (n_nodes,)
+        n: how many of them are independent.
+    terms : array of float, shape (n_nodes,)
+        v: how many terms the model has, the constant included.
+
+    Returns
+    -------
+    array of float, shape (n_nodes,)
+        Infinite where there are no more samples than terms.
+    """
+    spare = samples - terms
+    factor = np.where(spare > 0, (samples + terms) / np.where(spare > 0, spare, 1.0), np.inf)
+    # The floor keeps a perfect fit with too few samples (0 × infinity) infinitely bad.
+    estimate: FloatArray = np.sqrt(np.maximum(squared / weight, 1e-24)) * factor
+    return estimate
+
+
+@dataclass(frozen=True, eq=False)
+class NodeModels:
+    """Linear models of all nodes after term removal.
+
+    Attributes
+    ----------
+    models : array of float, shape (n_nodes, 1 + n_features)
+        Constant and slopes, for standardised rows; removed terms are 0.
+    error : array of float, shape (n_nodes,)
+        Corrected error of each model.
+    """
+
+    models: FloatArray
+    error: FloatArray
+
+
+def fit_node_models(moments: FloatArray, samples: FloatArray, *, term_cost: float) -> NodeModels:
+    """Fit every node's linear model and greedily remove terms while the corrected error does not grow.
+
+    The work is done by sweeping all nodes' normal equations together: sweeping a column in or out adds or
+    removes its term, and the swept matrix shows what each removal would cost.
+
+    Parameters
+    ----------
+    moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
+        Normal equations of the nodes over standardised rows.
+    samples : array of float, shape (n_nodes,)
+        Independent samples of each node.
+    term_cost : float
+        How much one term counts in M5's correction (Quinlan: 1).
+    """
+    weight = moments[:, 0, 0]
+    swept = moments / weight[:, None, None]
+    n_terms = moments.shape[1] - 1
+    features = np.arange(1, n_terms)
+    swept[:, features, features] += RIDGE
+    for term in range(n_terms):
+        swept = _sweep(swept, np.full(len(swept), term, dtype=np.intp))
+    kept = np.ones((len(swept), n_terms), dtype=bool)
+    error = corrected_error(
+        swept[:, -1, -1] * weight, weight, samples, np.full(len(swept), term_cost * n_terms)
+    )
+    active = np.arange(len(swept))
+    while len(active):
+        column, squared = _cheapest_removal(swept[active], kept[active])
+        terms = term_cost * (kept[active].sum(axis=1) - 1)
+        candidate = corrected_error(squared * weight[active], weight[active], samples[active], terms)
+        better = np.isfinite(squared) & (candidate <= error[active])
+        active, column, candidate = active[better], column[better], candidate[better]
+        swept[active] = _sweep(swept[active], column)
+        kept[active, column] = False
+        error[active] = candidate
+    return NodeModels(np.where(kept, swept[:, :-1, -1], 0.0), error)
+
+
+def _cheapest_removal(swept: FloatArray, kept: BoolArray) -> tuple[IntArray, FloatArray]:
+    """Return each node's term that is missed least and the mean squared error without it (inf: none left)."""
+    terms = np.arange(kept.shape[1])
+    variance = np.abs(swept[:, terms, terms])
+    increase = np.where(kept, swept[:, :-1, -1] ** 2 / variance, np.inf)
+    increase[:, 0] = np.inf  # the constant stays
+    column = increase.argmin(axis=1)
+    squared = np.maximum(swept[:, -1, -1], 0.0) + increase[np.arange(len(swept)), column]
+    return column, squared
+
+
+def _sweep(matrices: FloatArray, column: IntArray) -> FloatArray:
+    """Sweep one column of each symmetric matrix: a term that is out comes in, one that is in goes out."""
+    node = np.arange(len(matrices))
+    pivot = matrices[node, column, column]
+    row = matrices[node, column, :]
+    swept = matrices - row[:, :, None] * row[:, None, :] / pivot[:, None, None]
+    row = row / np.abs(pivot)[:, None]
+    swept[node, column, :] = row
+    swept[node, :, column] = row
+    swept[node, column, column] = -1.0 / pivot
+    return swept

@@ -1,0 +1,113 @@
+"""Accuracy and feature ablation as tables for the docs (paper, end of section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.performance.accuracy import AT_REST, accuracy
+from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, names_of
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.training import Training, train
+from ator_ros.robot.description import Robot
+
+PAPER = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
+"""Mean absolute and root-mean-square error in s that the paper reports."""
+
+_IDEAL = {*names_of(IDEAL), "shot_time"}
+ABLATION: dict[str, tuple[tuple[str, ...], Training]] = {
+    "the paper's 3, all 10 Hz examples": (names_of(PAPER_3), Training(later_weight=1.0)),
+    "the paper's 3, starts": (names_of(PAPER_3), Training()),
+    "the paper's 11, all 10 Hz examples": (names_of(PAPER_11), Training(later_weight=1.0)),
+    "the paper's 11, starts": (names_of(PAPER_11), Training()),
+    "3, signed angles and velocities, starts": (names_of((*PAPER_3, *SIGNED)), Training()),
+    "all, all 10 Hz examples": (names_of((*PAPER_11, *SIGNED, *IDEAL)), Training(later_weight=1.0)),
+    "all, starts": (names_of((*PAPER_11, *SIGNED, *IDEAL)), Training()),
+}
+"""Rows of the ablation: candidate features, and weights of starts and later examples."""
+
+
+def accuracy_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
+    """Yield lines of Markdown: what the model files say about themselves."""
+    yield "| action | set | kind of start | episodes | MAE (s) | RMSE (s) | relative | paper |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    for model in models:
+        measured = model.metadata["accuracy"]
+        paper = PAPER.get(model.action, "-")
+        for kind, numbers in {"at rest": measured, **measured.get("kinds", {})}.items():
+            if numbers:
+                which = f"{model.action} | {model.metadata['action_set']} | {kind}"
+                yield f"| {which} | {_numbers(numbers)} | {paper} |"
+            paper = ""
+
+
+def success_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
+    """Yield lines of Markdown: how well success is predicted."""
+    yield "| action | set | succeeded | Brier score | of the base rate | gain, 95 % interval |"
+    yield "| --- | --- | --- | --- | --- | --- |"
+    for model in models:
+        success = model.metadata["accuracy"].get("success")
+        if success:
+            low, high = success["brier_gain_ci95"]
+            which = f"{model.action} | {model.metadata['action_set']}"
+            yield (
+                f"| {which} | {100 * success['success_rate']:.2f} % | "
+                f"{success['brier']:.4f} | {success['brier_base_rate']:.4f} | {low:+.4f} to {high:+.4f} |"
+            )
+
+
+def ablation_table(
+    experience: Mapping[str, pd.DataFrame], fresh: Mapping[str, pd.DataFrame], robot: Robot, *, seed: int
+) -> Iterator[str]:
+    """Yield lines of Markdown: accuracy at starts at rest for several sets of candidate features.
+
+    Parameters
+    ----------
+    experience, fresh : mapping
+        Rows to learn from and rows of fresh episodes, by action.
+    robot : Robot
+        The robot of both.
+    seed : int
+        Of the fresh episodes.
+    """
+    yield "| action | candidates | leaves | features used | MAE (s) | RMSE (s) |"
+    yield "| --- | --- | --- | --- | --- | --- |"
+    for action, rows in experience.items():
+        if action not in fresh:
+            continue
+        starts = fresh[action]
+        starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST)]
+        for label, (features, how) in _candidates(action).items():
+            model = train(action, rows, robot, features=features, training=how)
+            result = accuracy(model, starts, seed=seed)
+            used, leaves = model.used_features, model.trees["duration"].n_leaves
+            yield (
+                f"| {action} | {label} | {leaves} | {len(used)}: {', '.join(used)} | "
+                f"{_interval(result, 'mae_s')} | {_interval(result, 'rmse_s')} |"
+            )
+
+
+def _candidates(action: str) -> dict[str, tuple[Sequence[str], Training]]:
+    rows: dict[str, tuple[Sequence[str], Training]] = dict(ABLATION)
+    chosen = SOCCER.candidates(action)
+    rows["chosen, without ideal times, starts"] = (
+        [name for name in chosen if name not in _IDEAL],
+        Training(),
+    )
+    rows["chosen, starts (shipped)"] = (chosen, Training())
+    return rows
+
+
+def _interval(numbers: Mapping[str, Any], name: str) -> str:
+    low, high = numbers[f"{name}_ci95"]
+    return f"{numbers[name]:.3f} ({low:.3f} to {high:.3f})"
+
+
+def _numbers(numbers: Mapping[str, Any]) -> str:
+    return (
+        f"{numbers['episodes']} | {_interval(numbers, 'mae_s')} | {_interval(numbers, 'rmse_s')} | "
+        f"{100 * numbers['relative_error']:.1f} %"
+    )

@@ -1,0 +1,137 @@
+"""The charts of the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray, Pose, wrap_angles
+from ator_ros.report.drawing import BLUE, GREEN, GREY, ORANGE, RED, bars, binned, draw_robot, new_figure
+from ator_ros.robot.description import Robot
+
+Record = Mapping[str, Any]
+
+
+def gain_bars(summary: Mapping[str, Any]) -> Any:
+    """Draw each policy's improvement over naive."""
+    names = [name for name, row in summary.items() if isinstance(row, Mapping) and name != "naive"]
+    values = [summary[name]["improvement_percent"] for name in names]
+    intervals = [summary[name]["improvement_ci95"] for name in names]
+    return bars(names, values, intervals, "time saved against naive, %")
+
+
+def gain_against_situation(records: Sequence[Record], policies: Sequence[str]) -> Any:
+    """Draw the gain over naive against the bend at the ball, the distance to it, and the predicted gain."""
+    start = np.array([record["start"] for record in records], dtype=float)
+    to_ball = start[:, 3:5] - start[:, 0:2]
+    onward = start[:, 5:7] - start[:, 3:5]
+    turn = np.arctan2(onward[:, 1], onward[:, 0]) - np.arctan2(to_ball[:, 1], to_ball[:, 0])
+    bend = np.degrees(np.abs(wrap_angles(turn)))
+    figure = new_figure(10.0, 3.4)
+    panels = (
+        ("bend at the ball, degrees", bend),
+        ("robot to ball, m", np.hypot(*to_ball.T)),
+        ("ball to goal, m", np.hypot(*onward.T)),
+    )
+    naive = _durations(records, "naive")
+    for number, (title, values) in enumerate(panels, start=1):
+        axes = figure.add_subplot(1, 3, number)
+        for policy, colour in zip(policies, (BLUE, ORANGE, GREEN), strict=False):
+            gain = naive - _best(records) if policy == "oracle" else naive - _durations(records, policy)
+            if policy == policies[0]:
+                axes.plot(values, gain, ".", color=GREY, ms=2.0, alpha=0.5, rasterized=True)
+            binned(axes, values, gain, bins=8, colour=colour, label=policy)
+        axes.axhline(0.0, color="#333", lw=0.8)
+        axes.set_xlabel(title)
+        if number == 1:
+            axes.set_ylabel("time saved against naive, s")
+            axes.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def predicted_against_actual(records: Sequence[Record], policy: str, key: str) -> Any:
+    """Draw the gain that was predicted against the gain that came, with the runs made worse in red."""
+    rows = [record for record in records if record.get(key)]
+    predicted = np.array([record[key]["gain"] for record in rows])
+    naive, taken = _durations(rows, "naive"), _durations(rows, policy)
+    gain = naive - taken
+    worse = gain < -0.02 * naive
+    figure = new_figure(5.2, 4.2)
+    axes = figure.add_subplot()
+    limit = float(np.quantile(predicted, 0.995)) * 1.15 + 0.2
+    axes.plot([0.0, limit], [0.0, limit], color="#333", lw=0.8)
+    axes.axhline(0.0, color="#333", lw=0.8)
+    axes.plot(predicted[~worse], gain[~worse], ".", color=BLUE, ms=3.0, alpha=0.6, rasterized=True)
+    axes.plot(predicted[worse], gain[worse], ".", color=RED, ms=5.0, rasterized=True, label="worse")
+    axes.set_xlim(-0.1, limit)
+    axes.set_ylim(max(-3.0, float(gain.min()) - 0.2), limit)
+    axes.set_xlabel("predicted gain, s")
+    axes.set_ylabel("actual gain, s")
+    if worse.any():
+        axes.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def oracle_curve(records: Sequence[Record]) -> Any:
+    """Draw the mean executed duration against the heading's distance from the naive one."""
+    curves = np.array([record["oracle"]["durations"] for record in records], dtype=float)
+    count = len(records[0]["oracle"]["headings"])
+    naive = _durations(records, "naive")[:, None]
+    change = curves[:, :count] - naive
+    degrees = np.degrees(wrap_angles(2.0 * math.pi * np.arange(count) / count))
+    order = np.argsort(degrees)
+    figure = new_figure(5.2, 3.2)
+    axes = figure.add_subplot()
+    for quantile, colour in ((0.1, GREEN), (0.5, BLUE), (0.9, ORANGE)):
+        axes.plot(
+            degrees[order],
+            np.quantile(change, quantile, axis=0)[order],
+            color=colour,
+            label=f"{quantile:.0%}",
+        )
+    axes.axhline(0.0, color="#333", lw=0.8)
+    axes.set_xlabel("heading at the ball against the naive one, degrees")
+    axes.set_ylabel("executed time against naive, s")
+    axes.legend(frameon=False, fontsize=8, title="quantile of situations", title_fontsize=8)
+    return figure
+
+
+def paths(robot: Robot, runs: Mapping[str, Mapping[str, Any]], start: Sequence[float]) -> Any:
+    """Draw the paths of robot and ball of one situation.
+
+    Parameters
+    ----------
+    robot : Robot
+        Shape and field.
+    runs : mapping
+        By policy "path" (rows x, y, ball x, ball y in m), "heading" (rad) at the ball, and "duration" (s).
+    start : sequence of float
+        Robot x, y, yaw, ball x, y, goal x, y, yaw.
+    """
+    figure = new_figure(4.4, 2.9)
+    axes = figure.add_subplot()
+    length, width = robot.field.length, robot.field.width
+    lines = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * [length / 2.0, width / 2.0]
+    axes.plot(*lines.T, color=GREY, lw=0.8)
+    for (name, run), colour in zip(runs.items(), (ORANGE, BLUE), strict=False):
+        path: FloatArray = np.array(run["path"], dtype=float)
+        axes.plot(path[:, 0], path[:, 1], color=colour, lw=1.4, label=f"{name}, {run['duration']:.1f} s")
+        draw_robot(axes, robot, robot.pose_holding(Pose(start[3], start[4], run["heading"])), colour)
+    draw_robot(axes, robot, Pose(*start[:3]), "#333333")
+    draw_robot(axes, robot, robot.pose_holding(Pose(*start[5:8])), GREEN)
+    axes.plot(start[3], start[4], "o", color="black", ms=4)
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.legend(frameon=False, fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2)
+    return figure
+
+
+def _durations(records: Sequence[Record], policy: str) -> FloatArray:
+    return np.array([record["policies"][policy]["duration"] for record in records], dtype=float)
+
+
+def _best(records: Sequence[Record]) -> FloatArray:
+    return np.array([record["oracle"]["best"] for record in records], dtype=float)

@@ -1,0 +1,212 @@
+"""The report of an evaluation: one self-contained page, the paper's tables and figures for our models."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.policies import POLICIES, Toolset
+from ator_ros.evaluation.running import has_predictions
+from ator_ros.evaluation.situation import Record, Settings
+from ator_ros.evaluation.statistics import OURS
+from ator_ros.evaluation.toolset import GATE, make_library
+from ator_ros.evaluation.trials import SEEDS, random_trial
+from ator_ros.files import write_text
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.report import charts
+from ator_ros.report.drawing import svg_text
+from ator_ros.report.figure4 import figure4
+from ator_ros.report.figure6 import figure6
+from ator_ros.report.page import code, figure, page, paragraph, section, table
+from ator_ros.report.report_tables import headline, policies, table1, verdict
+
+REPORT = "report.html"
+WORST = 5
+
+
+def write_report(
+    folder: Path, result: Mapping[str, Any], records: Sequence[Record], settings: Settings, tools: Toolset
+) -> Path:
+    """Write `report.html` to `folder`.
+
+    Parameters
+    ----------
+    folder : Path
+        Where it goes.
+    result : mapping
+        As `ator_ros.evaluation.running.describe` gives it.
+    records : sequence of dict
+        The runs.
+    settings : Settings
+        What the results depend on; the worst runs are executed once more for their paths.
+    tools : Toolset
+        The models.
+    """
+    summary = result["summary"]
+    chain = {"dribble": "go to the ball, dribble it to a pose", "shoot": "go to the ball, dribble it, shoot"}
+    title = f"Subgoal refinement: {chain.get(settings.chain, settings.chain)}"
+    body = [
+        f"<h1>{title}</h1>",
+        paragraph(verdict(summary), "lead"),
+        headline(summary),
+        table1(summary),
+        policies(summary, settings),
+        _situations(records, summary),
+        _models(tools, settings),
+        _worst(records, tools, settings),
+        _accuracy(tools, summary),
+        _gate(settings),
+        _repeat(result),
+    ]
+    write_text(folder / REPORT, page(title, body))
+    return folder / REPORT
+
+
+def _situations(records: Sequence[Record], summary: Mapping[str, Any]) -> str:
+    policies = [name for name in ("gated", "gated_speed", "oracle") if name in summary]
+    figures = []
+    if policies:
+        drawn = charts.gain_against_situation(records, policies)
+        figures.append(figure(svg_text(drawn), f"Points: {policies[0]}. Lines: means with 95 % intervals."))
+    pairs = [("refined", "features"), ("refined_speed", "features_speed")]
+    halves = [
+        figure(
+            svg_text(charts.predicted_against_actual(records, name, key)),
+            f"{name}: predicted and actual gain.",
+        )
+        for name, key in pairs
+        if name in summary
+    ]
+    if "oracle" in summary and not any(None in record["oracle"]["durations"] for record in records):
+        halves.append(figure(svg_text(charts.oracle_curve(records)), "What each executed heading costs."))
+    return section("Where it pays", *figures, f'<div class="row">{"".join(halves)}</div>')
+
+
+def _models(tools: Toolset, settings: Settings) -> str:
+    library = make_library(tools.robot, settings.source)
+    learned = tools.models["learned"]
+    go_to_pose = learned["goToPose"]
+    assert isinstance(go_to_pose, PerformanceModel)
+    return section(
+        "Figures 4 and 6 of the paper, for our models",
+        figure(
+            svg_text(figure4(go_to_pose)),
+            "Figure 4: predicted time of goToPose against the angle at the destination, 2 m straight ahead.",
+        ),
+        figure(
+            svg_text(figure6(tools.robot, learned, library)),
+            "Figure 6: the subgoal from the sum of the models. Orange: fastest alone; blue: together.",
+        ),
+    )
+
+
+def _worst(records: Sequence[Record], tools: Toolset, settings: Settings) -> str:
+    policy = next((name for name in ("gated", "refined") if name in settings.policies), "naive")
+    library = make_library(tools.robot, settings.source)
+    losses = [r["policies"][policy]["duration"] - r["policies"]["naive"]["duration"] for r in records]
+    order = sorted(range(len(records)), key=lambda index: -losses[index])
+    parts = []
+    for index in [index for index in order[:WORST] if losses[index] > 0.0]:
+        record = records[index]
+        trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=record["index"])
+        runs = {}
+        for name in ("naive", policy):
+            chain = POLICIES[name](tools, trial).chain
+            run = run_chain(tools.robot, library, trial.world, chain, keep_path=True)
+            runs[name] = {"path": run.path, "heading": chain.calls[0].goal.pose.yaw, "duration": run.duration}
+        parts.append(figure(svg_text(charts.paths(tools.robot, runs, record["start"])), _why(record, policy)))
+    if not parts:
+        return section("Where it loses", paragraph(f"{policy} was never slower than naive."))
+    return section(
+        "Where it loses",
+        paragraph(f"The worst runs of {policy}."),
+        f'<div class="row">{"".join(parts)}</div>',
+    )
+
+
+def _why(record: Record, policy: str) -> str:
+    naive, taken = record["policies"]["naive"], record["policies"][policy]
+    loss = taken["duration"] - naive["duration"]
+    text = f"Situation {record['index']}: {loss:.2f} s slower ({100 * loss / naive['duration']:.1f} %)."
+    if not taken["success"]:
+        return f"{text} Failed: {taken['reason']}."
+    if "predicted" in taken and record.get("features"):
+        text += (
+            f" Predicted {taken['predicted']:.2f} s, took {taken['duration']:.2f} s; "
+            f"predicted gain {record['features']['gain']:.2f} s."
+        )
+    return text
+
+
+def _accuracy(tools: Toolset, summary: Mapping[str, Any]) -> str:
+    paper = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
+    rows = []
+    for action in tools.models["learned"]:
+        measured = getattr(tools.models["learned"][action], "metadata", {}).get("accuracy", {})
+        if "mae_s" in measured:
+            episodes = str(measured.get("episodes", ""))
+            errors = f"{measured['mae_s']:.3f} / {measured['rmse_s']:.3f}"
+            rows.append((action, errors, paper.get(action, "-"), episodes))
+    parts = [table(("action", "MAE / RMSE s", "paper", "fresh episodes"), rows)] if rows else []
+    chains = [
+        _prediction_row(name, row["prediction"])
+        for name, row in summary.items()
+        if has_predictions(row) and name in ("naive", *OURS)
+    ]
+    return section(
+        "How accurate the predictions are",
+        *parts,
+        paragraph(
+            "Durations of the whole chains of this evaluation that succeeded, as chosen; error: predicted "
+            "minus actual, with 95 % bootstrap intervals over situations."
+        ),
+        table(("policy", "chains", "mean error s", "95 %", "MAE s", "RMSE s"), chains),
+    )
+
+
+def _prediction_row(name: str, row: Mapping[str, Any]) -> tuple[str, ...]:
+    low, high = row["mean_error_ci95"]
+    errors = (f"{row['mean_error_s']:+.3f}", f"{low:+.3f} to {high:+.3f}")
+    return (name, str(row["chains"]), *errors, f"{row['mae_s']:.3f}", f"{row['rmse_s']:.3f}")
+
+
+def _gate(settings: Settings) -> str:
+    path = settings.source.folder() / GATE
+    if not path.exists():
+        return section("The gate", paragraph("There is no gate: everything is refined."))
+    data = json.loads(path.read_text(encoding="utf-8"))
+    training = data.get("training", {})
+    names = ("mean_gain_s", "kept_gain_percent", "higher", "equal", "lower", "refined_percent", "utility")
+    compared = training.get("cross_validation", {})
+    rows = [(kind, *(str(row[name]) for name in names)) for kind, row in compared.items()]
+    return section(
+        "The gate",
+        paragraph(
+            f"Shipped: {data['kind']} {data['gate'] if data['kind'] != 'tree' else ''}. Cross-validated on "
+            f"{training.get('situations', '?')} situations of seed {training.get('seed', '?')}, "
+            "with and without arrival speed:"
+        ),
+        table(("gate", *names), rows),
+        paragraph(
+            f"The decision tree's rules ({compared.get('tree', {}).get('accuracy_percent', '?')} % correct):"
+        ),
+        code("\n".join(training.get("tree_rules", []))),
+    )
+
+
+def _repeat(result: Mapping[str, Any]) -> str:
+    versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
+    seeds = table(("seeds", "used for"), list(SEEDS.items()))
+    return section(
+        "To repeat this",
+        code(result["summary"]["command"]),
+        paragraph(
+            f"Seed {result['summary']['seed']}, {result['executed']} chains executed, digest of robot, "
+            f"models and gate {result['digest']}. {versions}, on {result['machine']}. "
+            "The result does not depend on the number of workers."
+        ),
+        seeds,
+    )

@@ -1,0 +1,1 @@
+"""The robot: its description, and how a base follows commands."""

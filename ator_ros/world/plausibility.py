@@ -1,0 +1,107 @@
+"""Whether the velocity that is told of an object agrees with where it is seen."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from ator_ros.world.state import BallState
+
+_BASELINE = 0.2
+"""Time in s over which positions tell a velocity; so long a kick is believed before they do."""
+_FORGET = 1.0
+"""Time in s without a sight, or without a contradiction, after which the past counts no more."""
+_SLACK = 0.3
+"""Difference in m/s that stamps, and cameras' own filters, may make at any speed."""
+_SHARE = 0.1
+"""Difference that they may make besides, as a share of the speed."""
+_PUSH = 1.0
+"""Acceleration in m/s^2 that a rolling ball may have."""
+_SIGMAS = 4.0
+_ROUNDING = 1e-6
+
+
+class VelocityCheck:
+    """Replaces a velocity that contradicts the object's own positions.
+
+    A velocity that jumps is believed for 0.2 s, as after a kick; then the positions must have followed. Where
+    they have not, the velocity is derived from them if they are steady. If they are not, as where an object
+    was placed elsewhere, the slower of both is believed.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of a sight's coordinates in m.
+    velocity_noise : float
+        Standard deviation of its velocity components in m/s.
+    """
+
+    def __init__(self, noise: float, velocity_noise: float) -> None:
+        self._noise, self._velocity_noise = noise, velocity_noise
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the object, and what was said of it."""
+        self._sights: deque[tuple[float, float, float]] = deque()
+        self._doubted = self._contradicted = -math.inf
+        self._said = False
+
+    def check(self, time: float, ball: BallState) -> tuple[BallState, str | None]:
+        """Take a sight of the object at `time` s.
+
+        Returns
+        -------
+        ball : BallState
+            The sight, with a velocity that can be believed.
+        remark : str or None
+            What was wrong with its velocity; once for each time that it was wrong without a pause of 1 s.
+        """
+        if self._sights and not 0.0 <= time - self._sights[-1][0] <= _FORGET:
+            self._sights.clear()
+        while len(self._sights) > 1 and self._sights[1][0] <= time - _BASELINE + _ROUNDING:
+            self._sights.popleft()
+        self._sights.append((time, ball.x, ball.y))
+        baseline = time - self._sights[0][0]
+        if baseline < 0.75 * _BASELINE:
+            return ball, None
+        vx, vy = self._between(0, -1)
+        most = self._tolerance(baseline, ball.speed, math.hypot(vx, vy))
+        if math.hypot(ball.vx - vx, ball.vy - vy) <= most:
+            return ball, None
+        if time - self._contradicted > _FORGET:
+            self._doubted, self._said = time, False
+        self._contradicted = time
+        if time - self._doubted < _BASELINE - _ROUNDING:
+            return ball, None
+        seen = BallState(ball.x, ball.y, vx, vy)
+        believed = seen if self._is_steady(baseline) or seen.speed < ball.speed else ball
+        return believed, self._remark(ball, seen)
+
+    def _is_steady(self, baseline: float) -> bool:
+        """Return whether both halves of the positions tell the same velocity."""
+        if len(self._sights) < 3:
+            return False
+        middle = len(self._sights) // 2
+        first, second = self._between(0, middle), self._between(middle, -1)
+        most = self._tolerance(baseline / 2.0, math.hypot(*first), math.hypot(*second))
+        return math.dist(first, second) <= most
+
+    def _between(self, first: int, last: int) -> tuple[float, float]:
+        """Return the mean velocity in m/s between two sights."""
+        (t0, x0, y0), (t1, x1, y1) = self._sights[first], self._sights[last]
+        elapsed = max(t1 - t0, _ROUNDING)
+        return (x1 - x0) / elapsed, (y1 - y0) / elapsed
+
+    def _tolerance(self, baseline: float, *speeds: float) -> float:
+        """Return the difference in m/s of two velocities that noise, time and pushes explain."""
+        noise = _SIGMAS * math.hypot(math.sqrt(2.0) * self._noise / baseline, self._velocity_noise)
+        return _SLACK + _SHARE * max(speeds) + _PUSH * baseline + noise
+
+    def _remark(self, told: BallState, seen: BallState) -> str | None:
+        if self._said:
+            return None
+        self._said = True
+        return (
+            f"ball.twist.twist.linear: expected about ({seen.vx:.2f}, {seen.vy:.2f}) m/s, as the ball's "
+            f"positions tell, got ({told.vx:.2f}, {told.vy:.2f}) m/s: not trusted"
+        )

@@ -1,0 +1,83 @@
+"""The house: imports point down, and only the nodes and what runs them know ROS."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "ator_ros"
+FLOORS = [
+    "geometry",
+    "printable",
+    "resources",
+    "files",
+    "compile_cache",
+    "compiled",
+    "world",
+    "robot",
+    "motion",
+    "actions",
+    "tops",
+    "simulation",
+    "experience",
+    "performance",
+    "refinement",
+    "execution",
+    "domains",
+    "evaluation",
+    "report",
+    "nodes",
+    "tools",
+]
+"""Modules and folders of the package, ground floor first; each imports only from itself and those before."""
+WITH_ROS = {"nodes", "tools"}
+ROS = {
+    "rclpy",
+    "ator_interfaces",
+    "builtin_interfaces",
+    "geometry_msgs",
+    "nav_msgs",
+    "std_srvs",
+    "diagnostic_msgs",
+}
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def imports(file: Path) -> Iterator[str]:
+    """Yield the dotted names of the modules that a file imports, at its head or in a function."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module == "ator_ros":
+            yield from (f"ator_ros.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+def floor_of(file: Path) -> str:
+    return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def test_every_floor_is_known() -> None:
+    assert {floor_of(file) for file in FILES} - {"__init__"} == set(FLOORS)
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_imports_point_down(floor: str) -> None:
+    allowed = set(FLOORS[: FLOORS.index(floor) + 1])
+    upward = {
+        f"{file.relative_to(PACKAGE)} imports {name}"
+        for file in FILES
+        if floor_of(file) == floor
+        for name in imports(file)
+        if name.startswith("ator_ros.") and name.split(".")[1] not in allowed
+    }
+    assert not upward
+
+
+def test_only_nodes_and_tools_know_ros() -> None:
+    knowing = {floor_of(file) for file in FILES if {name.split(".")[0] for name in imports(file)} & ROS}
+    assert knowing == WITH_ROS
