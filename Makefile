@@ -21,9 +21,10 @@ run: setup
 		{ echo "EXE=$(EXE): expected one of: $$(ls $(BIN) | tr '\n' ' ')" >&2; exit 2; }
 	@$(RUN) $(BIN)/$(EXE) $(ARGS)
 
-# In the order of the files: those that start nodes come first, as the longest of them lasts two minutes.
+# In the order of the files: those that start nodes come first, as they take the longest. Bytecode is kept,
+# whatever the shell says, for the processes that are started over and over.
 test: setup
-	@$(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not long' $(ARGS)
+	@PYTHONDONTWRITEBYTECODE= $(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not long' $(ARGS)
 
 # What takes minutes: long soaks, permutations of faults, every documented command.
 test-long: setup

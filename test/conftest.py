@@ -6,6 +6,10 @@ import signal
 
 
 def pytest_configure() -> None:
-    """Take Ctrl-C as usual: what a shell starts in the background ignores it, and children inherit that."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Take signals as usual: what a shell starts in the background ignores Ctrl-C, under nohup also SIGHUP.
+
+    Children inherit that.
+    """
+    for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, handler)

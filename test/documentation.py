@@ -15,8 +15,9 @@ TOOLS = tuple(
     if script.module.startswith("ator_ros.tools.")  # as setup.py lists them
 )
 _PROGRAMS = (*TOOLS, "make", "ros2", "python", "pip", "dask", "apt", "sudo", "rosdep", "colcon", "cd", "cp")
-_WORDS = (*_PROGRAMS, "export", ".", "scripts/run", "for", "done", "python3", "EPISODES=50")
-_FIRST = re.compile(rf"(?:{'|'.join(map(re.escape, _WORDS))})(?=\s|$)|\w+=[~$']")
+_WORDS = (*_PROGRAMS, "export", ".", "scripts/run", "for", "done", "python3", "paper_models")
+_VARIABLES = r"(?:[A-Z_]+=\S* )+"
+_FIRST = re.compile(rf"(?:{_VARIABLES})?(?:{'|'.join(map(re.escape, _WORDS))})(?=\s|$)|\w+=[~$']")
 _SPAN = re.compile(r"(?<!`)`([^`]+)`(?!`)")
 _COMMENT = re.compile(r"\s+#\s.*$")
 
@@ -48,7 +49,7 @@ def commands() -> list[Printed]:
 
 def _is_command(span: str) -> bool:
     """Return whether a code span is a command; a single word is one only in the README's tables."""
-    if not _FIRST.match(span) or re.match(r"\w+=", span):
+    if not _FIRST.match(span) or re.match(r"\w+=[~$']", span):
         return False
     return " " in span or span in TOOLS
 

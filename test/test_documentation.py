@@ -37,7 +37,8 @@ MEASURING = ("bench", "compare", "soak")
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",
-    r"make reproduce": "test_documentation.py::test_everything_can_be_made_again",
+    r"(PARTS=bezier )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
+    r"paper_models .*": "test_paper_models.py::test_table_tells_accuracy_beside_the_papers_and_the_rules",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
@@ -199,6 +200,7 @@ def test_everything_can_be_made_again(tmp_path: Path) -> None:
     shipped = {f"models/{file.relative_to(ROOT / 'models')}" for file in (ROOT / "models").rglob("*.json")}
     assert shipped <= made
     assert {"docs/accuracy.md", "docs/evaluation/report.html", "docs/figure6.svg"} <= made
+    assert {"docs/accuracy_paper.md", "docs/evaluation_bezier/report.html"} <= made  # as with PARTS=bezier
 
 
 @pytest.mark.long

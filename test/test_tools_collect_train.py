@@ -16,6 +16,7 @@ from typing import Any
 import pandas as pd
 import pytest
 from experience_rows import made_up_experience
+from selection import few
 
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Experience, read_experience, write_experience
@@ -87,7 +88,7 @@ def die(how: signal.Signals) -> None:
     os.kill(os.getpid(), how)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], signal.SIGTERM))
 def test_a_signal_to_all_processes_ends_them_and_keeps_the_finished_episodes(
     tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -106,7 +107,7 @@ def test_a_signal_to_all_processes_ends_them_and_keeps_the_finished_episodes(
     assert 3 <= read_experience(file).frame["episode"].nunique() < 2000
 
 
-@pytest.mark.parametrize("episodes", [1, 5])
+@pytest.mark.parametrize("episodes", few([1, 5], 1))
 def test_workers_end_within_5_s_of_a_parent_that_was_killed(tmp_path: Path, episodes: int) -> None:
     words = [
         "--actions",

@@ -117,8 +117,8 @@ class DemoClient:
         """Execute a chain, log the path, and tell how it went."""
         told: list[Any] = []
         goal = ExecuteChain.Goal(chain=chain, refine=refine)
-        sent = self._answer(self._server.send_goal_async(goal, feedback_callback=told.append), "the goal")
-        ended = sent.get_result_async()
+        future = self._within(lambda: self._server.send_goal_async(goal, feedback_callback=told.append))
+        ended = self._within(self._answer(future, "the goal").get_result_async)
         # Time goes on when the executor is known to steer: at full speed nothing waits for it before.
         self._until(lambda: bool(told) or ended.done(), "feedback")
         self._path.clear()
@@ -131,6 +131,13 @@ class DemoClient:
         if getattr(answer, "success", True):
             return answer
         raise DemoError(f"{client.srv_name}: {answer.message}")
+
+    def _within(self, ask: Callable[[], Future]) -> Future:
+        """Ask in the thread that spins: rclpy's action client loses answers that outrun who asks."""
+        task = self._executor.create_task(ask)
+        self._until(task.done, "the thread that spins")
+        asked: Future = task.result()
+        return asked
 
     def _answer(self, future: Future, what: str) -> Any:
         self._until(future.done, f"an answer of {what}")

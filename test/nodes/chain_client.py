@@ -38,11 +38,11 @@ class Sent:
 
     def __init__(self, client: Client, handle: Any, feedback: list[Any]) -> None:
         self._client, self.handle, self.feedback = client, handle, feedback
-        self._future = handle.get_result_async()
+        self._future = client.within(handle.get_result_async)
 
     def cancel(self) -> None:
         """Ask for its end."""
-        future = self.handle.cancel_goal_async()
+        future = self._client.within(self.handle.cancel_goal_async)
         self._client.eventually(future.done, "an answer to cancel")
         assert future.result().goals_canceling
 
@@ -100,7 +100,9 @@ class ChainClient:
     def _accepted(self, goal: ExecuteChain.Goal) -> Sent | None:
         """Send once; None when no answer came: the server may not have discovered this client yet."""
         feedback: list[Any] = []
-        future = self._server.send_goal_async(goal, lambda message: feedback.append(message.feedback))
+        future = self.ros.within(
+            lambda: self._server.send_goal_async(goal, lambda message: feedback.append(message.feedback))
+        )
         end = time.monotonic() + RETRY
         while not future.done() and time.monotonic() < end:
             time.sleep(0.005)

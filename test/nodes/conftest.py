@@ -7,10 +7,14 @@ from pathlib import Path
 
 import domain_coordinator
 import pytest
+from hosted import Hosted
 from process import Process, Processes
 from ros_client import Client
 
+from ator_ros.nodes.network import PROFILES
+
 Start = Callable[..., Process]
+Host = Callable[..., Hosted]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -33,6 +37,26 @@ def start(domain: int, tmp_path: Path) -> Iterator[Start]:
     processes = Processes(domain, tmp_path)
     yield processes.start
     processes.kill()
+
+
+@pytest.fixture
+def host(domain: int, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Host]:
+    """Yield a function that runs one node in this process: host("executor", models=folder)."""
+    monkeypatch.setenv(PROFILES, "")  # the node sets it; after the test it is as before
+    hosted: list[Hosted] = []
+
+    def said() -> str:
+        told = capfd.readouterr()
+        return told.out + told.err
+
+    def run(name: str, **parameters: object) -> Hosted:
+        assert not hosted
+        hosted.append(Hosted(name, domain, said, **parameters))
+        return hosted[0]
+
+    yield run
+    for node in hosted:
+        node.close()
 
 
 @pytest.fixture

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from bag_types import own_types
+from rclpy.qos import QoSProfile
 from ros_client import Client
+
+DEPTH = 5000
+"""Messages that wait on a busy machine: as fast as possible the nodes send hundreds in a second."""
 
 
 class Recorder:
-    """Keeps the messages of topics as they come.
+    """Keeps the messages of topics, all of them, in the order in which they were sent.
 
     Parameters
     ----------
@@ -24,13 +28,15 @@ class Recorder:
     def __init__(self, client: Client, topics: dict[str, tuple[Any, Any]]) -> None:
         self._types = {topic: type_name(kind) for topic, (kind, _) in topics.items()}
         self._messages: list[tuple[str, int, bytes]] = []
-        for topic, (kind, qos) in topics.items():
-            client.node.create_subscription(
-                kind, topic, lambda raw, topic=topic: self._keep(topic, raw), qos, raw=True
-            )
+        for topic, (kind, offered) in topics.items():
+            qos = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
+            client.node.create_subscription(kind, topic, self._keeper(topic), qos, raw=True)
 
-    def _keep(self, topic: str, raw: bytes) -> None:
-        self._messages.append((topic, time.time_ns(), bytes(raw)))
+    def _keeper(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
+        def keep(raw: bytes, told: dict[str, int]) -> None:
+            self._messages.append((topic, told["source_timestamp"], bytes(raw)))
+
+        return keep
 
     def write(self, folder: Path, *topics: str) -> Path:
         """Write what was heard on these topics to a new folder: an MCAP file and its metadata.yaml."""
@@ -41,7 +47,7 @@ class Recorder:
             links = {
                 topic: writer.add_connection(topic, self._types[topic], typestore=store) for topic in topics
             }
-            for topic, stamp, raw in self._messages:
+            for topic, stamp, raw in sorted(self._messages, key=lambda kept: kept[1]):
                 if topic in links:
                     writer.write(links[topic], stamp, raw)
         return folder

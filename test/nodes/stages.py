@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable
 
-import pytest
 from arena import Arena, Visit
 from chain_client import Sent, call
 
@@ -73,11 +71,6 @@ def shoot(arena: Arena, visit: Visit) -> Sent:
 
 MOVING = (approach, dribble, shoot)
 STAGES = (waiting, refining, *MOVING)
-
-
-def few(values: Iterable[Any], *kept: Any) -> list[Any]:
-    """Return the parameters of a test, of which those that are not `kept` run in `make test-long` only."""
-    return [pytest.param(value, marks=() if value in kept else pytest.mark.long) for value in values]
 
 
 def said(sent: Sent, words: str) -> bool:

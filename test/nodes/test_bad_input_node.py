@@ -9,6 +9,7 @@ import domain_coordinator
 import pytest
 from chain_client import ChainClient, call
 from diagnostic_msgs.msg import DiagnosticArray
+from hosted import Hosted
 from nav_msgs.msg import Odometry
 from process import Process, Processes
 from ros_client import Client
@@ -18,6 +19,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import ball_odometry_of, odometry_of
+from ator_ros.nodes.network import PROFILES
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -61,6 +63,20 @@ def executor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process
         client.close()
         stranger.close()
         processes.kill()
+
+
+@pytest.fixture(scope="module")
+def hosted() -> Iterator[tuple[Hosted, ChainClient, Sensors]]:
+    """Run the executor in this process."""
+    with pytest.MonkeyPatch.context() as patch, domain_coordinator.domain_id() as domain:
+        patch.setenv(PROFILES, "")
+        client, stranger = Client(domain), Client(domain, "stranger")
+        remapped = [word for pair in SENSED.items() for word in ("-r", "{}:={}".format(*pair))]
+        node = Hosted("executor", domain, str, *remapped, odom_timeout=2.0, start_timeout=5.0)
+        yield node, ChainClient(client), Sensors(client, stranger)
+        node.close()
+        client.close()
+        stranger.close()
 
 
 def not_a_number(message: Odometry) -> None:
@@ -111,12 +127,23 @@ NONSENSE = [
 
 
 @pytest.mark.parametrize(("change", "ball", "expected"), NONSENSE)
-def test_nonsense_from_the_sensors_is_named_and_moves_nothing(executor, change, ball, expected) -> None:
-    node, chains, sensors = executor
+def test_nonsense_from_the_sensors_is_named_and_moves_nothing(hosted, change, ball, expected) -> None:
+    node, chains, sensors = hosted
     heard = len(chains.commands)
-    # Warnings are throttled: it comes again until it is told.
-    chains.ros.eventually(lambda: sensors.send(change, ball=ball) or expected in node.output, expected)
+    chains.ros.eventually(lambda: sensors.send(change, ball=ball) or expected in last_error(node), expected)
     assert all(command.linear.x == command.angular.z == 0.0 for command in chains.commands[heard:])
+    assert node.running
+
+
+def last_error(node: Hosted) -> str:
+    """Return the error that the node's diagnostics would tell; in its log warnings come at most every 2 s."""
+    return str(node.node._health().values["last error"])
+
+
+def test_a_process_names_nonsense_in_its_log(executor) -> None:
+    node, chains, sensors = executor
+    change, ball, expected = NONSENSE[0]
+    chains.ros.eventually(lambda: sensors.send(change, ball=ball) or expected in node.output, expected)
     assert node.running
     assert "Traceback" not in node.output
 

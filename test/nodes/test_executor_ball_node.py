@@ -84,7 +84,10 @@ def test_a_lost_ball_is_fetched_again_when_the_goal_asks_for_it(chains: ChainCli
     result = sent.result(LONG)
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert result.record.fetched >= 1
-    assert [step for step, _ in steps(sent)][:4] == [0, 1, 0, 1]
+    done = steps(sent)
+    # Where ticks come late the new approach is broken off, too, or the ball is lost once more.
+    assert [step for step, _ in done[:3]] == [0, 1, 0]
+    assert (done[0], done[-1]) == ((0, Outcome.SUCCEEDED), (1, Outcome.SUCCEEDED))
     fetch = result.record.actions[2].call.goal.pose
     assert (fetch.position.x, fetch.position.y) == pytest.approx((0.5, 1.5), abs=0.02)
     planned = chain_of_the_paper()[0].goal.pose

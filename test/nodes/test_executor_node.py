@@ -29,7 +29,7 @@ PATROL = [FAR, call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
 SETTINGS = {
     # Generous, since the machine may be busy with other tests.
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 1.0},
-    "simulation": {"real_time_factor": 0.0, "command_wait": 0.5},
+    "simulation": {"real_time_factor": 10.0, "command_wait": 0.5},
 }
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 from chain_client import ChainClient, call
-from conftest import Start
+from conftest import Host, Start
 from ros_client import Client
 
 from ator_interfaces.msg import Outcome
@@ -44,11 +44,11 @@ def refused(request: RefineSubgoal.Request, response: RefineSubgoal.Response) ->
     ],
 )
 def test_what_is_open_is_driven_as_refinement_fills_it_in(
-    start: Start, client: Client, answer: Answer, yaw: float, reason: str
+    start: Start, host: Host, client: Client, answer: Answer, yaw: float, reason: str
 ) -> None:
     start("simulation", real_time_factor=2.0)
     client.node.create_service(RefineSubgoal, "refine_subgoal", answer)
-    start("executor", odom_timeout=5.0, start_timeout=60.0, refinement_timeout=30.0)
+    host("executor", odom_timeout=5.0, start_timeout=60.0, refinement_timeout=30.0)
     client.place(robot=Pose(-1.2, 0.0, 0.0), ball=(0.0, 0.0))
     step = call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",))
     result = ChainClient(client).send([step], refine=True).result()

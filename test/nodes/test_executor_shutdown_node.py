@@ -7,8 +7,9 @@ import signal
 
 import pytest
 from chain_client import ChainClient, call
-from conftest import Start
+from conftest import Host, Start
 from ros_client import Client
+from selection import few
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
@@ -17,9 +18,9 @@ from ator_ros.geometry import Pose
 PATROL = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_shutdown_stops_the_robot_and_ends_cleanly(start: Start, client: Client, number) -> None:
-    start("simulation", real_time_factor=0.0, command_wait=0.5)
+@pytest.mark.parametrize("number", few([signal.SIGTERM, signal.SIGINT], signal.SIGTERM))
+def test_shutdown_stops_the_robot_and_ends_cleanly(start: Start, host: Host, client: Client, number) -> None:
+    host("simulation", real_time_factor=10.0, command_wait=0.5)
     executor = start("executor", odom_timeout=5.0, start_timeout=60.0)
     chains = ChainClient(client)
     client.robot()

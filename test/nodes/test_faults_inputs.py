@@ -14,7 +14,8 @@ from arena import LONGEST_STOP, Arena, arena_with
 from chain_client import call
 from nav_msgs.msg import Odometry
 from ros_client import Client, stamp
-from stages import MOVING, STAGES, Stage, approach, dribble, few, refining, waiting
+from selection import few
+from stages import MOVING, STAGES, Stage, approach, dribble, refining, waiting
 from std_srvs.srv import Trigger
 
 from ator_interfaces.msg import Outcome

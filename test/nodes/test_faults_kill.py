@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 from arena import Arena, arena_with
-from stages import MOVING, STAGES, Stage, dribble, few, refining, waiting
+from selection import few
+from stages import MOVING, STAGES, Stage, dribble, refining, waiting
 
 from ator_interfaces.msg import Outcome
 

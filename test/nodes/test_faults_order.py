@@ -12,7 +12,8 @@ import pytest
 from arena import START, Arena, Visit, arena_with
 from chain_client import Sent, call
 from ros_client import Client
-from stages import CHAIN, few
+from selection import few
+from stages import CHAIN
 
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import RefineSubgoal
@@ -107,6 +108,6 @@ def test_goals_are_canceled_and_preempted_at_any_moment(arena: Arena, seed: int)
 
 def canceling(visit: Visit, sent: Sent) -> bool:
     """Ask for a goal's end and say whether it still ran."""
-    future = sent.handle.cancel_goal_async()
+    future = visit.ros.within(sent.handle.cancel_goal_async)
     visit.ros.eventually(future.done, "an answer to cancel")
     return bool(future.result().goals_canceling)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from conftest import Start
+from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros_client import Client
 
@@ -37,8 +37,8 @@ def status_of(client: Client, name: str) -> DiagnosticStatus:
 
 
 @BOTH
-def test_an_action_set_without_models_is_no_problem(start: Start, client: Client, models: Path, name) -> None:
-    node = start(name, models=models)
+def test_an_action_set_without_models_is_no_problem(host: Host, client: Client, models: Path, name) -> None:
+    node = host(name, models=models)
     status = status_of(client, name)
     values = {value.key: value.value for value in status.values}
     assert values["models of default"] == "dribbleBall, goToPose, shoot"
@@ -49,11 +49,11 @@ def test_an_action_set_without_models_is_no_problem(start: Start, client: Client
 
 
 @BOTH
-def test_a_damaged_model_is_a_problem(start: Start, client: Client, models: Path, name: str) -> None:
+def test_a_damaged_model_is_a_problem(host: Host, client: Client, models: Path, name: str) -> None:
     (models / "bezier").mkdir()
     text = (models / "goToPose.json").read_text(encoding="utf-8")
     (models / "bezier" / "goToPose.json").write_text(text[: len(text) // 2], encoding="utf-8")
-    node = start(name, models=models)
+    node = host(name, models=models)
     status = status_of(client, name)
     assert status.level == DiagnosticStatus.WARN
     assert "action set bezier: " in status.message
@@ -73,9 +73,9 @@ def slow_robot(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("name", ["simulation", "executor", "refinement"])
 def test_a_robot_of_your_own_is_the_one_that_counts(
-    start: Start, client: Client, slow_robot: Path, name: str
+    host: Host, client: Client, slow_robot: Path, name: str
 ) -> None:
-    node = start(name, robot=slow_robot)
+    node = host(name, robot=slow_robot)
     status = status_of(client, name)
     values = {value.key: value.value for value in status.values}
     assert values["robot digest"] == load_robot(slow_robot).digest() != load_robot().digest()

@@ -21,7 +21,7 @@ from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 pytestmark = pytest.mark.node
 
 ROBOTS = {
-    "ann": {"real_time_factor": 0.0, "command_wait": 1.0, "publish_clock": True},
+    "ann": {"real_time_factor": 5.0, "command_wait": 1.0, "publish_clock": True},
     "bob": {"real_time_factor": 2.0},
 }
 NODES: dict[str, dict[str, float]] = {

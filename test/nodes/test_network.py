@@ -11,6 +11,7 @@ import pytest
 from conftest import Start
 from process import Process
 from ros_client import Client
+from selection import few
 
 from ator_ros.nodes.network import PROFILES, RANGE, THIS_MACHINE, stay_on_this_machine
 
@@ -25,7 +26,7 @@ def test_a_node_listens_to_this_machine_only(start: Start, client: Client, domai
     assert listens_at(process, domain) == {LOOPBACK}
 
 
-@pytest.mark.parametrize("setting", [None, "", "LOCALHOST", "OFF", "localhost"])
+@pytest.mark.parametrize("setting", few([None, "", "OFF", "localhost"], None))
 def test_only_who_asks_for_a_network_gets_one(
     start: Start, client: Client, domain: int, setting: str | None
 ) -> None:

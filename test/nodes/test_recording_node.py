@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import subprocess
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,37 +47,38 @@ class Recording:
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recording]:
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """Let the nodes execute single drives, the paper's chain, and a tour; record all of it."""
     with domain_coordinator.domain_id() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
-        processes.start("simulation", real_time_factor=0.0, command_wait=1.0)
+        processes.start("simulation", real_time_factor=10.0, command_wait=1.0)
         processes.start("executor", odom_timeout=10.0, start_timeout=30.0)
         client = Client(domain)
-        chains = ChainClient(client)
-        recorder = Recorder(client, TOPICS)
-        drives = [
-            done
-            for goal in tour(DRIVES, seed=31)
-            for done in execute(chains, [goal]).actions
-            if rest(client) is None
-        ]
-        client.place(robot=Pose(-2.0, 0.0, 0.0), ball=(0.0, 0.0))
-        execute(chains, chain_of_the_paper())
-        client.place(robot=Pose(0.0, 0.0, 0.0), ball=(3.0, 2.0))
-        execute(chains, tour(TOUR, seed=32))
-        yield Recording(recorder, chains.actions, drives)
-        client.close()
-        processes.kill()
+        try:
+            chains, recorder = ChainClient(client), Recorder(client, TOPICS)
+            drives = [
+                done
+                for goal in tour(DRIVES, seed=31)
+                for done in execute(chains, [goal]).actions
+                if rest(client) is None
+            ]
+            client.place(robot=Pose(-2.0, 0.0, 0.0), ball=(0.0, 0.0))
+            execute(chains, chain_of_the_paper())
+            client.place(robot=Pose(0.0, 0.0, 0.0), ball=(3.0, 2.0))
+            execute(chains, tour(TOUR, seed=32))
+        finally:  # a simulation as fast as possible leaves little for those who only read
+            client.close()
+            processes.kill()
+    return Recording(recorder, chains.actions, drives)
 
 
 def tour(length: int, *, seed: int) -> list[TopCall]:
     """Return goals, each at least 0.5 m from the one before and away from the ball."""
     draw = random.Random(seed)
-    poses = [Pose(draw.uniform(-2.0, 1.5), draw.uniform(-1.5, -0.6), draw.uniform(-3.0, 3.0))]
+    poses: list[Pose] = []
     while len(poses) < length:
-        pose = Pose(draw.uniform(-2.0, 1.5), draw.uniform(-1.5, -0.6), draw.uniform(-3.0, 3.0))
-        if pose.distance(poses[-1]) > 0.5:
+        pose = Pose(draw.uniform(-1.0, 0.5), draw.uniform(-1.5, -0.6), draw.uniform(-3.0, 3.0))
+        if not poses or pose.distance(poses[-1]) > 0.5:
             poses.append(pose)
     return [call("goToPose", pose) for pose in poses]
 
@@ -123,7 +123,6 @@ def test_records_of_the_executor_are_the_episodes(recording: Recording, tmp_path
         check_places(episodes, records, within=1e-9)
 
 
-@pytest.mark.long  # beside a second worker that starts nodes, messages come too unevenly to tell drives apart
 def test_drives_are_found_in_odometry_and_commands(recording: Recording, tmp_path: Path) -> None:
     folder = recording.recorder.write(tmp_path / "bag", "/odom", "/cmd_vel")
     drives = starts(read_recording(folder, load_robot()).of("goToPose")).head(DRIVES)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import domain_coordinator
 import pytest
+from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from fuzz_refinement import fuzz
 from process import Process, Processes
@@ -158,12 +159,14 @@ def test_generated_requests_are_answered_or_refused(models: Path) -> None:
     assert min(counts["refined"], counts["left alone"], refused) > 100
 
 
-def test_a_weight_without_a_model_is_refused(start, client: Client, models: Path, tmp_path: Path) -> None:
+def test_a_weight_without_a_model_is_refused(
+    host: Host, client: Client, models: Path, tmp_path: Path
+) -> None:
     for file in models.glob("*.json"):
         data = json.loads(file.read_text(encoding="utf-8"))
         data["trees"] = {"duration": data["trees"]["duration"]}
         (tmp_path / file.name).write_text(json.dumps(data), encoding="utf-8")
-    start("refinement", models=tmp_path)
+    host("refinement", models=tmp_path)
     request = request_of_the_paper(yaw=3.0)
     request.objective.success = 1.0
     response = refine(client, request)
@@ -181,13 +184,14 @@ def test_without_models_it_says_so_and_goes_on(start, client: Client, tmp_path: 
     assert node.stop() == 0
 
 
-def test_a_damaged_model_is_named(start, client: Client, models: Path, tmp_path: Path) -> None:
+def test_a_damaged_model_is_named(host: Host, client: Client, models: Path, tmp_path: Path) -> None:
     text = (models / "shoot.json").read_text(encoding="utf-8")
     (tmp_path / "shoot.json").write_text(text[: len(text) // 2], encoding="utf-8")
-    node = start("refinement", models=tmp_path)
+    node = host("refinement", models=tmp_path)
     response = refine(client, request_of_the_paper())
     assert not response.accepted
     assert "shoot.json" in response.reason
+    assert node.running
     assert "Traceback" not in node.output
 
 

@@ -15,11 +15,11 @@ from ator_ros.tools.soak_report import NODES
 pytestmark = pytest.mark.node
 
 
-def soaked(seconds: float, out: Path) -> tuple[int, dict[str, Any]]:
+def soaked(seconds: float, out: Path, *words: str) -> tuple[int, dict[str, Any]]:
     """Run `soak`; return its exit code and its report."""
     soak = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "soak")
     ended = subprocess.run(
-        [str(soak), "--duration", str(seconds), "--out", str(out)],
+        [str(soak), "--duration", str(seconds), "--out", str(out), *words],
         capture_output=True,
         text=True,
         check=False,
@@ -34,7 +34,7 @@ def soaked(seconds: float, out: Path) -> tuple[int, dict[str, Any]]:
 
 
 def test_a_short_soak_runs_chains_and_measures_the_nodes(tmp_path: Path) -> None:
-    code, report = soaked(10.0, tmp_path / "soak.json")
+    code, report = soaked(10.0, tmp_path / "soak.json", "--real-time-factor", "4")
     assert report["chains"] >= 1
     assert code == bool(report["worse"])  # so short a run ends while the nodes still warm up
 

@@ -66,6 +66,10 @@ def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
         ("refinement", {"models": "[a, b]"}, "models"),
         ("simulation", {"seed": 1.5}, "seed"),
         ("simulation", {"ball_dropouts": 2.0}, "ball_dropouts"),
+        ("simulation", {"real_time_factor": -1.0}, "real_time_factor"),
+        ("simulation", {"real_time_factor": "fast"}, "real_time_factor"),
+        ("simulation", {"robot_start": "[1.0]"}, "robot_start: expected 3 items, got 1"),
+        ("simulation", {"ball_start": "[0.0, 70.0]"}, "ball_start.y: expected a finite number"),
     ],
 )
 def test_wrong_parameters_end_a_node_with_one_line(
