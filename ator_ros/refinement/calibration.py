@@ -23,7 +23,7 @@ from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.projection import Columns, chain_situations
+from ator_ros.refinement.projection import Columns, chain_situations, stacked
 from ator_ros.robot import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world import World
@@ -184,28 +184,36 @@ def chain_steps(
 
     A step is None where it has no model of ours or no finite prediction.
     """
-    steps: list[list[Step | None]] = [[] for _ in predictions]
+    steps: list[list[Step | None]] = [[None] * len(chain.calls) for chain, _ in predictions]
     situations = [chain_situations(world, chain, robot) for chain, _ in predictions]
-    for index, direct in enumerate(zip(*situations, strict=True)):
-        call = predictions[0][0].calls[index]
-        actions = [prediction.actions[index] for _, prediction in predictions]
-        found = _steps(direct, actions, models.get(call.top.action), robot)
-        for made, step in zip(steps, found, strict=True):
-            heading_open = call.opens("yaw")
-            made.append(None if step is None else dataclasses.replace(step, heading_open=heading_open))
+    calls = predictions[0][0].calls
+    for action in dict.fromkeys(call.top.action for call in calls):
+        places = [
+            (chain, index)
+            for chain in range(len(predictions))
+            for index, call in enumerate(calls)
+            if call.top.action == action
+        ]
+        direct = [situations[chain][index] for chain, index in places]
+        fields = [predictions[chain][1].actions[index] for chain, index in places]
+        for (chain, index), step in zip(
+            places, _steps(direct, fields, models.get(action), robot), strict=True
+        ):
+            if step is not None:
+                steps[chain][index] = dataclasses.replace(step, heading_open=calls[index].opens("yaw"))
     return steps
 
 
 def _steps(
     situations: Sequence[Columns], actions: Sequence[Mapping[str, float]], model: Any, robot: Robot
 ) -> list[Step | None]:
-    """Return one action of several chains; the features of all are computed at once."""
+    """Return the executions of one action in chains; the features of all are computed at once."""
     if not isinstance(model, PerformanceModel):
         return [None] * len(actions)
     ideal = _ideal_of(model.trees["duration"].names)
-    columns = {name: np.array([direct[name] for direct in situations], dtype=float) for name in situations[0]}
     with np.errstate(all="ignore"):
-        table = feature_table(columns, robot, ("dist",) if ideal is None else ("dist", ideal)).tolist()
+        names = ("dist",) if ideal is None else ("dist", ideal)
+        table = feature_table(stacked(situations), robot, names).tolist()
     return [_step(*row) for row in zip(situations, actions, table, strict=True)]
 
 
