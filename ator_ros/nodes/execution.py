@@ -251,7 +251,9 @@ class Execution:
                 self._library,
                 self.chain,
                 time_limit=self._deadlines.action,
-                predict=lambda begin, call: functools.partial(self._predictor.action, begin, call),
+                predict=lambda begin, chain, step: functools.partial(
+                    self._predictor.action, begin, chain, step
+                ),
                 fetches=self._fetches,
             )
         blind, self._blind = self._blind, self._lacks_ball(world)
