@@ -17,6 +17,7 @@ from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.catalogue import ACTION_SETS
 from ator_ros.nodes import conversions
+from ator_ros.nodes.bounded import bounded, with_parts
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
@@ -38,6 +39,8 @@ _WARNING_PERIOD = 2.0
 _RESET_PERIOD = 1.0
 """Real s within which nobody resets twice: then two nodes publish odometry."""
 _LAST_SPINS = 30
+_MOST_IN_ANSWERS = 256
+"""Items of a sequence in an answer of refinement that are looked at; honest ones have up to 128."""
 
 
 class ExecutorNode(Node):
@@ -97,6 +100,8 @@ class ExecutorNode(Node):
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
+        answer = bounded(RefineSubgoal.Response, _MOST_IN_ANSWERS)
+        self._refinement.srv_type = with_parts(RefineSubgoal, Response=answer)
         # In this order: of messages that have both come, the ball is then taken first.
         self.create_subscription(Odometry, "ball", self._take_ball, SENSOR_DATA)
         self.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
