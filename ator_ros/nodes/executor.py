@@ -91,7 +91,9 @@ class ExecutorNode(Node):
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals = "", 0
         self._offer()
-        self._diagnostics = Diagnostics(self, self._health, {"odom": Odometry, "ball": Odometry})
+        self._diagnostics = Diagnostics(
+            self, self._health, {"odom": Odometry, "ball": Odometry}, states=("odom", "ball")
+        )
         self.get_logger().info("ready for chains")
 
     def _offer(self) -> None:
