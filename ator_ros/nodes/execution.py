@@ -251,9 +251,7 @@ class Execution:
                 self._library,
                 self.chain,
                 time_limit=self._deadlines.action,
-                predict=lambda begin, chain, step: functools.partial(
-                    self._predictor.action, begin, chain, step
-                ),
+                predict=lambda *step: functools.partial(self._predictor.action, *step),
                 fetches=self._fetches,
             )
         blind, self._blind = self._blind, self._lacks_ball(world)
