@@ -1,7 +1,7 @@
 """Requests that are under way at once, in turns of a millisecond (without ROS; the clock is passed in).
 
 A turn goes to the request that has had the least time, in coarse shares, so that a short one is not delayed
-by long ones. Every other turn goes to the oldest whose time is up, so that long ones are answered however
+by long ones. Every fourth turn goes to the oldest whose time is up, so that long ones are answered however
 many short ones come.
 """
 
@@ -17,6 +17,7 @@ TURN = 0.001
 """s after which a request hands over to the next, at the end of its slice."""
 SHARE = 0.008
 """s that small requests may have had and still go before larger ones that have had less."""
+_FOURTH = 4
 
 
 @dataclass(slots=True, eq=False)
@@ -52,7 +53,7 @@ class Turns:
     def __init__(self, clock: Callable[[], float], *, deadline: float, most: int) -> None:
         self._clock, self._deadline, self._most = clock, deadline, most
         self._jobs: list[_Job] = []  # in the order of their coming
-        self._oldest = False
+        self._given = 0  # turns while the time of one was up
 
     def __len__(self) -> int:
         """Return how many requests are under way."""
@@ -92,5 +93,6 @@ class Turns:
 
     def _next(self) -> _Job:
         first = self._jobs[0]
-        self._oldest = not self._oldest and self._clock() - first.came > self._deadline
-        return first if self._oldest else min(self._jobs, key=lambda job: job.rank)
+        late = self._clock() - first.came > self._deadline
+        self._given = self._given + 1 if late else 0
+        return first if self._given % _FOURTH == 1 else min(self._jobs, key=lambda job: job.rank)
