@@ -178,6 +178,7 @@ class RefinementNode(Node):
             wanted = request.want_curve
             response = answer_of(refinement, action_set=action_set, frame=frame, want_curve=wanted)
             if self._markers.get_subscription_count():
+                yield
                 self._markers.publish(markers_of(refinement, frame=frame))
         self._last_time = response.computation_time = time.perf_counter() - began
         return response
