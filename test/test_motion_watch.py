@@ -236,3 +236,59 @@ def test_odometry_at_5_hz_blames_no_base_that_stands_between_two_messages() -> N
         assert watch.fault(time, state, time) is None
         watch.sent(time, Command(0.5, 0.0))
         watch.sent(time + 0.15, STOP)
+
+
+class Shrunk:
+    """Odometry that shows a share of the true motion."""
+
+    def __init__(self, share: float) -> None:
+        self._share = share
+
+    def __call__(self, world: World) -> World:
+        robot, start, share = world.robot, START.robot.pose, self._share
+        pose = Pose(start.x + share * (robot.pose.x - start.x), share * robot.pose.y, share * robot.pose.yaw)
+        return dataclasses.replace(world, robot=RobotState(pose, share * robot.v, share * robot.w))
+
+
+@pytest.mark.parametrize("share", [0.05, 0.12])
+def test_odometry_that_shows_a_fraction_of_the_motion_is_noticed_within_half_a_second(share: float) -> None:
+    done = drive(LIBRARY, START, AHEAD, odometry=Shrunk(share))
+    assert done.ending is Ending.BASE_FAULT
+    assert "odometry" in done.reason
+    assert done.ended is not None
+    assert done.ended <= 0.5
+
+
+def test_a_base_a_third_as_strong_as_described_is_not_called_weak() -> None:
+    watch, v, x = MotionWatch(ROBOT, 0.0), 0.0, 0.0
+    for tick in range(200):
+        target = ROBOT.limits.v * (-1.0 if 80 <= tick < 140 else 1.0) / 3.0
+        v += max(-1.0, min(1.0, (target - v) / (ROBOT.limits.a * TICK / 3.0))) * ROBOT.limits.a * TICK / 3.0
+        x += v * TICK
+        assert watch.fault(tick * TICK, RobotState(Pose(x, 0.0, 0.0), v), tick * TICK) is None
+        watch.sent(tick * TICK, Command(3.0 * target, 0.0))
+
+
+@pytest.mark.parametrize("rate", [2.0, 3.0, 5.0, 10.0])
+def test_odometry_that_froze_while_standing_is_noticed_however_rarely_it_comes(rate: float) -> None:
+    watch, said, tick = MotionWatch(ROBOT, 0.0), None, 0
+    while said is None:
+        time = tick / rate
+        said = watch.fault(time, RobotState(Pose(0.0, 0.0, 0.0)), time)
+        watch.sent(time, Command(0.5, 0.0))
+        tick += 1
+        assert time <= 0.5
+    assert "the base does not move" in said
+
+
+def test_rare_odometry_does_not_accuse_a_late_base() -> None:
+    for rate in (2.0, 3.0, 5.0):
+        watch, v, x = MotionWatch(ROBOT, 0.0), 0.0, 0.0
+        for tick in range(int(3.0 * rate)):
+            time = tick / rate
+            assert watch.fault(time, RobotState(Pose(x, 0.0, 0.0), v), time) is None
+            watch.sent(time, Command(0.5, 0.0))
+            for step in range(100):  # 0.1 s late, at half the acceleration
+                late = time + step / rate / 100.0 > 0.1
+                v = min(0.5, v + 0.5 * ROBOT.limits.a / rate / 100.0) if late else 0.0
+                x += v / rate / 100.0

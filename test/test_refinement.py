@@ -106,6 +106,14 @@ def test_bad_weights_are_refused(weights: dict[str, float]) -> None:
         Objective(weights)
 
 
+@pytest.mark.parametrize("weight", [1e308, 2e6, 1e-300, -0.5])
+def test_a_weight_beyond_reason_is_named_with_its_bounds(weight: float) -> None:
+    with pytest.raises(RefinementError) as raised:
+        Objective({"duration": 1.0, "success": weight})
+    told = f"objective: expected a weight of success that is 0 or from 1e-06 to 1e+06, got {weight:g}"
+    assert str(raised.value) == told
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_numbers_that_are_not_finite_are_refused(value: float) -> None:
     refiner = Refiner(ROBOT, models())

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from refinement_fakes import ANGLE, BOTH, LIBRARY, ROBOT, models, two_steps, world
+from refinement_fakes import ANGLE, BOTH, LIBRARY, ROBOT, call, models, two_steps, world
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.calibration_learning import (
@@ -23,7 +23,14 @@ from ator_ros.evaluation.policies import Toolset, naive
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.predictions import Predictor
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall, Step, chain_steps, model_digest
+from ator_ros.refinement.calibration import (
+    TERMS,
+    Calibration,
+    Shortfall,
+    Step,
+    chain_steps,
+    model_digest,
+)
 from ator_ros.refinement.calibration_file import (
     CALIBRATION,
     load_calibration,
@@ -36,6 +43,7 @@ from ator_ros.refinement.gate import OpenGate, ThresholdGate
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.resources import resource_path
+from ator_ros.tops.chain import TopChain
 
 LEARNED = load_models(ROBOT)
 ADDED = {"goToPose": 0.25, "dribbleBall": 0.5}
@@ -72,6 +80,22 @@ def test_a_heading_that_was_chosen_costs_something_of_its_own() -> None:
     prediction = predict_chain(world(), chain, LEARNED, ROBOT)
     (steps,) = chain_steps([(chain, prediction)], world(), LEARNED, ROBOT)
     assert [made is not None and made.heading_open for made in steps] == [True, False]
+
+
+def test_a_heading_that_a_later_step_binds_was_not_chosen() -> None:
+    bound = TopChain((call("goToPose", 0.0, 0.0, 0.0, ANGLE), call("dribbleBall", -2.0, 1.0, 0.0)))
+    free = TopChain((call("goToPose", 0.0, 0.0, 0.0, ANGLE), call("goToPose", -2.0, 1.0, 0.0)))
+    costly = dataclasses.replace(constant("goToPose", 0.0), slopes={"heading_open": 0.5})
+    predictor = Predictor(ROBOT, LEARNED, Calibration({"goToPose": costly}))
+    for chain, added in ((bound, 0.0), (free, 0.5)):
+        raw = predict_chain(world(), chain, LEARNED, ROBOT).actions[0]["duration"]
+        whole, alone = predictor.chain(world(), chain), predictor.action(world(), chain, 0)
+        assert whole is not None
+        assert alone is not None
+        assert whole.actions[0]["duration"] == alone["duration"] == pytest.approx(raw + added)
+    # Predicted by itself, a step is still the step of its chain.
+    last, second = predictor.action(world(), free, 1), predictor.action(world(), TopChain(free.calls[1:]), 0)
+    assert last == second
 
 
 @pytest.mark.parametrize("opened", [ANGLE, BOTH])

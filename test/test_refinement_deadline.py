@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import pytest
-from refinement_fakes import ANGLE, BOTH, ROBOT, call, models, three_steps, world
+from refinement_fakes import (
+    ANGLE,
+    BOTH,
+    ROBOT,
+    USED,
+    FakeModel,
+    call,
+    models,
+    three_steps,
+    turning_time,
+    world,
+)
 
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import search as search_module
 from ator_ros.refinement.answer import Refinement
+from ator_ros.refinement.chain_model import REPORTED, predict_chain
 from ator_ros.refinement.free_variables import Domain
+from ator_ros.refinement.projection import chain_situations
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.refinement.search import BLOCK, search, searching
 from ator_ros.refinement.slices import Result, Slices
@@ -45,6 +60,36 @@ def driven(work: Slices[Result], in_time: int) -> tuple[Result, int]:
             slices += 1
     except StopIteration as end:
         return end.value, slices
+
+
+class CountingModel(FakeModel):
+    """Counts how often it is asked."""
+
+    asked = 0
+
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
+        self.asked += 1
+        return super().predict(direct, measures)
+
+
+def counting_models() -> dict[str, CountingModel]:
+    return {name: CountingModel(turning_time, USED) for name in ("goToPose", "dribbleBall")}
+
+
+def asked_after(in_time: int, *, placeholders: bool) -> tuple[Refinement, int]:
+    """Let time be up after `in_time` slices; give the result and how often models were asked from then on."""
+    counted = counting_models()
+    work = Refiner(ROBOT, counted).refining(world(), long_chain(), placeholders=placeholders)
+    slices, before = 0, 0
+    try:
+        next(work)
+        while True:
+            if slices == in_time:
+                before = sum(model.asked for model in counted.values())
+            work.send(slices >= in_time)
+            slices += 1
+    except StopIteration as end:
+        return end.value, sum(model.asked for model in counted.values()) - before
 
 
 def long_chain() -> TopChain:
@@ -129,3 +174,32 @@ def test_a_chain_that_is_answered_in_time_is_the_one_of_refine() -> None:
     result, _ = driven(refiner.refining(world(), chain), 10**9)
     assert result.complete
     assert result.best == refiner.refine(world(), chain).best
+
+
+@pytest.mark.parametrize("placeholders", [False, True])
+def test_a_chain_that_nobody_had_time_for_is_answered_as_given_at_little_cost(placeholders: bool) -> None:
+    result, asked = asked_after(0, placeholders=placeholders)
+    assert asked == 2  # once for each action, though the chain has 32 steps
+    assert result.chain == result.best == long_chain()
+    assert (result.refined, result.complete) == (False, False)
+    assert "deadline" in result.reason
+    whole = Refiner(ROBOT, models()).refine(world(), long_chain())
+    assert result.before == result.after == whole.before
+
+
+@pytest.mark.parametrize("in_time", [1, 10, 40, 70, 100, 150])
+def test_little_is_left_to_do_when_time_is_up(in_time: int) -> None:
+    result, asked = asked_after(in_time, placeholders=False)
+    assert not result.complete
+    # One step from what was found to what was given, each action once as given, what is on the path.
+    assert asked <= 6
+
+
+def test_steps_that_are_predicted_together_are_predicted_the_same_to_the_last_bit() -> None:
+    learned, chain = load_models(ROBOT), long_chain()
+    together = predict_chain(world(), chain, learned, ROBOT)
+    for direct, step, told in zip(
+        chain_situations(world(), chain, ROBOT), chain.calls, together.actions, strict=True
+    ):
+        alone = learned[step.top.action].predict(direct, REPORTED)
+        assert told == {name: float(getattr(alone, name)[0]) for name in told}

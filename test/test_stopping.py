@@ -149,6 +149,13 @@ def test_a_full_disk_is_told_before_the_situations_are_executed(
         run_situations(Settings(seed=1), situations=1000, folder=small_disk)
 
 
+def test_a_place_without_room_gets_no_folder(limit_files: Callable[[int], None], tmp_path: Path) -> None:
+    limit_files(100_000)
+    with pytest.raises(OSError, match="expected room for"):
+        run_situations(Settings(seed=1), situations=5, folder=tmp_path / "new" / "results")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_disk_that_fills_loses_no_situation(small_disk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(running, "run_tasks", at_once)
     settings = Settings(seed=1)

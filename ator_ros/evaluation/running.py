@@ -56,13 +56,16 @@ def run_situations(
     BackendError
         The parallel backend cannot be used.
     """
+    if not folder.exists():  # nothing is made where there is no room
+        there = next(parent for parent in folder.absolute().parents if parent.exists())
+        with reserved(there, _room_for(situations)):
+            pass
     partial = PartialResults(folder, settings, settings.source.digest(settings.policies, settings.chain))
     tasks = [(settings, index) for index in range(situations) if index not in partial.records]
     results: Iterable[Record] = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
     if progress is not None:
         results = progress(results, situations - len(tasks), situations)
-    # At the end the report needs as much room as the partial results.
-    with reserved(folder, _SPARE + 2 * _RECORD_BYTES * len(tasks)) as release:
+    with reserved(folder, _room_for(len(tasks))) as release:
         for record in results:
             try:
                 partial.append(record)
@@ -73,6 +76,11 @@ def run_situations(
                 kept = f"{len(partial.records)} of {situations} situations are kept"
                 raise EvaluationError(f"{partial.path}: {error.strerror}; {kept}, {RESUMES}") from error
     return [partial.records[index] for index in range(situations)]
+
+
+def _room_for(situations: int) -> int:
+    """Return the bytes that results take: at the end the report needs as much as the partial results."""
+    return _SPARE + 2 * _RECORD_BYTES * situations
 
 
 def describe(settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:

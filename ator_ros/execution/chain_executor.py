@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from ator_ros.actions.base import Status, Step
-from ator_ros.execution.step_run import STOPPING, ActionRecord, Predict, StepRun
+from ator_ros.execution.step_run import STOPPING, ActionRecord, StepRun
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import (
@@ -46,7 +48,8 @@ class ChainExecutor:
     time_limit : float
         Time in s that each step may take, however often its goal moves with an object.
     predict : callable, optional
-        Predicts the performance of a step from the world in which it starts, for the record.
+        Predicts the performance of a step, from the world in which it starts, the chain, and its number (from
+        0), for the record.
     fetches : int
         How many times an object may be fetched again when it is lost; then the chain goes on from the last
         step before that fetches it.
@@ -58,7 +61,7 @@ class ChainExecutor:
         chain: TopChain,
         *,
         time_limit: float = 30.0,
-        predict: Predict | None = None,
+        predict: Callable[[World, TopChain, int], Any] | None = None,
         fetches: int = 0,
     ) -> None:
         self._library = library
@@ -203,12 +206,13 @@ class ChainExecutor:
     def _new_run(
         self, chain: TopChain, index: int, *, standing_first: bool = False, since: float | None = None
     ) -> StepRun:
+        predict = self._predict
         return StepRun(
             self._library,
             index,
             chain.calls[index],
             time_limit=self._time_limit,
-            predict=self._predict,
+            predict=None if predict is None else lambda world: predict(world, chain, index),
             standing_first=standing_first,
             since=since,
         )

@@ -253,7 +253,7 @@ class Execution:
                 self._library,
                 self.chain,
                 time_limit=self._deadlines.action,
-                predict=lambda begin, call: functools.partial(self._predictor.action, begin, call),
+                predict=lambda *step: functools.partial(self._predictor.action, *step),
                 fetches=self._fetches,
             )
         blind, self._blind = self._blind, missing_object(self.top, world)

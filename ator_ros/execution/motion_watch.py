@@ -65,9 +65,14 @@ class Thresholds:
 class MotionWatch:
     """Compares what odometry tells with the commands that were sent.
 
-    Three contradictions are faults: a pose that stands while the velocity says that it moves (frozen
-    odometry), commands without any motion (blocked wheels, or odometry that froze while the robot stood), and
-    motion beyond all commands (a base that somebody else steers, or nobody).
+    Four contradictions are faults: a pose that stands while the velocity says that it moves (frozen
+    odometry), commands without any motion (blocked wheels, or odometry that froze while the robot stood),
+    less than a quarter of the motion (odometry that shows too little, or a base so weak: they look alike),
+    and motion beyond all commands (a base that somebody else steers, or nobody).
+
+    Where odometry comes so rarely that the robot is commanded to stand between two messages, as with the
+    default `odom_timeout` below 6.7 Hz, a base that is late stands as still as odometry that is frozen: only
+    some of the latter is then noticed, while the robot moves by centimetres.
 
     Parameters
     ----------
@@ -87,8 +92,10 @@ class MotionWatch:
         """Forget the past, as when a goal begins: nobody knows what the base was commanded to before."""
         self._sent: deque[tuple[float, Command]] = deque()
         self._last: tuple[float, RobotState] | None = None
+        self._heard = -math.inf
         self._expected = STOP
         self._unanswered = _Stretch()
+        self._weak = _Stretch()
         self._unasked = _Stretch()
         self._frozen = _Stretch()
         self._poses: deque[tuple[float, RobotState]] = deque()
@@ -110,6 +117,7 @@ class MotionWatch:
             What is wrong, in words; None where the base moves as it is commanded to.
         """
         last, self._last = self._last, (time, robot)
+        heard, self._heard = self._heard, now
         if last is None or self._bands is None or time <= last[0]:
             self._bands = _Band.around(robot.v), _Band.around(robot.w)
             return None
@@ -118,12 +126,12 @@ class MotionWatch:
         command = self._weakest(last[0], time)
         by_pose = self._speed_by_pose(before, robot, elapsed)
         return (
-            self._contradiction(time, robot, dt, now)
-            or self._silence(before, robot, by_pose, command, dt, now)
-            or self._excess(time, robot, elapsed, now)
+            self._contradiction(time, robot, _Span(dt, heard, now))
+            or self._silence(before, robot, by_pose, command, _Span(elapsed, heard, now))
+            or self._excess(time, robot, elapsed, _Span(dt, heard, now))
         )
 
-    def _contradiction(self, time: float, robot: RobotState, dt: float, now: float) -> str | None:
+    def _contradiction(self, time: float, robot: RobotState, span: _Span) -> str | None:
         """Return the fault where the pose stands, though odometry says that it moves.
 
         The pose is compared with one some messages ago: between two that come soon after each other jitter
@@ -137,27 +145,31 @@ class MotionWatch:
         said = self._wheel(sum(state.v for state in states) / count, sum(state.w for state in states) / count)
         by_pose = self._speed_by_pose(before, robot, time - then) if time > then else math.inf
         frozen = said >= self.bounds.asked and by_pose < _TENTH * said
-        if not self._frozen.lasts(frozen, dt, now, self.bounds.frozen - _WINDOW):
+        if not self._frozen.lasts(frozen, span, self.bounds.frozen - _WINDOW):
             return None
         return _frozen_pose(robot, _WINDOW + self._frozen.seconds)
 
     def _silence(
-        self, before: RobotState, robot: RobotState, by_pose: float, command: Command, dt: float, now: float
+        self, before: RobotState, robot: RobotState, by_pose: float, command: Command, span: _Span
     ) -> str | None:
-        """Return the fault where the base does not answer commands.
+        """Return the fault where the base does not answer commands, or hardly does.
 
         A base whose velocity changes answers them, though it may be passing through zero: a weak one stands
         nearly still for a while when it goes from backward to forward.
         """
+        dt = span.seconds
         self._expected = ramped(self._expected, command, dt, self._limits)
         wanted = self._wheel(self._expected.v, self._expected.w)
         asked = self._wheel(command.v, command.w) >= self.bounds.asked
         shown = min(self._wheel(robot.v, robot.w), by_pose)
         changed = self._wheel(robot.v - before.v, robot.w - before.w)
         gained = _QUARTER * self._wheel(self._limits.a * dt, self._limits.aw * dt)
-        unanswered = asked and shown < _TENTH * wanted and changed < gained
-        if not self._unanswered.lasts(unanswered, dt, now, self.bounds.patience):
-            return None
+        steady = asked and changed < gained
+        weak = steady and wanted >= _QUARTER * self._limits.v and shown < _QUARTER * wanted
+        weak = weak and dt <= _LONGEST_GAP + _ROUNDING  # the mean over more lags behind too far
+        too_weak = self._weak.lasts(weak, span, self.bounds.patience)
+        if not self._unanswered.lasts(steady and shown < _TENTH * wanted, span, self.bounds.patience):
+            return self._weak_base(shown, wanted) if too_weak else None
         if self._wheel(robot.v, robot.w) >= self.bounds.asked:
             return _frozen_pose(robot, self._unanswered.seconds)
         return (
@@ -166,7 +178,14 @@ class MotionWatch:
             "frozen odometry"
         )
 
-    def _excess(self, time: float, robot: RobotState, elapsed: float, now: float) -> str | None:
+    def _weak_base(self, shown: float, wanted: float) -> str:
+        return (
+            f"the base hardly moves: its wheels were commanded to {wanted:.2f} m/s, odometry has shown less "
+            f"than a quarter of that for {self._weak.seconds:.2f} s, now {shown:.2f} m/s: slipping wheels, "
+            "or odometry that shows too little"
+        )
+
+    def _excess(self, time: float, robot: RobotState, elapsed: float, span: _Span) -> str | None:
         """Return the fault where the base moves beyond all commands, coasting included."""
         assert self._bands is not None
         commands = self._recent(time - elapsed)
@@ -174,7 +193,7 @@ class MotionWatch:
         v.follow([command.v for command in commands], self.bounds.brake * elapsed)
         w.follow([command.w for command in commands], self.bounds.aw * elapsed)
         beyond = v.beyond(robot.v, self.bounds.v) or w.beyond(robot.w, self.bounds.w)
-        if not self._unasked.lasts(beyond, min(elapsed, _LONGEST_GAP), now, self.bounds.patience):
+        if not self._unasked.lasts(beyond, span, self.bounds.patience):
             return None
         last = commands[-1] if commands else STOP
         return (
@@ -215,20 +234,29 @@ def _frozen_pose(robot: RobotState, seconds: float) -> str:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """The time between two states: s that count by the stamps, and when both came, in real time."""
+
+    seconds: float
+    began: float
+    ended: float
+
+
 class _Stretch:
     """How long something has been so without a break, by the stamps and in real time."""
 
     def __init__(self) -> None:
         self.seconds, self._since = 0.0, math.inf
 
-    def lasts(self, so: bool, dt: float, now: float, longest: float) -> bool:
-        """Count `dt` s more, or begin anew; return whether it has lasted as long as it may."""
+    def lasts(self, so: bool, span: _Span, longest: float) -> bool:
+        """Count a span more, or begin anew; return whether it has lasted as long as it may."""
         if not so:
             self.seconds, self._since = 0.0, math.inf
             return False
-        self._since = min(self._since, now)
-        self.seconds += dt
-        return self.seconds >= longest - _ROUNDING and now - self._since >= _SHORTEST_WAIT - _ROUNDING
+        self._since = min(self._since, span.began)
+        self.seconds += span.seconds
+        return self.seconds >= longest - _ROUNDING and span.ended - self._since >= _SHORTEST_WAIT - _ROUNDING
 
 
 class _Band:

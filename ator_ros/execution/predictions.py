@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ator_ros.refinement.calibration import Calibration
+from ator_ros.refinement.calibration import Calibration, chosen_headings
 from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
 from ator_ros.refinement.free_variables import PerformanceModel
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
 
@@ -49,7 +49,17 @@ class Predictor:
         prediction = predict_chain(world, chain, self._models, self._robot)
         return self._calibration.corrected([(chain, prediction)], world, self._models, self._robot)[0]
 
-    def action(self, world: World, call: TopCall) -> Mapping[str, float] | None:
-        """Predict one action from the state `world`; None where it has no model."""
-        prediction = self.chain(world, TopChain((call,)))
-        return None if prediction is None else prediction.actions[0]
+    def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float] | None:
+        """Predict one step (from 0) of `chain` from the state `world`; None where it has no model.
+
+        The whole chain tells whether the step's heading was chosen: other steps may bind it.
+        """
+        part = TopChain((chain.calls[step],))
+        if part.calls[0].top.action not in self._models:
+            return None
+        prediction = predict_chain(world, part, self._models, self._robot)
+        chosen = chosen_headings(chain, self._models, self._robot)[step : step + 1]
+        (corrected,) = self._calibration.corrected(
+            [(part, prediction)], world, self._models, self._robot, chosen=chosen
+        )
+        return corrected.actions[0]

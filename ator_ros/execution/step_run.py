@@ -13,7 +13,7 @@ from ator_ros.tops.objects import at_rest, followed, held_first, is_lost, kept
 from ator_ros.tops.state import goal_variables, state_of
 from ator_ros.world.state import STOP, RobotState, World
 
-Predict = Callable[[World, TopCall], Any]
+Predict = Callable[[World], Any]
 
 STOPPING = "stopping, to go on from there"
 """What is said of a step that waits until the robot stands."""
@@ -133,7 +133,7 @@ class StepRun:
         except ActionError as error:
             return str(error)
         self._action, self._start = action, world
-        self._predicted = None if self._predict is None else self._predict(world, call)
+        self._predicted = None if self._predict is None else self._predict(world)
         return None
 
     def step(self, world: World) -> Step:

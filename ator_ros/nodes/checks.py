@@ -17,6 +17,8 @@ FASTEST = 100.0
 """Greatest velocity in m/s or rad/s that is believed of any robot."""
 FASTEST_OBJECT = 10.0
 """Greatest velocity in m/s that is believed of an object on a robot's field."""
+MOST_ITEMS = 64
+"""Items of a sequence in a request that are looked at: twice as many as any may have."""
 LONGEST_NAME = 200
 """Greatest number of characters of a name that is looked at."""
 _UNIT_TOLERANCE = 1e-3
@@ -129,7 +131,8 @@ def count(items: Sized, where: str, *, least: int, most: int) -> None:
     """Make sure that there are `least` to `most` items; raises MessageError."""
     if not least <= len(items) <= most:
         expected = f"{least}" if least == most else f"{least} to {most}"
-        raise MessageError(f"{where}: expected {expected} items, got {len(items)}")
+        more = " or more" if len(items) >= MOST_ITEMS else ""
+        raise MessageError(f"{where}: expected {expected} items, got {len(items)}{more}")
 
 
 def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> frozenset[str]:
@@ -142,7 +145,8 @@ def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> fr
     """
     expected = f"{where}: expected names of {sorted(allowed)}, each once"
     if len(items) > len(allowed):
-        raise MessageError(f"{expected}, got {len(items)} items")
+        more = " or more" if len(items) >= MOST_ITEMS else ""
+        raise MessageError(f"{expected}, got {len(items)}{more} items")
     unknown = [item for item in items if len(item) > LONGEST_NAME or item not in allowed]
     if unknown:
         raise MessageError(f"{expected}, got {quoted(unknown[0])}")

@@ -9,6 +9,8 @@ from typing import Any
 from rclpy.action import ActionServer, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 
+from ator_ros.nodes.bounded import bounded, with_parts
+from ator_ros.nodes.checks import MOST_ITEMS
 from ator_ros.nodes.pacing import Pace
 from ator_ros.nodes.qos import SERVICES
 
@@ -66,6 +68,11 @@ class DeferredActionServer(ActionServer):
             result_service_qos_profile=SERVICES,
             cancel_service_qos_profile=SERVICES,
             result_timeout=_RESULT_KEPT,
+        )
+        sending = action_type.Impl.SendGoalService
+        sending = with_parts(sending, Request=bounded(sending.Request, MOST_ITEMS))
+        self._action_type = with_parts(
+            action_type, Impl=with_parts(action_type.Impl, SendGoalService=sending)
         )
 
     def _admit(self, _: Any) -> GoalResponse:

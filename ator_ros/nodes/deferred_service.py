@@ -11,6 +11,8 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.service import Service
 
+from ator_ros.nodes.bounded import bounded, with_parts
+from ator_ros.nodes.checks import MOST_ITEMS
 from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.qos import SERVICES
 
@@ -47,11 +49,12 @@ class DeferredService:
         *,
         work: Callable[[], None],
     ) -> None:
-        self._node, self._request = node, srv_type.Request
+        self._node, self._request = node, bounded(srv_type.Request, MOST_ITEMS)
         self._start, self._work = start, work
         self._service: Any = node.create_service(
             srv_type, srv_name, lambda request, _: request, qos_profile=SERVICES
         )
+        self._service.srv_type = with_parts(srv_type, Request=self._request)  # rclpy takes some by itself
         self._service.send_response = self._serve
         self._unsent: deque[tuple[Any, Any, int]] = deque()
         self._retrying = node.create_timer(_RETRY_PERIOD, self._retry, clock=STEADY)

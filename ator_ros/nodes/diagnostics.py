@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -13,7 +13,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.nodes.senders import strange_senders
+from ator_ros.nodes.senders import rival_senders, strange_senders
 from ator_ros.printable import printable
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -61,21 +61,29 @@ class Diagnostics:
         Gives the present `Health`.
     topics : mapping, optional
         What the node listens to, type by name: who publishes something else there is told, and logged once.
+    states : collection, optional
+        Those of them that only one node may publish: where there are more, that is told likewise.
     """
 
     def __init__(
-        self, node: Node, health: Callable[[], Health], topics: Mapping[str, type] = MappingProxyType({})
+        self,
+        node: Node,
+        health: Callable[[], Health],
+        topics: Mapping[str, type] = MappingProxyType({}),
+        *,
+        states: Collection[str] = (),
     ) -> None:
         self._node = node
         self._health = health
-        self._topics, self._strange = topics, ""
+        self._topics, self._states, self._strange = topics, states, ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
         self._timer = node.create_timer(_PERIOD, self.publish, clock=STEADY)
 
     def publish(self) -> None:
         """Publish the health now."""
         health = self._health()
-        strange = strange_senders(self._node, self._topics)
+        others = strange_senders(self._node, self._topics), rival_senders(self._node, self._states)
+        strange = "; ".join(filter(None, others))
         if strange and strange != self._strange:
             self._node.get_logger().warning(strange)
         self._strange = strange

@@ -20,6 +20,7 @@ from ator_ros.execution.phases import WATCH_PERIOD, Ending, Phase
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse
 from ator_ros.nodes import conversions
+from ator_ros.nodes.bounded import bounded, with_parts
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
@@ -38,6 +39,8 @@ _WARNING_PERIOD = 2.0
 _RESET_PERIOD = 1.0
 """Real s within which nobody resets twice: then two nodes publish odometry."""
 _LAST_SPINS = 30
+_MOST_IN_ANSWERS = 256
+"""Items of a sequence in an answer of refinement that are looked at; honest ones have up to 128."""
 
 
 class ExecutorNode(Node):
@@ -89,7 +92,9 @@ class ExecutorNode(Node):
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals = "", 0
         self._offer()
-        self._diagnostics = Diagnostics(self, self._health, {"odom": Odometry, "ball": Odometry})
+        self._diagnostics = Diagnostics(
+            self, self._health, {"odom": Odometry, "ball": Odometry}, states=("odom", "ball")
+        )
         self.get_logger().info("ready for chains")
 
     def _offer(self) -> None:
@@ -98,6 +103,8 @@ class ExecutorNode(Node):
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
+        answer = bounded(RefineSubgoal.Response, _MOST_IN_ANSWERS)
+        self._refinement.srv_type = with_parts(RefineSubgoal, Response=answer)
         # In this order: of messages that have both come, the ball is then taken first.
         self.create_subscription(Odometry, "ball", self._take_ball, SENSOR_DATA)
         self.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)

@@ -54,6 +54,8 @@ PARAMETERS = (
 )
 
 _WARNING_PERIOD = 2.0
+_STRETCH = 0.008
+"""s of turns in a row: rclpy takes long to come back."""
 _FEW = 4
 """Requests that may be answered all at once. Each client of a service receives the answers to all of them and
 keeps ten by default, so it loses its own when more come faster than it reads."""
@@ -151,10 +153,12 @@ class RefinementNode(Node):
             self._crowded = len(self._turns) > 0
 
     def _work(self) -> None:
-        """Let one request have a turn; those that have come meanwhile begin."""
+        """Let requests have turns; those that come meanwhile begin. Other callbacks wait as long."""
+        until = time.monotonic() + _STRETCH
         self._service.take()
-        if self._turns:
+        while self._turns and time.monotonic() < until:
             self._turns.work()
+            self._service.take()
         if self._turns:
             self._go_on.trigger()
 
@@ -180,9 +184,11 @@ class RefinementNode(Node):
         else:
             self._answered += 1
             self._cut_short += not refinement.complete
+            yield
             wanted = request.want_curve
             response = answer_of(refinement, action_set=action_set, frame=frame, want_curve=wanted)
             if self._markers.get_subscription_count():
+                yield
                 self._markers.publish(markers_of(refinement, frame=frame))
         self._last_time = response.computation_time = time.perf_counter() - began
         return response

@@ -1,7 +1,8 @@
-"""Requests that are under way at once, in turns of some milliseconds (without ROS; the clock is passed in).
+"""Requests that are under way at once, in turns of a millisecond (without ROS; the clock is passed in).
 
-A turn goes to the request that has had the least time, so that a short one is not delayed by long ones. Every
-other turn goes to the oldest whose time is up, so that long ones are answered however many short ones come.
+A turn goes to the request that has had the least time, in coarse shares, so that a short one is not delayed
+by long ones. Every fourth turn goes to the oldest whose time is up, so that long ones are answered however
+many short ones come.
 """
 
 from __future__ import annotations
@@ -12,8 +13,11 @@ from typing import Any
 
 from ator_ros.refinement.slices import Slices
 
-TURN = 0.004
+TURN = 0.001
 """s after which a request hands over to the next, at the end of its slice."""
+SHARE = 0.008
+"""s that small requests may have had and still go before larger ones that have had less."""
+_FOURTH = 4
 
 
 @dataclass(slots=True, eq=False)
@@ -29,8 +33,8 @@ class _Job:
 
     @property
     def rank(self) -> tuple[int, int]:
-        """Less is more urgent: the turns it has had, then its size."""
-        return int(self.had / TURN), self.size
+        """Less is more urgent: the shares it has had, then its size."""
+        return int(self.had / SHARE), self.size
 
 
 class Turns:
@@ -49,7 +53,7 @@ class Turns:
     def __init__(self, clock: Callable[[], float], *, deadline: float, most: int) -> None:
         self._clock, self._deadline, self._most = clock, deadline, most
         self._jobs: list[_Job] = []  # in the order of their coming
-        self._oldest = False
+        self._given = 0  # turns while the time of one was up
 
     def __len__(self) -> int:
         """Return how many requests are under way."""
@@ -58,7 +62,7 @@ class Turns:
     def add(self, work: Slices[Any], finish: Callable[[Any], None], *, size: int) -> bool:
         """Begin a request whose result goes to `finish`; False if there are too many already.
 
-        Among requests that have had as many turns, those of a smaller `size` come first.
+        Among requests that have had as many shares, those of a smaller `size` come first.
         """
         if len(self._jobs) >= self._most:
             return False
@@ -89,5 +93,6 @@ class Turns:
 
     def _next(self) -> _Job:
         first = self._jobs[0]
-        self._oldest = not self._oldest and self._clock() - first.came > self._deadline
-        return first if self._oldest else min(self._jobs, key=lambda job: job.rank)
+        late = self._clock() - first.came > self._deadline
+        self._given = self._given + 1 if late else 0
+        return first if self._given % _FOURTH == 1 else min(self._jobs, key=lambda job: job.rank)

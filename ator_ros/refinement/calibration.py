@@ -22,8 +22,9 @@ import numpy as np
 from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.projection import Columns, chain_situations
+from ator_ros.refinement.projection import Columns, chain_situations, stacked
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
@@ -49,7 +50,7 @@ class Step:
     dist : float
         Distance in m from the start to the destination.
     heading_open : bool
-        The plan leaves the heading at the goal open: it was chosen, and for this prediction.
+        The heading at the goal is free: it was chosen, and for this prediction.
     """
 
     direct: Columns
@@ -140,6 +141,8 @@ class Calibration:
         models: Mapping[str, Any],
         robot: Robot,
         objective: Objective | None = None,
+        *,
+        chosen: Sequence[bool] | None = None,
     ) -> list[ChainPrediction]:
         """Return predictions of chains with what they are expected to miss added.
 
@@ -151,11 +154,14 @@ class Calibration:
             The state from which, the models with which, and the robot for which it was predicted.
         objective : Objective, optional
             What the costs are of; by default the duration.
+        chosen : sequence of bool, optional
+            Whether each step's heading is free, see `chosen_headings`; by default as in the chains alone.
+            Parts of a chain do not show what the rest of it binds.
         """
         if not self.shortfalls:
             return [prediction for _, prediction in predictions]
         weight = (objective if objective is not None else Objective()).weights.get("duration", 0.0)
-        steps = chain_steps(predictions, world, models, robot)
+        steps = chain_steps(predictions, world, models, robot, chosen)
         return [
             self._corrected(chain, prediction, of_chain, weight)
             for (chain, prediction), of_chain in zip(predictions, steps, strict=True)
@@ -179,33 +185,49 @@ def chain_steps(
     world: World,
     models: Mapping[str, Any],
     robot: Robot,
+    chosen: Sequence[bool] | None = None,
 ) -> list[list[Step | None]]:
-    """Return the steps of each predicted chain, all of the same TOPs.
+    """Return the steps of each predicted chain, all of the same TOPs, as `Calibration.corrected` takes them.
 
     A step is None where it has no model of ours or no finite prediction.
     """
-    steps: list[list[Step | None]] = [[] for _ in predictions]
+    steps: list[list[Step | None]] = [[None] * len(chain.calls) for chain, _ in predictions]
     situations = [chain_situations(world, chain, robot) for chain, _ in predictions]
-    for index, direct in enumerate(zip(*situations, strict=True)):
-        call = predictions[0][0].calls[index]
-        actions = [prediction.actions[index] for _, prediction in predictions]
-        found = _steps(direct, actions, models.get(call.top.action), robot)
-        for made, step in zip(steps, found, strict=True):
-            heading_open = call.opens("yaw")
-            made.append(None if step is None else dataclasses.replace(step, heading_open=heading_open))
+    calls = predictions[0][0].calls
+    chosen = chosen_headings(predictions[0][0], models, robot) if chosen is None else chosen
+    for action in dict.fromkeys(call.top.action for call in calls):
+        places = [
+            (chain, index)
+            for chain in range(len(predictions))
+            for index, call in enumerate(calls)
+            if call.top.action == action
+        ]
+        direct = [situations[chain][index] for chain, index in places]
+        fields = [predictions[chain][1].actions[index] for chain, index in places]
+        for (chain, index), step in zip(
+            places, _steps(direct, fields, models.get(action), robot), strict=True
+        ):
+            if step is not None:
+                steps[chain][index] = dataclasses.replace(step, heading_open=chosen[index])
     return steps
+
+
+def chosen_headings(chain: TopChain, models: Mapping[str, Any], robot: Robot) -> list[bool]:
+    """Return for each step of a whole chain whether its heading is free."""
+    free = {variable.subgoal for variable in analyse(chain, models, robot).free if variable.name == "yaw"}
+    return [index in free for index in range(len(chain.calls))]
 
 
 def _steps(
     situations: Sequence[Columns], actions: Sequence[Mapping[str, float]], model: Any, robot: Robot
 ) -> list[Step | None]:
-    """Return one action of several chains; the features of all are computed at once."""
+    """Return the executions of one action in chains; the features of all are computed at once."""
     if not isinstance(model, PerformanceModel):
         return [None] * len(actions)
     ideal = _ideal_of(model.trees["duration"].names)
-    columns = {name: np.array([direct[name] for direct in situations], dtype=float) for name in situations[0]}
     with np.errstate(all="ignore"):
-        table = feature_table(columns, robot, ("dist",) if ideal is None else ("dist", ideal)).tolist()
+        names = ("dist",) if ideal is None else ("dist", ideal)
+        table = feature_table(stacked(situations), robot, names).tolist()
     return [_step(*row) for row in zip(situations, actions, table, strict=True)]
 
 

@@ -9,11 +9,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ator_ros.actions.base import Goal
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import FreeVariable, PerformanceModel
+from ator_ros.refinement.free_variables import FreeVariable, PerformanceModel, goal_values
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.projection import columns_after, direct_columns, goal_columns, start_columns
+from ator_ros.refinement.projection import (
+    Columns,
+    columns_after,
+    direct_columns,
+    goal_columns,
+    stacked,
+    start_columns,
+)
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -51,6 +59,14 @@ class ChainPrediction:
     def spread(self) -> float:
         """Standard deviation in s of the summed duration, the actions' errors taken as independent."""
         return math.hypot(*(action.get("spread", 0.0) for action in self.actions))
+
+
+class _Alone(NamedTuple):
+    """What was predicted of all steps of one action, as the chain has them: each step's row, the costs."""
+
+    rows: Mapping[int, int]
+    prediction: Any
+    cost: FloatArray
 
 
 class _Searched(NamedTuple):
@@ -101,6 +117,9 @@ class ChainModel:
         self._robot = robot
         self._objective = objective
         self._fields = tuple(dict.fromkeys(REPORTED + objective.needs))
+        #: What the chain itself holds, shapes (k,).
+        self.given = [_values(call.goal, names) for call, names in zip(chain.calls, self.names, strict=True)]
+        self._as_given: dict[str, _Alone] = {}
         self._searched: list[list[_Searched]] = [[] for _ in chain.calls]
         self._memory: Memory = {} if memory is None else memory
 
@@ -109,9 +128,13 @@ class ChainModel:
         model = self._models[index]
         if model is None:
             return np.zeros(1)
+        if len(before) == len(after) == 1 and self._is_given(index, before[0], after[0]):
+            alone = self._step_as_given(index, model)
+            row = alone.rows[index] if len(alone.cost) > 1 else 0
+            return alone.cost[row : row + 1]
         with np.errstate(all="ignore"):
             prediction = self._predict(index, model, before, after)
-            cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
+            cost = self._cost(prediction)
         self._searched[index].append(_Searched(before, after, prediction, cost))
         return cost
 
@@ -137,31 +160,72 @@ class ChainModel:
         self, index: int, before: FloatArray, after: FloatArray
     ) -> tuple[Mapping[str, float], float]:
         """Return the predicted fields of one action and its cost, for one candidate on both sides."""
-        if self._models[index] is None:
+        model = self._models[index]
+        if model is None:
             return {}, 0.0
-        searched, row = self._known(index, before, after)
-        named = {name: getattr(searched.prediction, name, None) for name in self._fields}
+        prediction, costs, row = self._known(index, model, before, after)
+        named = {name: getattr(prediction, name, None) for name in self._fields}
         fields = {name: _row(column, row) for name, column in named.items() if column is not None}
-        return fields, _row(searched.cost, row)
+        return fields, _row(costs, row)
 
-    def _known(self, index: int, before: FloatArray, after: FloatArray) -> tuple[_Searched, int]:
+    def _known(
+        self, index: int, model: PerformanceModel, before: FloatArray, after: FloatArray
+    ) -> tuple[Any, FloatArray, int]:
         """Return what holds one candidate, and its row there: what was searched is not predicted again."""
         for searched in reversed(self._searched[index]):
             same = _equal_rows(searched.before, before) & _equal_rows(searched.after, after)
             row = int(same.argmax())
             if same[row]:
-                return searched, row
+                return searched.prediction, searched.cost, row
+        if self._is_given(index, before, after):
+            alone = self._step_as_given(index, model)
+            return alone.prediction, alone.cost, alone.rows[index]
         self.step_cost(index, before[None, :], after[None, :])
-        return self._searched[index][-1], 0
+        last = self._searched[index][-1]
+        return last.prediction, last.cost, 0
 
-    def _predict(self, index: int, model: PerformanceModel, before: FloatArray, after: FloatArray) -> Any:
+    def _is_given(self, index: int, before: FloatArray, after: FloatArray) -> bool:
+        """Return whether both sides of a step, shapes (k,), are as in the chain itself."""
+        return np.array_equal(after, self.given[index]) and (
+            index == 0 or np.array_equal(before, self.given[index - 1])
+        )
+
+    def _step_as_given(self, index: int, model: PerformanceModel) -> _Alone:
+        """Predict a step of the chain as it is, and with it all others of the same action.
+
+        That costs hardly more than one step, and of long chains whose time is up most steps stay as they are.
+        """
+        action = self._calls[index].top.action
+        if action not in self._as_given:
+            steps = [step for step, call in enumerate(self._calls) if call.top.action == action]
+            direct = stacked([self._direct_as_given(step) for step in steps])
+            with np.errstate(all="ignore"):
+                prediction = self._checked(index, model.predict(direct, self._fields))
+                cost = self._cost(prediction)
+            rows = {step: row for row, step in enumerate(steps)}
+            self._as_given[action] = _Alone(rows, prediction, cost)
+        return self._as_given[action]
+
+    def _direct_as_given(self, index: int) -> Columns:
+        before = self.given[index - 1] if index else np.zeros(0)
+        return self._direct(index, before[None, :], self.given[index][None, :])
+
+    def _cost(self, prediction: Any) -> FloatArray:
+        cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
+        return cost
+
+    def _direct(self, index: int, before: FloatArray, after: FloatArray) -> Columns:
+        """Return the direct variables of one action, for candidates on both sides."""
         start = self._start
         if index:
             previous = self._calls[index - 1].goal
             reached = goal_columns(previous, self.names[index - 1], before)
             start = columns_after(reached, previous.point, self._robot)
         goal = self._calls[index].goal
-        direct = direct_columns(start, goal_columns(goal, self.names[index], after), goal.point)
+        return direct_columns(start, goal_columns(goal, self.names[index], after), goal.point)
+
+    def _predict(self, index: int, model: PerformanceModel, before: FloatArray, after: FloatArray) -> Any:
+        direct = self._direct(index, before, after)
         key = (self._calls[index].top.action, self._fields, *map(_hashable, direct.values()))
         if key not in self._memory:
             self._memory[key] = self._checked(index, model.predict(direct, self._fields))
@@ -195,6 +259,12 @@ def predict_chain(
     objective = objective if objective is not None else Objective()
     model = ChainModel(world, chain, robot, models=models, free=(), objective=objective)
     return model.predict([np.zeros(0)] * len(chain.calls))
+
+
+def _values(goal: Goal, names: Sequence[str]) -> FloatArray:
+    """Return the goal variables `names` of a subgoal, shape (k,)."""
+    values = goal_values(goal)
+    return np.array([values[name] for name in names], dtype=float)
 
 
 def _equal_rows(table: FloatArray, row: FloatArray) -> BoolArray:

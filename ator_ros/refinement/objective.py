@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -46,6 +45,10 @@ MEASURES: Mapping[str, Measure] = MappingProxyType(
 )
 
 
+LEAST_WEIGHT, MOST_WEIGHT = 1e-6, 1e6
+"""Costs that are smaller or greater would drown in rounding, or overflow, beside others."""
+
+
 @dataclass(frozen=True)
 class Objective:
     """Weights of the measures; the cost of a chain is the weighted sum over its actions.
@@ -62,7 +65,8 @@ class Objective:
     Raises
     ------
     RefinementError
-        An unknown measure, a weight that is negative or not finite, or no weight above 0.
+        An unknown measure, a weight that is neither 0 nor from LEAST_WEIGHT to MOST_WEIGHT, or no weight
+        above 0.
     """
 
     weights: Mapping[str, float] = field(default_factory=lambda: {"duration": 1.0})
@@ -74,9 +78,10 @@ class Objective:
                 raise RefinementError(
                     f"objective: expected measures of {sorted(self.measures)}, got {name!r}"
                 )
-            if not (math.isfinite(weight) and weight >= 0.0):
+            if not (weight == 0.0 or LEAST_WEIGHT <= weight <= MOST_WEIGHT):
                 raise RefinementError(
-                    f"objective: expected a weight of {name} that is not negative, got {weight}"
+                    f"objective: expected a weight of {name} that is 0 or from {LEAST_WEIGHT:g} to "
+                    f"{MOST_WEIGHT:g}, got {weight:g}"
                 )
         if not any(self.weights.values()):
             raise RefinementError("objective: expected at least one weight above 0, got none")

@@ -71,3 +71,12 @@ def chain_situations(world: World, chain: TopChain, robot: Robot) -> list[Column
         situations.append(direct_columns(start, goal, call.goal.point))
         start = columns_after(goal, call.goal.point, robot)
     return situations
+
+
+def stacked(situations: Sequence[Columns]) -> Columns:
+    """Return the columns, shape (n,), of n situations; those of a single one stay numbers."""
+    if len(situations) == 1:
+        return situations[0]
+    return {
+        name: np.array([situation[name] for situation in situations], dtype=float) for name in situations[0]
+    }

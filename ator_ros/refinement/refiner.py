@@ -7,8 +7,6 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
@@ -28,7 +26,7 @@ from ator_ros.refinement.free_variables import (
 )
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.search import Optimum, searching
+from ator_ros.refinement.search import Optimum, searching, unsearched
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -115,20 +113,26 @@ class Refiner:
         memory: Memory = {}
         if placeholders:
             chain = yield from self._fastest_alone(world, chain, analysis.free, memory)
-        yield
+        late = yield
         model = self._model(world, chain, analysis.free, objective, memory)
-        given = [_values(chain, index, names) for index, names in enumerate(model.names)]
         if not analysis.free:
-            answer = self._left_alone(chain, analysis, (yield from model.predicting(given)))
+            answer = self._left_alone(chain, analysis, (yield from model.predicting(model.given)))
+            yield
             return self._calibrated(world, answer, objective)
-        optimum = yield from searching(model.step_cost, _axes(chain, analysis.free), given)
-        before = yield from model.predicting(given)
-        after = yield from model.predicting(optimum.values)
+        if late:
+            before = after = yield from model.predicting(model.given)
+            optimum = unsearched(model.given, before.cost)
+        else:
+            optimum = yield from searching(model.step_cost, _axes(chain, analysis.free), model.given)
+            before = yield from model.predicting(model.given)
+            after = yield from model.predicting(optimum.values)
+        yield
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
         answer = self._answer(world, chain, analysis, model, optimum, before, after)
+        yield
         return self._calibrated(world, answer, objective)
 
     def _calibrated(self, world: World, answer: Refinement, objective: Objective) -> Refinement:
@@ -280,11 +284,6 @@ def _curves(model: ChainModel, optimum: Optimum) -> tuple[SubgoalCurve, ...]:
 
 def _replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:
     return chain.with_goal(index, with_values(chain.calls[index].goal, values))
-
-
-def _values(chain: TopChain, index: int, names: Sequence[str]) -> FloatArray:
-    values = goal_values(chain.calls[index].goal)
-    return np.array([values[name] for name in names], dtype=float)
 
 
 def _axes(chain: TopChain, free: Sequence[FreeVariable]) -> list[list[Domain]]:

@@ -13,7 +13,7 @@ Result = TypeVar("Result")
 Slices = Generator[None, bool, Result]
 """Work that yields before each slice, is sent whether time is up, and returns its result.
 
-A slice takes a few milliseconds. When time is up, the work returns the best result so far, after a few short
+A slice takes about a millisecond. When time is up, the work returns the best result so far, after a few short
 slices more.
 """
 
