@@ -16,9 +16,9 @@ from ator_ros.actions.planned.profiles import turn_progress, turn_times
 from ator_ros.geometry import FloatArray
 from ator_ros.robot import Limits
 
-# Gauss-Legendre nodes over [0, 1]; 16 of them give the displacement of a full turn to 0.1 mm.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-_NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
+_POINTS, _OVER_TWO = np.polynomial.legendre.leggauss(16)
+NODES, WEIGHTS = (_POINTS + 1.0) / 2.0, _OVER_TWO / 2.0
+"""Gauss-Legendre over [0, 1]; 16 nodes give the displacement of a full turn to 0.1 mm."""
 
 
 class Driving(NamedTuple):
@@ -62,9 +62,9 @@ def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> Float
         Forward and leftward displacement in m in the frame of the start.
     """
     times = turn_times(angles[:, None], driving.turn_rate, limits.aw)
-    headings = angles[:, None] * turn_progress(_NODES, angles, driving.turn_rate, limits.aw)
-    speed = speeds_after(driving.speed, driving.acceleration, times * _NODES, limits.v)
-    weighted = speed * _WEIGHTS * times
+    headings = angles[:, None] * turn_progress(NODES, angles, driving.turn_rate, limits.aw)
+    speed = speeds_after(driving.speed, driving.acceleration, times * NODES, limits.v)
+    weighted = speed * WEIGHTS * times
     return np.stack(((weighted * np.cos(headings)).sum(axis=1), (weighted * np.sin(headings)).sum(axis=1)))
 
 
