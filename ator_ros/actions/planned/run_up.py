@@ -7,9 +7,11 @@ Every combination on a fine grid is tried, so that neighbouring starts find neig
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +22,16 @@ from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side
 from ator_ros.actions.planned.planning import Planning
 from ator_ros.actions.planned.profiles import straight_times, turn_times
 from ator_ros.actions.planned.release import SLANT, release
-from ator_ros.actions.planned.screening import PORTION_POINTS, look_points, portions, touching
+from ator_ros.actions.planned.screening import look_points, portions, screening_points, touching
 from ator_ros.actions.planned.turns import Driving, displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.robot import Limits, Robot
 
 _BLOCK = 16  # entries in a portion of work
 _TRIES = 3000  # where the posts block so many, there is no room
+_TABLE_POINTS = 20
+_RANK_POINTS = 5
+_RUN_UPS_A_POINT = 4_000
 _TURNS: FloatArray = math.radians(1.0) * np.arange(-300, 301, dtype=float)
 _LEADS: FloatArray = np.array((0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4))
 
@@ -50,13 +55,13 @@ def run_up(
     for which in portions(np.arange(len(found)), found.times):
         touches = np.zeros(len(which), dtype=bool)
         if len(which) > 1:
+            yield screening_points(found.times[which])
             touches = touching(found.bundle(which), obstacles, robot)
-            yield PORTION_POINTS
         for index in which[~touches]:
+            yield look_points(found.times[index])
             manoeuvre = found.manoeuvre(int(index))
             if is_clear(manoeuvre, obstacles, robot):
                 return manoeuvre
-            yield look_points(found.times[index])
     return None
 
 
@@ -123,21 +128,37 @@ def _run_ups(
     robot: Robot, start: Pose, mouth: Pose, entries: Sequence[Side], limits: Limits
 ) -> Planning[_RunUps]:
     """Find the `_TRIES` fastest run-ups on the grid."""
+    yield _TABLE_POINTS
     seen = mouth.relative(start)
     kept = np.flatnonzero(np.abs(wrap_angles(seen.yaw + _TURNS)) <= SLANT)
-    table = displacement_table(_TURNS, tuple(side.turn for side in entries), limits)[:, :, kept]
-    sides, found = side_table(entries), []
-    yield 1
+    table, sides, found = _turns_table(entries, limits)[:, :, kept], side_table(entries), []
+    points = 1 + _BLOCK * len(_LEADS) * len(kept) // _RUN_UPS_A_POINT
     for first in range(0, len(entries), _BLOCK):
+        yield points
         block = slice(first, first + _BLOCK)
         found.append(_of_sides(robot, seen, sides[:, block], table[block], _TURNS[kept], limits))
-        yield 1
+    yield _RANK_POINTS
     columns = np.concatenate(found, axis=1)
     times = columns[-1]
     if len(times) > _TRIES:
         columns = columns[:, times <= np.partition(times, _TRIES - 1)[_TRIES - 1]]
     columns = columns[:, np.argsort(columns[-1], kind="stable")[:_TRIES]]
     return _RunUps(start, mouth, limits, columns[:5], columns[5:8], *columns[8:])
+
+
+def _turns_table(entries: Sequence[Side], limits: Limits) -> FloatArray:
+    """Return where the turns end, shape (entries, 2, turns); those at the start's own speed are not kept."""
+    tables = []
+    for speed, group in itertools.groupby(entries, key=lambda side: side.turn.speed):
+        ways = tuple(side.turn for side in group)
+        own = speed == entries[0].outer_speed
+        tables.append(displacement_table(_TURNS, ways, limits) if own else _kept_table(ways, limits))
+    return np.concatenate(tables)
+
+
+@lru_cache(maxsize=64)
+def _kept_table(ways: tuple[Driving, ...], limits: Limits) -> FloatArray:
+    return displacement_table(_TURNS, ways, limits)
 
 
 def _of_sides(

@@ -24,8 +24,6 @@ from ator_ros.world import BallState
 
 _SAMPLES = 32_000  # of trajectories, in a portion of work
 _LARGEST = 64  # manoeuvres in a portion
-PORTION_POINTS = 4
-"""What a portion costs in points of planning, see `planning`."""
 
 
 class Verdict(enum.IntEnum):
@@ -50,8 +48,14 @@ def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.
 
 
 def look_points(duration: float) -> int:
-    """Return what the exact look at a manoeuvre of `duration` s costs in points."""
-    return 1 + int(duration / 20.0)
+    """Return what the exact look at a manoeuvre of `duration` s costs in points; see `planning`."""
+    return 10 + int(duration / 2.0)
+
+
+def screening_points(durations: FloatArray) -> int:
+    """Return what it costs to screen manoeuvres of some `durations` (s), shape (n,)."""
+    points = 2.0 + 0.1 * len(durations) + 0.01 * float(durations.sum())
+    return int(points if COMPILES else 8.0 * points)
 
 
 def screened(

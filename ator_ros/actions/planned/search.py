@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ator_ros.actions.planned.bundle import Bundle, side_table
 from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side
+from ator_ros.actions.planned.planning import Planning
 from ator_ros.actions.planned.profiles import speed_change_distances, straight_times, turn_times
 from ator_ros.actions.planned.turns import displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose
@@ -22,6 +23,13 @@ _Parts: TypeAlias = tuple[FloatArray, FloatArray]
 _STEP = math.radians(5.0)
 _HALF = 54  # turns of up to 270 degrees either way
 _GRID: FloatArray = _STEP * np.arange(-_HALF, _HALF + 1, dtype=float)
+BEGIN_POINTS = 5
+"""What it costs to begin a search, in points of planning; see `planning`."""
+RANK_POINTS = 3
+"""What it costs at least to rank what was found."""
+_WAYS_A_POINT = 4
+_BRACKETS_A_POINT = 60_000
+_CANDIDATES_A_POINT = 500
 # The turn into the goal is looked up between grid points, so its table is one step wider.
 _WIDE_GRID: FloatArray = _STEP * np.arange(-_HALF - 1, _HALF + 2, dtype=float)
 
@@ -94,7 +102,7 @@ def find_candidates(
     limits: Limits,
     least_slack: float = -math.inf,
     longest: float = math.inf,
-) -> Candidates:
+) -> Planning[Candidates]:
     """Find all manoeuvres from `start` to `goal` that the sides allow.
 
     For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the
@@ -102,8 +110,11 @@ def find_candidates(
     Those with less slack than `least_slack` (m) are left out, and most of those that take more than
     `longest` s: turns that alone take longer are not tried.
     """
+    # Tables that happen to be there cost the same: what was planned before must not decide how slices end.
+    yield BEGIN_POINTS + (len(entry_sides) + len(exit_sides)) // _WAYS_A_POINT
     offset = start.relative(goal)
     along, across = _entry_parts(tuple(entry_sides), limits)
+    exit_table = _exit_table(tuple(exit_sides), limits)
     lanes = np.stack((offset.x * np.cos(_GRID) + offset.y * np.sin(_GRID),
                       offset.y * np.cos(_GRID) - offset.x * np.sin(_GRID)))  # fmt: skip
     found = []
@@ -112,11 +123,14 @@ def find_candidates(
         tried = _window(turn, rates, longest)
         if tried is None:
             continue
-        window, exit_along, exit_across = _exit_parts(exit_sides, turn, tried, limits)
+        pairs = len(entry_sides) * len(exit_sides) * (tried[1] - tried[0])
+        yield 1 + len(exit_sides) // _WAYS_A_POINT + pairs // _BRACKETS_A_POINT
+        window, exit_along, exit_across = _exit_parts(exit_sides, exit_table, turn, tried)
         sideways = lanes[1, window] - across[:, window], exit_across
         drive = lanes[0, window] - along[:, window], exit_along
         found.append(_roots(sideways, drive, _GRID[window], turn))
     nothing = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), *(np.zeros(0),) * 3
+    yield RANK_POINTS + sum(len(roots[0]) for roots in found) // _CANDIDATES_A_POINT
     return _ranked(
         start, goal, entry_sides, exit_sides, limits, least_slack,
         [np.concatenate(x) for x in zip(*(found or [nothing]), strict=True)],
@@ -145,7 +159,7 @@ def _window(turn: float, rates: Sequence[float], longest: float) -> tuple[int, i
 @lru_cache(maxsize=16)
 def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, FloatArray]:
     """Compute the entry's displacement along and across the straight drive, shapes (sides, grid)."""
-    table = displacement_table(_GRID, tuple(side.turn for side in sides), limits)
+    table = displacement_table(_GRID, [side.turn for side in sides], limits)
     x = table[:, 0] + np.array([[side.length] for side in sides])
     y = table[:, 1]
     c, s = np.cos(_GRID), np.sin(_GRID)
@@ -155,8 +169,15 @@ def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, F
     return along, across
 
 
+@lru_cache(maxsize=16)
+def _exit_table(sides: tuple[Side, ...], limits: Limits) -> FloatArray:
+    table = displacement_table(_WIDE_GRID, [side.turn for side in sides], limits)
+    table.setflags(write=False)
+    return table
+
+
 def _exit_parts(
-    sides: Sequence[Side], turn: float, tried: tuple[int, int], limits: Limits
+    sides: Sequence[Side], table: FloatArray, turn: float, tried: tuple[int, int]
 ) -> tuple[slice, FloatArray, FloatArray]:
     """Return the exit's displacement along and across the drive, with the window of the grid it is for.
 
@@ -168,7 +189,6 @@ def _exit_parts(
     base = math.floor(shift)
     fraction = shift - base
     low, high = tried
-    table = displacement_table(_WIDE_GRID, tuple(side.turn for side in sides), limits)
     at = slice(low + base + _HALF + 1, high + base + _HALF + 2)
     after = slice(at.start + 1, at.stop + 1)
     x, y = np.moveaxis((1.0 - fraction) * table[:, :, at] + fraction * table[:, :, after], 1, 0)
@@ -208,26 +228,23 @@ def _ranked(
     least_slack: float, found: list[NDArray[Any]],
 ) -> Candidates:  # fmt: skip
     sides = side_table(entry_sides), side_table(exit_sides)
-
-    def turning(side: int) -> tuple[FloatArray, FloatArray]:
-        _, _, speed, acceleration, rate = sides[side][:, found[side]]
-        times = turn_times(found[2 + side], rate, limits.aw)
-        return times, speeds_after(speed, acceleration, times, limits.v)
-
-    slack = found[4] - speed_change_distances(turning(0)[1], turning(1)[1], limits)
-    kept = slack >= least_slack
-    found, slack = [column[kept] for column in found], slack[kept]
-    times, speeds = np.zeros(len(slack)), []
+    times, speeds, stretches = [], [], []
     for side, (begin, end) in enumerate(((1, 2), (2, 1))):
-        turn, speed = turning(side)
-        speeds.append(speed)
         stretch = sides[side]
-        times += turn + straight_times(stretch[0], stretch[begin], stretch[end], limits)[found[side]]
-    opening, closing = speeds
-    times += straight_times(found[4], opening, closing, limits)
-    order = np.argsort(times, kind="stable")
+        speed, acceleration, rate = (row[found[side]] for row in stretch[2:])
+        times.append(turn_times(found[2 + side], rate, limits.aw))
+        speeds.append(speeds_after(speed, acceleration, times[side], limits.v))
+        stretches.append(straight_times(stretch[0], stretch[begin], stretch[end], limits))
+    slack = found[4] - speed_change_distances(*speeds, limits)
+    kept = np.flatnonzero(slack >= least_slack)
+    found, slack = [column[kept] for column in found], slack[kept]
+    durations = np.zeros(len(kept))
+    for side in (0, 1):
+        durations += times[side][kept] + stretches[side][found[side]]
+    durations += straight_times(found[4], speeds[0][kept], speeds[1][kept], limits)
+    order = np.argsort(durations, kind="stable")
     entries, exits, first, last, distance = (column[order] for column in found)
     return Candidates(
         start, goal, limits, entry_sides, exit_sides, entries, exits,
-        first, last, distance, times[order], slack[order], *sides,
+        first, last, distance, durations[order], slack[order], *sides,
     )  # fmt: skip

@@ -6,7 +6,7 @@ up to the limit. The same displacement, taken backward in time, belongs to a tur
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -61,26 +61,40 @@ def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> Float
     ndarray, shape (2, n)
         Forward and leftward displacement in m in the frame of the start.
     """
-    times = turn_times(angles[:, None], driving.turn_rate, limits.aw)
-    headings = angles[:, None] * turn_progress(NODES, angles, driving.turn_rate, limits.aw)
-    speed = speeds_after(driving.speed, driving.acceleration, times * NODES, limits.v)
-    weighted = speed * WEIGHTS * times
-    return np.stack(((weighted * np.cos(headings)).sum(axis=1), (weighted * np.sin(headings)).sum(axis=1)))
+    return _driven(_headings(angles, driving.turn_rate, limits.aw), driving, limits)
 
 
-@lru_cache(maxsize=256)
-def _table(angles: bytes, ways: tuple[Driving, ...], limits: Limits) -> FloatArray:
-    grid = np.frombuffer(angles)
-    table = np.stack([displacements(grid, driving, limits) for driving in ways])
-    table.setflags(write=False)
-    return table
+class _Headings(NamedTuple):
+    """What the turn rate alone decides: times in s, (n, 1), those of the nodes and cosine and sine, (n, 16)."""
+
+    times: FloatArray
+    nodes: FloatArray
+    cosines: FloatArray
+    sines: FloatArray
 
 
-def displacement_table(angles: FloatArray, ways: tuple[Driving, ...], limits: Limits) -> FloatArray:
-    """Compute `displacements` for several ways to drive, shape (ways, 2, n); cached.
+def _headings(angles: FloatArray, turn_rate: Any, aw: float) -> _Headings:
+    times = turn_times(angles[:, None], turn_rate, aw)
+    headings = angles[:, None] * turn_progress(NODES, angles, turn_rate, aw)
+    return _Headings(times, times * NODES, np.cos(headings), np.sin(headings))
 
-    Ways of one speed are kept together: of a start in motion, whose speed is new, only those are computed.
+
+def _driven(along: _Headings, driving: Driving, limits: Limits) -> FloatArray:
+    weighted = speeds_after(driving.speed, driving.acceleration, along.nodes, limits.v) * WEIGHTS * along.times
+    return np.stack(((weighted * along.cosines).sum(axis=1), (weighted * along.sines).sum(axis=1)))
+
+
+@lru_cache(maxsize=128)
+def _kept_headings(angles: bytes, turn_rate: float, aw: float) -> _Headings:
+    return _headings(np.frombuffer(angles), turn_rate, aw)
+
+
+def displacement_table(angles: FloatArray, ways: Sequence[Driving], limits: Limits) -> FloatArray:
+    """Compute `displacements` for several ways to drive, shape (ways, 2, n).
+
+    What a turn rate decides is kept: rates are few, speeds are not, as every start in motion has its own.
     """
-    groups = itertools.groupby(ways, key=lambda way: way.speed)
-    grid = angles.tobytes()
-    return np.concatenate([_table(grid, tuple(group), limits) for _, group in groups])
+    grid, table = angles.tobytes(), np.empty((len(ways), 2, len(angles)))
+    for row, way in zip(table, ways, strict=True):
+        row[:] = _driven(_kept_headings(grid, way.turn_rate, limits.aw), way, limits)
+    return table
