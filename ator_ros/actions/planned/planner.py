@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -15,6 +14,7 @@ from ator_ros.actions.planned.planning import Planning
 from ator_ros.actions.planned.screening import Verdict, look_points, portions, screening_points, screened
 from ator_ros.actions.planned.search import find_candidates
 from ator_ros.actions.planned.turns import Driving
+from ator_ros.actions.planned.ways import Ways
 from ator_ros.geometry import Pose
 from ator_ros.robot import Limits, Robot
 
@@ -54,9 +54,7 @@ def fastest(
     robot: Robot,
     start: Pose,
     goal: Pose,
-    entries: Sequence[Side],
-    exits: Sequence[Side],
-    limits: Limits,
+    ways: Ways,
     obstacles: Obstacles,
     *,
     forward_only: bool = False,
@@ -77,7 +75,7 @@ def fastest(
         )
     least_slack = _SLACK if forward_only else -math.inf
     most = longest + _GRID_ERROR
-    candidates = yield from find_candidates(start, goal, entries, exits, limits, least_slack, most)
+    candidates = yield from find_candidates(start, goal, ways, least_slack, most)
     short = np.searchsorted(candidates.times, most, side="right")
     for which in portions(np.arange(short), candidates.times):
         bounds = candidates.times[which] + _SURPRISE

@@ -81,7 +81,7 @@ def _headings(angles: FloatArray, turn_rate: Any, aw: float) -> _Headings:
 
 def _driven(along: _Headings, driving: Driving, limits: Limits) -> FloatArray:
     weighted = speeds_after(driving.speed, driving.acceleration, along.nodes, limits.v) * WEIGHTS * along.times
-    return np.stack(((weighted * along.cosines).sum(axis=1), (weighted * along.sines).sum(axis=1)))
+    return np.stack(((weighted * along.cosines).sum(axis=-1), (weighted * along.sines).sum(axis=-1)), axis=-2)
 
 
 @lru_cache(maxsize=128)
@@ -95,6 +95,10 @@ def displacement_table(angles: FloatArray, ways: Sequence[Driving], limits: Limi
     What a turn rate decides is kept: rates are few, speeds are not, as every start in motion has its own.
     """
     grid, table = angles.tobytes(), np.empty((len(ways), 2, len(angles)))
-    for row, way in zip(table, ways, strict=True):
-        row[:] = _driven(_kept_headings(grid, way.turn_rate, limits.aw), way, limits)
+    rates = np.array([way.turn_rate for way in ways])
+    numbers = np.array([way[:2] for way in ways])[:, :, None, None]
+    for rate in sorted(set(rates.tolist())):
+        which = rates == rate
+        driving = Driving(*np.moveaxis(numbers[which], 1, 0), rate)
+        table[which] = _driven(_kept_headings(grid, rate, limits.aw), driving, limits)
     return table

@@ -1,0 +1,97 @@
+"""The ways to drive both ends of a manoeuvre, as arrays: where they lead, and how long they take at least."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ator_ros.actions.planned.bundle import side_table
+from ator_ros.actions.planned.manoeuvre import Side
+from ator_ros.actions.planned.planning import Planning
+from ator_ros.actions.planned.profiles import straight_times
+from ator_ros.actions.planned.turns import displacement_table
+from ator_ros.geometry import FloatArray
+from ator_ros.robot import Limits
+
+STEP = math.radians(5.0)
+HALF = 54
+"""Turns of up to 270 degrees either way."""
+GRID: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
+# The turn into the goal is looked up between grid points, so its table is one step wider.
+_WIDE_GRID: FloatArray = STEP * np.arange(-HALF - 1, HALF + 2, dtype=float)
+_SIDES_A_POINT = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Ways:
+    """Sides that can be combined.
+
+    Attributes
+    ----------
+    entry_sides, exit_sides : sequence of Side
+        How both ends may be driven.
+    entry_table, exit_table : ndarray, shape (5, sides)
+        Their numbers, as in `Bundle`.
+    along, across : ndarray, shape (entries, grid)
+        The entry's displacement along and across the straight drive in m, for first turns on `GRID`.
+    exit_places : ndarray, shape (exits, 2, grid + 2)
+        Where the turns of the exits end, without their straight stretch.
+    entry_stretches, exit_stretches : ndarray, shape (sides,)
+        Times of the straight stretches in s.
+    """
+
+    entry_sides: Sequence[Side]
+    exit_sides: Sequence[Side]
+    limits: Limits
+    entry_table: FloatArray
+    exit_table: FloatArray
+    along: FloatArray
+    across: FloatArray
+    exit_places: FloatArray
+    entry_stretches: FloatArray
+    exit_stretches: FloatArray
+
+
+def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits) -> Planning[Ways]:
+    """Prepare to search with these sides."""
+    # Tables that happen to be there cost the same: what was planned before must not decide how slices end.
+    yield 2 + (len(entries) + len(exits)) // _SIDES_A_POINT
+    sides = side_table(entries), side_table(exits)
+    return Ways(
+        entries,
+        exits,
+        limits,
+        *sides,
+        *_entry_parts(tuple(entries), limits),
+        _exit_places(tuple(exits), limits),
+        straight_times(*sides[0][:3], limits),
+        straight_times(sides[1][0], sides[1][2], sides[1][1], limits),
+    )
+
+
+def least_times(table: FloatArray, stretches: FloatArray, turns: FloatArray) -> FloatArray:
+    """Return times in s, shape (sides, n), that ends take at least whose turns are within `STEP` of `turns`."""
+    return stretches[:, None] + np.maximum(0.0, np.abs(turns) - STEP) / table[4][:, None]
+
+
+@lru_cache(maxsize=16)
+def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, FloatArray]:
+    table = displacement_table(GRID, [side.turn for side in sides], limits)
+    x = table[:, 0] + np.array([[side.length] for side in sides])
+    y = table[:, 1]
+    c, s = np.cos(GRID), np.sin(GRID)
+    along, across = c * x + s * y, c * y - s * x
+    along.setflags(write=False)
+    across.setflags(write=False)
+    return along, across
+
+
+@lru_cache(maxsize=16)
+def _exit_places(sides: tuple[Side, ...], limits: Limits) -> FloatArray:
+    places = displacement_table(_WIDE_GRID, [side.turn for side in sides], limits)
+    places.setflags(write=False)
+    return places
