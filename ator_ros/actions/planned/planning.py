@@ -19,7 +19,7 @@ A manoeuvre that is yielded is good enough for a robot in motion, which had bett
 A point is about a tenth of a millisecond. Points are counted, not measured, so that every computer plans alike.
 """
 
-SLICE = 150
+SLICE = 130
 """Points in a tick: a portion that would cost more than is left of them waits for the next one."""
 _MOVED = 0.01  # m
 _TURNED = 0.02  # rad

@@ -18,11 +18,10 @@ from ator_ros.actions.planned.ways import GRID, HALF, STEP, Ways, least_times
 from ator_ros.geometry import FloatArray, Pose
 
 _Parts: TypeAlias = tuple[FloatArray, FloatArray]
-RANK_POINTS = 3
+RANK_POINTS = 4
 """What it costs at least to rank what was found, in points of planning; see `planning`."""
-_SIDES_A_POINT = 40
-_BRACKETS_A_POINT = 60_000
-_CANDIDATES_A_POINT = 500
+_BRACKETS_A_POINT = 50_000
+_CANDIDATES_A_POINT = 800
 _ROUNDING = 1e-9  # s
 
 
@@ -95,12 +94,12 @@ def find_candidates(
                       offset.y * np.cos(GRID) - offset.x * np.sin(GRID)))  # fmt: skip
     found = []
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
-        yield 1 + (len(ways.exit_sides) if math.isinf(longest) else len(ways.entry_sides)) // _SIDES_A_POINT
+        yield 1
         tried = _tried(ways, turn, longest)
         if tried is None:
             continue
         entries, exits, window = tried
-        yield 1 + len(entries) * len(exits) * (window[1] - window[0]) // _BRACKETS_A_POINT
+        yield 3 + len(entries) * len(exits) * (window[1] - window[0]) // _BRACKETS_A_POINT
         on_grid, exit_along, exit_across = _exit_parts(ways, exits, turn, window)
         sideways = lanes[1, on_grid] - ways.across[entries, on_grid], exit_across
         drive = lanes[0, on_grid] - ways.along[entries, on_grid], exit_along

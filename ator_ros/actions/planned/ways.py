@@ -23,7 +23,7 @@ HALF = 54
 GRID: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
 # The turn into the goal is looked up between grid points, so its table is one step wider.
 _WIDE_GRID: FloatArray = STEP * np.arange(-HALF - 1, HALF + 2, dtype=float)
-_SIDES_A_POINT = 4
+_SIDES_A_POINT = 6
 
 
 @dataclass(frozen=True, slots=True)
