@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,80 +92,97 @@ def find_candidates(
     offset = start.relative(goal)
     lanes = np.stack((offset.x * np.cos(GRID) + offset.y * np.sin(GRID),
                       offset.y * np.cos(GRID) - offset.x * np.sin(GRID)))  # fmt: skip
-    found = []
+    found: list[tuple[NDArray[Any], ...]] = []
+    # A change of speed of robots that only drive forward takes room: drives that lack it need not be ranked.
+    least_drive = least_slack if ways.forward else -math.inf
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
         yield 1
-        tried = _tried(ways, turn, longest)
+        parts = _exit_parts(ways, turn)
+        tried = _tried(ways, turn, lanes[0], parts, longest)
         if tried is None:
             continue
-        entries, exits, window = tried
-        yield 3 + len(entries) * len(exits) * (window[1] - window[0]) // _BRACKETS_A_POINT
-        on_grid, exit_along, exit_across = _exit_parts(ways, exits, turn, window)
-        sideways = lanes[1, on_grid] - ways.across[entries, on_grid], exit_across
-        drive = lanes[0, on_grid] - ways.along[entries, on_grid], exit_along
-        first_of, last_of, *numbers = _roots(sideways, drive, GRID[on_grid], turn)
+        entries, exits, low, high = tried
+        yield 3 + len(entries) * len(exits) * (high - low) // _BRACKETS_A_POINT
+        on_grid, on_parts = slice(low, high), slice(low - parts.low, high - parts.low)
+        sideways = lanes[1, on_grid] - ways.across[entries, on_grid], parts.across[exits, on_parts]
+        drive = lanes[0, on_grid] - ways.along[entries, on_grid], parts.along[exits, on_parts]
+        first_of, last_of, *numbers = _roots(sideways, drive, GRID[on_grid], turn, least_drive)
         found.append((entries[first_of], exits[last_of], *numbers))
-    nothing = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), *(np.zeros(0),) * 3
-    yield RANK_POINTS + sum(len(roots[0]) for roots in found) // _CANDIDATES_A_POINT
-    columns = [np.concatenate(x) for x in zip(*(found or [nothing]), strict=True)]
-    return _ranked(start, goal, ways, least_slack, columns)
+    many = sum(len(roots[0]) for roots in found)
+    if not many:
+        nothing, empty = np.zeros(0, dtype=np.intp), np.zeros(0)
+        return Candidates(start, goal, ways, nothing, nothing, empty, empty, empty, empty, empty)
+    yield RANK_POINTS + many // _CANDIDATES_A_POINT
+    return _ranked(start, goal, ways, least_slack, [np.concatenate(x) for x in zip(*found, strict=True)])
 
 
-def _tried(
-    ways: Ways, turn: float, longest: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[int, int]] | None:
-    """Return the entries, the exits and the least and greatest first turn, in grid steps, that may do.
+class _ExitParts(NamedTuple):
+    """The exits' displacement along and across the drive, (exits, n), for first turns from grid point `low` on."""
 
-    That is, in up to `longest` s with `turn` rad in both turns. None where all take longer.
-    """
-    base = math.floor(-turn / STEP)
-    low, high = max(-HALF, -HALF - 1 - base), min(HALF, HALF - base)
-    entries, exits = np.arange(len(ways.entry_sides)), np.arange(len(ways.exit_sides))
-    if math.isinf(longest):
-        return entries, exits, (low, high)
-    first = STEP * np.arange(low, high + 1)
-    before = least_times(ways.entry_table, ways.entry_stretches, first)
-    after = least_times(ways.exit_table, ways.exit_stretches, turn - first)
-    soonest, latest = before.min(axis=0), longest + _ROUNDING
-    able = np.flatnonzero(soonest + after.min(axis=0) <= latest)
-    if len(able) < 2:  # a root lies between two
-        return None
-    entries = np.flatnonzero((before + after.min(axis=0) <= latest).any(axis=1))
-    exits = np.flatnonzero((after + soonest <= latest).any(axis=1))
-    return entries, exits, (low + int(able[0]), low + int(able[-1]))
+    low: int
+    along: FloatArray
+    across: FloatArray
 
 
-def _exit_parts(
-    ways: Ways, exits: NDArray[np.intp], turn: float, tried: tuple[int, int]
-) -> tuple[slice, FloatArray, FloatArray]:
-    """Return the exits' displacement along and across the drive, with the window of the grid it is for.
+def _exit_parts(ways: Ways, turn: float) -> _ExitParts:
+    """Compute what the exits add to a drive.
 
     `turn` is the whole change of heading in rad, at most three half turns; the last turn is what the
-    first leaves of it, and `tried` are the least and greatest first turn, which leave one in range.
+    first leaves of it.
     """
     # last = turn - first; looked up at -last = first - turn, a constant fraction between grid points.
     shift = -turn / STEP
     base = math.floor(shift)
     fraction = shift - base
-    low, high = tried
+    low, high = max(-HALF, -HALF - 1 - base), min(HALF, HALF - base)
     at = slice(low + base + HALF + 1, high + base + HALF + 2)
     after = slice(at.start + 1, at.stop + 1)
-    places = ways.exit_places[exits]
+    places = ways.exit_places
     x, y = np.moveaxis((1.0 - fraction) * places[:, :, at] + fraction * places[:, :, after], 1, 0)
-    x = x + ways.exit_table[0, exits, None]
-    window = slice(low + HALF, high + HALF + 1)
+    x = x + ways.exit_table[0][:, None]
     # The displacement is given in the goal's frame; the drive's heading in it is first - turn.
-    c, s = np.cos(GRID[window] - turn), np.sin(GRID[window] - turn)
-    return window, c * x + s * y, c * y - s * x
+    headings = GRID[low + HALF : high + HALF + 1] - turn
+    c, s = np.cos(headings), np.sin(headings)
+    return _ExitParts(low + HALF, c * x + s * y, c * y - s * x)
 
 
-def _roots(sideways: _Parts, drive: _Parts, grid: FloatArray, turn: float) -> tuple[NDArray[Any], ...]:
+def _tried(
+    ways: Ways, turn: float, lane: FloatArray, parts: _ExitParts, longest: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], int, int] | None:
+    """Return the entries, the exits and the range of grid points that may do in up to `longest` s.
+
+    `lane`, shape (grid,), is how far the goal lies ahead in the drive's direction in m. None where all
+    take longer.
+    """
+    low, high = parts.low, parts.low + parts.along.shape[1]
+    entries, exits = np.arange(len(ways.entry_sides)), np.arange(len(ways.exit_sides))
+    if math.isinf(longest):
+        return entries, exits, low, high
+    here = slice(low, high - 1)
+    before, limits = ways.entry_least[:, here], ways.limits
+    after = least_times(ways.exit_table, ways.exit_stretches, turn - GRID[low:high], parts.along, limits)
+    drive = np.minimum(lane[low : high - 1], lane[low + 1 : high]) / limits.v
+    soonest, latest = drive + before.min(axis=0), longest + _ROUNDING
+    able = np.flatnonzero(soonest + after.min(axis=0) <= latest)
+    if not len(able):
+        return None
+    used = slice(int(able[0]), int(able[-1]) + 1)
+    entries = np.flatnonzero((before[:, used] + (drive + after.min(axis=0))[used] <= latest).any(axis=1))
+    exits = np.flatnonzero((after[:, used] + soonest[used] <= latest).any(axis=1))
+    return entries, exits, low + used.start, low + used.stop + 1
+
+
+def _roots(
+    sideways: _Parts, drive: _Parts, grid: FloatArray, turn: float, least_drive: float
+) -> tuple[NDArray[Any], ...]:
     """Bracket the first turns at which both sides agree on the drive's lane, and interpolate.
 
     Parameters
     ----------
     sideways, drive : pair of ndarray, shapes (entries, grid) and (exits, grid)
         Where the drive lies and how long it is, each the entry's part minus the exit's, in m.
+    least_drive : float
+        Shorter drives are left out.
     """
     # The sign of each difference is all that most pairs need: no array of the differences is made.
     right_of = sideways[0][:, None] <= sideways[1]
@@ -180,6 +197,9 @@ def _roots(sideways: _Parts, drive: _Parts, grid: FloatArray, turn: float) -> tu
     share = left / (left - right)
     first = grid[index] + share * STEP
     distance = (1.0 - share) * differences(drive, index) + share * differences(drive, index + 1)
+    if least_drive > -math.inf:
+        long = np.flatnonzero(distance >= least_drive)
+        entries, exits, first, distance = entries[long], exits[long], first[long], distance[long]
     return entries, exits, first, turn - first, distance
 
 

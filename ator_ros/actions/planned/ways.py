@@ -12,7 +12,7 @@ import numpy as np
 from ator_ros.actions.planned.bundle import side_table
 from ator_ros.actions.planned.manoeuvre import Side
 from ator_ros.actions.planned.planning import Planning
-from ator_ros.actions.planned.profiles import straight_times
+from ator_ros.actions.planned.profiles import straight_times, turn_times
 from ator_ros.actions.planned.turns import displacement_table
 from ator_ros.geometry import FloatArray
 from ator_ros.robot import Limits
@@ -42,6 +42,10 @@ class Ways:
         Where the turns of the exits end, without their straight stretch.
     entry_stretches, exit_stretches : ndarray, shape (sides,)
         Times of the straight stretches in s.
+    entry_least : ndarray, shape (entries, grid - 1)
+        `least_times` of the entries.
+    forward : bool
+        Whether no side drives backward: no speed is negative, and none falls from the outside inward.
     """
 
     entry_sides: Sequence[Side]
@@ -54,6 +58,8 @@ class Ways:
     exit_places: FloatArray
     entry_stretches: FloatArray
     exit_stretches: FloatArray
+    entry_least: FloatArray
+    forward: bool
 
 
 def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits) -> Planning[Ways]:
@@ -61,21 +67,34 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
     # Tables that happen to be there cost the same: what was planned before must not decide how slices end.
     yield 2 + (len(entries) + len(exits)) // _SIDES_A_POINT
     sides = side_table(entries), side_table(exits)
+    along, across = _entry_parts(tuple(entries), limits)
+    stretches = straight_times(*sides[0][:3], limits)
     return Ways(
         entries,
         exits,
         limits,
         *sides,
-        *_entry_parts(tuple(entries), limits),
+        along,
+        across,
         _exit_places(tuple(exits), limits),
-        straight_times(*sides[0][:3], limits),
+        stretches,
         straight_times(sides[1][0], sides[1][2], sides[1][1], limits),
+        least_times(sides[0], stretches, GRID, along, limits),
+        bool(min(table[2:4].min() for table in sides) >= 0.0),
     )
 
 
-def least_times(table: FloatArray, stretches: FloatArray, turns: FloatArray) -> FloatArray:
-    """Return times in s, shape (sides, n), that ends take at least whose turns are within `STEP` of `turns`."""
-    return stretches[:, None] + np.maximum(0.0, np.abs(turns) - STEP) / table[4][:, None]
+def least_times(
+    table: FloatArray, stretches: FloatArray, turns: FloatArray, along: FloatArray, limits: Limits
+) -> FloatArray:
+    """Return what each side takes at least between two neighbouring turns, shape (sides, n - 1), in s.
+
+    A time counts from when the robot would have begun to cover the side's own part of the drive's direction,
+    `along` (m), shape (sides, n), at full speed. `turns` (rad), shape (n,), are a `STEP` apart.
+    """
+    least = np.maximum(0.0, np.abs(turns[1:] + turns[:-1]) / 2.0 - STEP / 2.0)
+    covered = np.maximum(along[:, 1:], along[:, :-1]) / limits.v
+    return stretches[:, None] + turn_times(least, table[4][:, None], limits.aw) - covered
 
 
 @lru_cache(maxsize=16)
