@@ -130,7 +130,7 @@ def _run_ups(
     yield _TABLE_POINTS
     seen = mouth.relative(start)
     kept = np.flatnonzero(np.abs(wrap_angles(seen.yaw + _TURNS)) <= SLANT)
-    table, sides = _turns_table(entries, limits)[:, :, kept], side_table(entries)
+    table, sides = _turns_table(entries, limits, kept), side_table(entries)
     points = 1 + _BLOCK * len(_LEADS) * len(kept) // _RUN_UPS_A_POINT
     columns, latest = np.zeros((12, 0)), math.inf
     for first in range(0, len(entries), _BLOCK):
@@ -145,13 +145,15 @@ def _run_ups(
     return _RunUps(start, mouth, limits, columns[:5], columns[5:8], *columns[8:])
 
 
-def _turns_table(entries: Sequence[Side], limits: Limits) -> FloatArray:
-    """Return where the turns end, shape (entries, 2, turns); those at the start's own speed are not kept."""
+def _turns_table(entries: Sequence[Side], limits: Limits, kept: NDArray[np.intp]) -> FloatArray:
+    """Return where the turns end, shape (entries, 2, kept); tables at the start's own speed are not stored."""
     tables = []
     for speed, group in itertools.groupby(entries, key=lambda side: side.turn.speed):
         ways = tuple(side.turn for side in group)
         own = speed == entries[0].outer_speed
-        tables.append(displacement_table(_TURNS, ways, limits) if own else _kept_table(ways, limits))
+        tables.append(
+            displacement_table(_TURNS, ways, limits, kept) if own else _kept_table(ways, limits)[:, :, kept]
+        )
     return np.concatenate(tables)
 
 

@@ -162,12 +162,13 @@ def _tried(
     before, limits = ways.entry_least[:, here], ways.limits
     after = least_times(ways.exit_table, ways.exit_stretches, turn - GRID[low:high], parts.along, limits)
     drive = np.minimum(lane[low : high - 1], lane[low + 1 : high]) / limits.v
-    soonest, latest = drive + before.min(axis=0), longest + _ROUNDING
-    able = np.flatnonzero(soonest + after.min(axis=0) <= latest)
+    soonest, remaining = drive + ways.soonest[here], drive + after.min(axis=0)
+    latest = longest + _ROUNDING
+    able = np.flatnonzero(ways.soonest[here] + remaining <= latest)
     if not len(able):
         return None
     used = slice(int(able[0]), int(able[-1]) + 1)
-    entries = np.flatnonzero((before[:, used] + (drive + after.min(axis=0))[used] <= latest).any(axis=1))
+    entries = np.flatnonzero((before[:, used] + remaining[used] <= latest).any(axis=1))
     exits = np.flatnonzero((after[:, used] + soonest[used] <= latest).any(axis=1))
     return entries, exits, low + used.start, low + used.stop + 1
 

@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ator_ros.actions.planned.profiles import turn_progress, turn_times
 from ator_ros.geometry import FloatArray
@@ -89,16 +90,22 @@ def _kept_headings(angles: bytes, turn_rate: float, aw: float) -> _Headings:
     return _headings(np.frombuffer(angles), turn_rate, aw)
 
 
-def displacement_table(angles: FloatArray, ways: Sequence[Driving], limits: Limits) -> FloatArray:
-    """Compute `displacements` for several ways to drive, shape (ways, 2, n).
+def displacement_table(
+    angles: FloatArray, ways: Sequence[Driving], limits: Limits, kept: NDArray[np.intp] | None = None
+) -> FloatArray:
+    """Compute `displacements` for several ways to drive, shape (ways, 2, n), of the `kept` angles or all.
 
     What a turn rate decides is kept: rates are few, speeds are not, as every start in motion has its own.
     """
-    grid, table = angles.tobytes(), np.empty((len(ways), 2, len(angles)))
+    count = len(angles) if kept is None else len(kept)
+    grid, table = angles.tobytes(), np.empty((len(ways), 2, count))
     rates = np.array([way.turn_rate for way in ways])
     numbers = np.array([way[:2] for way in ways])[:, :, None, None]
     for rate in sorted(set(rates.tolist())):
         which = rates == rate
         driving = Driving(*np.moveaxis(numbers[which], 1, 0), rate)
-        table[which] = _driven(_kept_headings(grid, rate, limits.aw), driving, limits)
+        headings = _kept_headings(grid, rate, limits.aw)
+        if kept is not None:
+            headings = _Headings(*(part[kept] for part in headings))
+        table[which] = _driven(headings, driving, limits)
     return table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from ator_ros.actions.planned.bundle import side_table
 from ator_ros.actions.planned.manoeuvre import Side
 from ator_ros.actions.planned.planning import Planning
 from ator_ros.actions.planned.profiles import straight_times, turn_times
-from ator_ros.actions.planned.turns import displacement_table
+from ator_ros.actions.planned.turns import Driving, displacement_table
 from ator_ros.geometry import FloatArray
 from ator_ros.robot import Limits
 
@@ -44,6 +45,8 @@ class Ways:
         Times of the straight stretches in s.
     entry_least : ndarray, shape (entries, grid - 1)
         `least_times` of the entries.
+    soonest : ndarray, shape (grid - 1,)
+        The least of them.
     forward : bool
         Whether no side drives backward: no speed is negative, and none falls from the outside inward.
     """
@@ -59,6 +62,7 @@ class Ways:
     entry_stretches: FloatArray
     exit_stretches: FloatArray
     entry_least: FloatArray
+    soonest: FloatArray
     forward: bool
 
 
@@ -69,6 +73,7 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
     sides = side_table(entries), side_table(exits)
     along, across = _entry_parts(tuple(entries), limits)
     stretches = straight_times(*sides[0][:3], limits)
+    least = least_times(sides[0], stretches, GRID, along, limits)
     return Ways(
         entries,
         exits,
@@ -79,7 +84,8 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
         _exit_places(tuple(exits), limits),
         stretches,
         straight_times(sides[1][0], sides[1][2], sides[1][1], limits),
-        least_times(sides[0], stretches, GRID, along, limits),
+        least,
+        least.min(axis=0),
         bool(min(table[2:4].min() for table in sides) >= 0.0),
     )
 
@@ -99,7 +105,7 @@ def least_times(
 
 @lru_cache(maxsize=16)
 def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, FloatArray]:
-    table = displacement_table(GRID, [side.turn for side in sides], limits)
+    table = _table(GRID, sides, limits)
     x = table[:, 0] + np.array([[side.length] for side in sides])
     y = table[:, 1]
     c, s = np.cos(GRID), np.sin(GRID)
@@ -111,6 +117,24 @@ def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, F
 
 @lru_cache(maxsize=16)
 def _exit_places(sides: tuple[Side, ...], limits: Limits) -> FloatArray:
-    places = displacement_table(_WIDE_GRID, [side.turn for side in sides], limits)
+    places = _table(_WIDE_GRID, sides, limits)
     places.setflags(write=False)
     return places
+
+
+
+def _table(angles: FloatArray, sides: Sequence[Side], limits: Limits) -> FloatArray:
+    """Compute where turns end; those at the outer speed, of which there are many, are not stored."""
+    own = np.array([side.turn.speed == side.outer_speed for side in sides])
+    table = np.empty((len(sides), 2, len(angles)))
+    turns = [side.turn for side in sides]
+    if own.any():
+        table[own] = displacement_table(angles, list(itertools.compress(turns, own)), limits)
+    if not own.all():
+        table[~own] = _stored_table(angles.tobytes(), tuple(itertools.compress(turns, ~own)), limits)
+    return table
+
+
+@lru_cache(maxsize=64)
+def _stored_table(angles: bytes, turns: tuple[Driving, ...], limits: Limits) -> FloatArray:
+    return displacement_table(np.frombuffer(angles), turns, limits)
