@@ -16,10 +16,10 @@ Planning: TypeAlias = Generator[int | Manoeuvre, None, Found]
 
 A manoeuvre that is yielded is good enough for a robot in motion, which had better not wait for the rest.
 
-A point is about 60 µs. Points are counted, not measured, so that every computer plans alike.
+A point is about 50 µs. Points are counted, not measured, so that every computer plans alike.
 """
 
-SLICE = 250
+SLICE = 400
 """Points in a tick: a portion that would cost more than is left of them waits for the next one."""
 _MOVED = 0.01  # m
 _TURNED = 0.02  # rad

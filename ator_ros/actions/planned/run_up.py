@@ -29,8 +29,8 @@ from ator_ros.robot import Limits, Robot
 
 _BLOCK = 16  # entries in a portion of work
 _TRIES = 3000  # where the posts block so many, there is no room
-_TABLE_POINTS = 18
-_RUN_UPS_A_POINT = 3_000
+_TABLE_POINTS = 20
+_RUN_UPS_A_POINT = 2_200
 _TURNS: FloatArray = math.radians(1.0) * np.arange(-300, 301, dtype=float)
 _LEADS: FloatArray = np.array((0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4))
 

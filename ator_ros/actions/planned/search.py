@@ -95,10 +95,13 @@ def find_candidates(
     found: list[tuple[NDArray[Any], ...]] = []
     # A change of speed of robots that only drive forward takes room: drives that lack it need not be ranked.
     least_drive = least_slack if ways.forward else -math.inf
+    fastest_turn = max(ways.entry_table[4].max(), ways.exit_table[4].max())
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
+        if abs(turn) > longest * fastest_turn:
+            continue
         yield 1
         parts = _exit_parts(ways, turn)
-        tried = _tried(ways, turn, lanes[0], parts, longest)
+        tried = _tried(ways, turn, lanes[0], parts, longest, least_drive)
         if tried is None:
             continue
         entries, exits, low, high = tried
@@ -147,30 +150,33 @@ def _exit_parts(ways: Ways, turn: float) -> _ExitParts:
 
 
 def _tried(
-    ways: Ways, turn: float, lane: FloatArray, parts: _ExitParts, longest: float
+    ways: Ways, turn: float, lane: FloatArray, parts: _ExitParts, longest: float, least_drive: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], int, int] | None:
     """Return the entries, the exits and the range of grid points that may do in up to `longest` s.
 
-    `lane`, shape (grid,), is how far the goal lies ahead in the drive's direction in m. None where all
-    take longer.
+    `lane`, shape (grid,), is how far the goal lies ahead in the drive's direction in m, `least_drive` the
+    shortest drive in m. None where all take longer, or have a shorter one.
     """
     low, high = parts.low, parts.low + parts.along.shape[1]
     entries, exits = np.arange(len(ways.entry_sides)), np.arange(len(ways.exit_sides))
     if math.isinf(longest):
         return entries, exits, low, high
-    here = slice(low, high - 1)
-    before, limits = ways.entry_least[:, here], ways.limits
+    here, limits = slice(low, high - 1), ways.limits
+    # Bounds add up from those of both ends, between each two points of the grid; shapes (sides, steps).
     after = least_times(ways.exit_table, ways.exit_stretches, turn - GRID[low:high], parts.along, limits)
-    drive = np.minimum(lane[low : high - 1], lane[low + 1 : high]) / limits.v
-    soonest, remaining = drive + ways.soonest[here], drive + after.min(axis=0)
-    latest = longest + _ROUNDING
-    able = np.flatnonzero(ways.soonest[here] + remaining <= latest)
+    left = longest + _ROUNDING - np.minimum(lane[here], lane[low + 1 : high]) / limits.v
+    room = np.maximum(lane[here], lane[low + 1 : high]) - least_drive + _ROUNDING
+    exit_shortest = np.minimum(parts.along[:, 1:], parts.along[:, :-1])
+    fit = (after <= left - ways.soonest[here]) & (exit_shortest <= room - ways.shortest[here])
+    able = np.flatnonzero(fit.any(axis=0))
     if not len(able):
         return None
     used = slice(int(able[0]), int(able[-1]) + 1)
-    entries = np.flatnonzero((before[:, used] + remaining[used] <= latest).any(axis=1))
-    exits = np.flatnonzero((after[:, used] + soonest[used] <= latest).any(axis=1))
-    return entries, exits, low + used.start, low + used.stop + 1
+    exits = np.flatnonzero(fit.any(axis=1))
+    left, room = left - after.min(axis=0), room - exit_shortest.min(axis=0)
+    on_grid = slice(low + used.start, low + used.stop)
+    fit = (ways.entry_least[:, on_grid] <= left[used]) & (ways.entry_shortest[:, on_grid] <= room[used])
+    return np.flatnonzero(fit.any(axis=1)), exits, on_grid.start, on_grid.stop + 1
 
 
 def _roots(

@@ -47,6 +47,10 @@ class Ways:
         `least_times` of the entries.
     soonest : ndarray, shape (grid - 1,)
         The least of them.
+    entry_shortest : ndarray, shape (entries, grid - 1)
+        The lesser `along` of both ends of each step.
+    shortest : ndarray, shape (grid - 1,)
+        The least of them.
     forward : bool
         Whether no side drives backward: no speed is negative, and none falls from the outside inward.
     """
@@ -63,6 +67,8 @@ class Ways:
     exit_stretches: FloatArray
     entry_least: FloatArray
     soonest: FloatArray
+    entry_shortest: FloatArray
+    shortest: FloatArray
     forward: bool
 
 
@@ -74,6 +80,7 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
     along, across = _entry_parts(tuple(entries), limits)
     stretches = straight_times(*sides[0][:3], limits)
     least = least_times(sides[0], stretches, GRID, along, limits)
+    shortest = np.minimum(along[:, 1:], along[:, :-1])
     return Ways(
         entries,
         exits,
@@ -86,6 +93,8 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
         straight_times(sides[1][0], sides[1][2], sides[1][1], limits),
         least,
         least.min(axis=0),
+        shortest,
+        shortest.min(axis=0),
         bool(min(table[2:4].min() for table in sides) >= 0.0),
     )
 
