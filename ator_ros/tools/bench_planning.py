@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
 from ator_ros.actions.catalogue import ACTION_SETS
+from ator_ros.actions.planned.opening import opening_of
+from ator_ros.actions.planned.planned_action import PlannedAction
+from ator_ros.actions.planned.planning import SLICE, Search
 from ator_ros.geometry import Pose
 from ator_ros.ramp import ramped
 from ator_ros.robot import Robot, load_robot
@@ -34,7 +39,24 @@ def measure(situations: int = 120) -> dict[str, dict[str, float]]:
             "longest_ms": round(1000.0 * max(longest), 1),
             "limit_longest_ms": LIMIT_MS,
         }
-    return results
+    return results | {"planning in a tick, default": _counted(robot, situations)}
+
+
+def _counted(robot: Robot, situations: int) -> dict[str, float]:
+    """Count the points of planning in ticks: the same on every computer."""
+    actions = ACTION_SETS["default"]
+    spent = [
+        slices_of(planned(robot), world, goal)
+        for action, world, goal in hard_situations(robot, situations, seed=17)
+        if issubclass(planned := actions[action], PlannedAction)
+    ]
+    return {
+        "longest_points": max(sum(points) for slices in spent for points in slices),
+        "largest_portion_points": max(max(points, default=0) for slices in spent for points in slices),
+        "most_ticks": max(map(len, spent)),
+        "share_in_one_tick": round(float(np.mean([len(slices) == 1 for slices in spent])), 3),
+        "limit_longest_points": SLICE,
+    }
 
 
 def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
@@ -52,6 +74,21 @@ def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
         world = _after(action.robot, world, step.command)
         began = time.process_time()
     return times
+
+
+def slices_of(action: PlannedAction, world: World, goal: Goal) -> list[list[int]]:
+    """Plan to the end as from rest; return the points of the portions of each slice."""
+    slices: list[list[int]] = []
+    with suppress(ActionError):
+        action.start(world, goal)
+    opening = opening_of(world.robot, action.plan_limits.aw)
+    planning = action.plan(dataclasses.replace(world, robot=opening.end))
+    search, found = Search(world, opening, planning, standing=True), None
+    with suppress(ActionError):
+        while found is None:
+            slices.append([])
+            found = search.advance(float(len(slices)), slices[-1])
+    return slices
 
 
 def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, World, Goal]]:

@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from ator_ros.actions.planned.turns import NODES, WEIGHTS
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray

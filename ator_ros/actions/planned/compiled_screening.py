@@ -234,7 +234,5 @@ def _ball_distance(dx: float, dy: float, yaw: float, shape: Shape) -> float:
     c, s = math.cos(yaw), math.sin(yaw)
     ahead, left = c * dx + s * dy, abs(c * dy - s * dx)
     body = math.hypot(max(-shape.rear - ahead, ahead - shape.front, 0.0), max(left - shape.half_width, 0.0))
-    fins = math.hypot(
-        max(shape.front - ahead, ahead - shape.fin_tip, 0.0), max(left - shape.fin_side, 0.0)
-    )
+    fins = math.hypot(max(shape.front - ahead, ahead - shape.fin_tip, 0.0), max(left - shape.fin_side, 0.0))
     return min(body, fins)

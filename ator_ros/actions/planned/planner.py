@@ -11,7 +11,7 @@ from ator_ros.actions.base import ActionError
 from ator_ros.actions.planned.clearance import Obstacles, is_clear, is_free
 from ator_ros.actions.planned.manoeuvre import Manoeuvre, Side, closed
 from ator_ros.actions.planned.planning import Planning
-from ator_ros.actions.planned.screening import Verdict, look_points, portions, screening_points, screened
+from ator_ros.actions.planned.screening import Verdict, look_points, portions, screened, screening_points
 from ator_ros.actions.planned.search import find_candidates
 from ator_ros.actions.planned.turns import Driving
 from ator_ros.actions.planned.ways import Ways

@@ -49,8 +49,10 @@ class Search:
         self._good: Manoeuvre | None = None
         self._due: int | None = None  # points of the portion that comes next
 
-    def advance(self, time: float) -> Manoeuvre | None:
+    def advance(self, time: float, paid: list[int] | None = None) -> Manoeuvre | None:
         """Search for a slice, once at each `time` (s); None where there is no result yet.
+
+        The points of each portion are added to `paid`.
 
         Raises
         ------
@@ -59,12 +61,13 @@ class Search:
         """
         if time == self._advanced:
             return None
-        self._advanced, spent = time, 0
+        self._advanced = time
+        paid = [] if paid is None else paid
         try:
             if self._due is None:
                 self._due = self._cost_of_next()
-            while not spent or spent + self._due <= SLICE:
-                spent += self._due
+            while not paid or sum(paid) + self._due <= SLICE:
+                paid.append(self._due)
                 self._due = self._cost_of_next()
         except StopIteration as done:
             found: Manoeuvre = done.value

@@ -146,7 +146,7 @@ def _run_ups(
 
 
 def _turns_table(entries: Sequence[Side], limits: Limits, kept: NDArray[np.intp]) -> FloatArray:
-    """Return where the turns end, shape (entries, 2, kept); tables at the start's own speed are not stored."""
+    """Return where turns end, shape (entries, 2, kept); tables at the start's own speed are not stored."""
     tables = []
     for speed, group in itertools.groupby(entries, key=lambda side: side.turn.speed):
         ways = tuple(side.turn for side in group)

@@ -49,12 +49,12 @@ def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.
 
 def look_points(duration: float) -> int:
     """Return what the exact look at a manoeuvre of `duration` s costs in points; see `planning`."""
-    return 10 + int(duration / 2.0)
+    return 15 + int(duration / 1.5)
 
 
 def screening_points(durations: FloatArray) -> int:
     """Return what it costs to screen manoeuvres of some `durations` (s), shape (n,)."""
-    points = 2.0 + 0.1 * len(durations) + 0.01 * float(durations.sum())
+    points = 3.0 + 0.15 * len(durations) + 0.015 * float(durations.sum())
     return int(points if COMPILES else 8.0 * points)
 
 

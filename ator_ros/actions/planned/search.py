@@ -120,7 +120,7 @@ def find_candidates(
 
 
 class _ExitParts(NamedTuple):
-    """The exits' displacement along and across the drive, (exits, n), for first turns from grid point `low` on."""
+    """The exits' displacement along and across the drive, (exits, n), from the grid point `low` on."""
 
     low: int
     along: FloatArray

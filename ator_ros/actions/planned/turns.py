@@ -66,7 +66,7 @@ def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> Float
 
 
 class _Headings(NamedTuple):
-    """What the turn rate alone decides: times in s, (n, 1), those of the nodes and cosine and sine, (n, 16)."""
+    """What the turn rate decides: times in s, (n, 1), those of the nodes, cosine and sine, (n, 16)."""
 
     times: FloatArray
     nodes: FloatArray
@@ -81,7 +81,8 @@ def _headings(angles: FloatArray, turn_rate: Any, aw: float) -> _Headings:
 
 
 def _driven(along: _Headings, driving: Driving, limits: Limits) -> FloatArray:
-    weighted = speeds_after(driving.speed, driving.acceleration, along.nodes, limits.v) * WEIGHTS * along.times
+    speed = speeds_after(driving.speed, driving.acceleration, along.nodes, limits.v)
+    weighted = speed * WEIGHTS * along.times
     return np.stack(((weighted * along.cosines).sum(axis=-1), (weighted * along.sines).sum(axis=-1)), axis=-2)
 
 

@@ -131,7 +131,6 @@ def _exit_places(sides: tuple[Side, ...], limits: Limits) -> FloatArray:
     return places
 
 
-
 def _table(angles: FloatArray, sides: Sequence[Side], limits: Limits) -> FloatArray:
     """Compute where turns end; those at the outer speed, of which there are many, are not stored."""
     own = np.array([side.turn.speed == side.outer_speed for side in sides])
