@@ -46,9 +46,9 @@ def _counted(robot: Robot, situations: int) -> dict[str, float]:
     """Count the points of planning in ticks: the same on every computer."""
     actions = ACTION_SETS["default"]
     spent = [
-        slices_of(planned(robot), world, goal)
+        slices_of(planned, world, goal)
         for action, world, goal in hard_situations(robot, situations, seed=17)
-        if issubclass(planned := actions[action], PlannedAction)
+        if isinstance(planned := actions[action](robot), PlannedAction)
     ]
     return {
         "longest_points": max(sum(points) for slices in spent for points in slices),

@@ -16,7 +16,7 @@ Planning: TypeAlias = Generator[int | Manoeuvre, None, Found]
 
 A manoeuvre that is yielded is good enough for a robot in motion, which had better not wait for the rest.
 
-A point is about 50 µs. Points are counted, not measured, so that every computer plans alike.
+A point is 50 µs or less. Points are counted, not measured, so that every computer plans alike.
 """
 
 SLICE = 400

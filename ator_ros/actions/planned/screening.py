@@ -54,7 +54,7 @@ def look_points(duration: float) -> int:
 
 def screening_points(durations: FloatArray) -> int:
     """Return what it costs to screen manoeuvres of some `durations` (s), shape (n,)."""
-    points = 3.0 + 0.15 * len(durations) + 0.015 * float(durations.sum())
+    points = 4.0 + 0.2 * len(durations) + 0.02 * float(durations.sum())
     return int(points if COMPILES else 8.0 * points)
 
 

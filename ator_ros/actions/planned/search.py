@@ -217,7 +217,7 @@ def _ranked(start: Pose, goal: Pose, ways: Ways, least_slack: float, found: list
         speed, acceleration, rate = (row[found[side]] for row in table[2:])
         times.append(turn_times(found[2 + side], rate, limits.aw))
         speeds.append(speeds_after(speed, acceleration, times[side], limits.v))
-    slack = found[4] - speed_change_distances(*speeds, limits)
+    slack = found[4] - speed_change_distances(speeds[0], speeds[1], limits)
     kept = np.flatnonzero(slack >= least_slack)
     found, slack = [column[kept] for column in found], slack[kept]
     durations = np.zeros(len(kept))

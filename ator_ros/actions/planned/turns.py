@@ -62,7 +62,8 @@ def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> Float
     ndarray, shape (2, n)
         Forward and leftward displacement in m in the frame of the start.
     """
-    return _driven(_headings(angles, driving.turn_rate, limits.aw), driving, limits)
+    headings = _headings(angles, driving.turn_rate, limits.aw)
+    return _driven(headings, driving.speed, driving.acceleration, limits)
 
 
 class _Headings(NamedTuple):
@@ -80,9 +81,8 @@ def _headings(angles: FloatArray, turn_rate: Any, aw: float) -> _Headings:
     return _Headings(times, times * NODES, np.cos(headings), np.sin(headings))
 
 
-def _driven(along: _Headings, driving: Driving, limits: Limits) -> FloatArray:
-    speed = speeds_after(driving.speed, driving.acceleration, along.nodes, limits.v)
-    weighted = speed * WEIGHTS * along.times
+def _driven(along: _Headings, speed: Any, acceleration: Any, limits: Limits) -> FloatArray:
+    weighted = speeds_after(speed, acceleration, along.nodes, limits.v) * WEIGHTS * along.times
     return np.stack(((weighted * along.cosines).sum(axis=-1), (weighted * along.sines).sum(axis=-1)), axis=-2)
 
 
@@ -104,9 +104,9 @@ def displacement_table(
     numbers = np.array([way[:2] for way in ways])[:, :, None, None]
     for rate in sorted(set(rates.tolist())):
         which = rates == rate
-        driving = Driving(*np.moveaxis(numbers[which], 1, 0), rate)
+        speeds, accelerations = np.moveaxis(numbers[which], 1, 0)
         headings = _kept_headings(grid, rate, limits.aw)
         if kept is not None:
             headings = _Headings(*(part[kept] for part in headings))
-        table[which] = _driven(headings, driving, limits)
+        table[which] = _driven(headings, speeds, accelerations, limits)
     return table

@@ -78,7 +78,7 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
     yield 2 + (len(entries) + len(exits)) // _SIDES_A_POINT
     sides = side_table(entries), side_table(exits)
     along, across = _entry_parts(tuple(entries), limits)
-    stretches = straight_times(*sides[0][:3], limits)
+    stretches = straight_times(sides[0][0], sides[0][1], sides[0][2], limits)
     least = least_times(sides[0], stretches, GRID, along, limits)
     shortest = np.minimum(along[:, 1:], along[:, :-1])
     return Ways(
