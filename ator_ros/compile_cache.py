@@ -123,7 +123,8 @@ def _key() -> str:
     """
     digest = hashlib.sha256()
     for file in sorted(_PACKAGE.rglob("*.py")):
-        if file.parent.name == "performance" or b"@compiled" in file.read_bytes():
+        # Compiled functions of these folders also use constants of the other files there.
+        if file.parent.name in ("performance", "planned") or b"@compiled" in file.read_bytes():
             digest.update(f"{file.relative_to(_PACKAGE)}\0".encode() + file.read_bytes())
     versions = (platform.python_version(), np.__version__, numba.__version__, llvmlite.__version__)
     cpu = (llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten())
