@@ -30,7 +30,7 @@ def measure(situations: int = 120) -> dict[str, dict[str, float]]:
     robot, results = load_robot(), {}
     for name, actions in ACTION_SETS.items():
         longest = []
-        for action, world, goal in hard_situations(robot, 8, seed=16):  # as nodes do before they are ready
+        for action, world, goal in hard_situations(robot, 60, seed=16):  # as nodes do before they are ready
             tick_times(actions[action](robot), world, goal)
         for action, world, goal in hard_situations(robot, situations, seed=17):
             longest.append(max(tick_times(actions[action](robot), world, goal)))
