@@ -7,8 +7,10 @@ import math
 
 import numpy as np
 import pytest
+from candidates import candidates_between
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
+from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.planned.clearance import ball_distances
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
@@ -17,9 +19,7 @@ from ator_ros.domains.soccer.planned.manoeuvre import closed
 from ator_ros.domains.soccer.planned.opening import opening_of
 from ator_ros.domains.soccer.planned.planner import free_sides
 from ator_ros.domains.soccer.planned.profiles import straight_pieces, straight_times, turn_pieces, turn_times
-from ator_ros.domains.soccer.planned.search import find_candidates
 from ator_ros.domains.soccer.planned.trajectory import Trajectory
-from ator_ros.domains.soccer.situations import Situation
 from ator_ros.evaluation.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
 from ator_ros.robot.ball import BALL, ball_of, objects_of
@@ -63,7 +63,7 @@ def test_every_closed_candidate_meets_its_goal_within_the_limits() -> None:
     for _ in range(20):
         start, goal = random_pose(rng), random_pose(rng)
         sides = free_sides(LIMITS, 0.0, 0.0)
-        candidates = find_candidates(start, goal, sides, sides, LIMITS)
+        candidates = candidates_between(start, goal, sides, sides, LIMITS)
         manoeuvre = closed(candidates[0])
         assert manoeuvre is not None
         assert manoeuvre.duration == pytest.approx(candidates.times[0], abs=0.03)
@@ -158,7 +158,7 @@ def test_a_start_in_rotation_is_part_of_the_plan(w: float) -> None:
     start, goal = RobotState(Pose(0.5, -1.0, 0.3), 0.8, w), Pose(2.0, 1.0, 1.0)
     opening = opening_of(start, LIMITS.aw)
     sides = free_sides(LIMITS, 0.0, 0.0)
-    candidates = find_candidates(opening.end.pose, goal, free_sides(LIMITS, 0.8, 0.0), sides, LIMITS)
+    candidates = candidates_between(opening.end.pose, goal, free_sides(LIMITS, 0.8, 0.0), sides, LIMITS)
     manoeuvre = closed(candidates[0])
     assert manoeuvre is not None
     trajectory = Trajectory(manoeuvre, opening)

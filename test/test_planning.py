@@ -7,8 +7,9 @@ import math
 
 import numpy as np
 import pytest
+from candidates import candidates_between
 
-from ator_ros.actions.base import ActionError, Goal, Status
+from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned import planning
 from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
@@ -16,19 +17,24 @@ from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.manoeuvre import closed
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
-from ator_ros.domains.soccer.planned.screening import Verdict, screened
-from ator_ros.domains.soccer.planned.search import find_candidates
+from ator_ros.domains.soccer.planned.screening import (
+    Verdict,
+    screened,
+    screened_at_once,
+    touching,
+    touching_at_once,
+)
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.bench_planning import hard_situations
+from ator_ros.tools.bench_planning import hard_situations, slices_of
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = GoToPose(ROBOT).plan_limits
-LARGEST_PORTION = 12  # points
+LARGEST_PORTION = 100  # points of planning: a quarter of a slice
 
 
 def hard_worlds(count: int, seed: int) -> list[tuple[World, Goal]]:
@@ -44,7 +50,8 @@ def test_many_manoeuvres_are_judged_as_single_ones_are(forward_only: bool) -> No
         run = 0.25 * float(rng.integers(2))
         sides = run_sides(LIMITS, 0.3, run) if run else free_sides(LIMITS, 0.0, 0.0)
         start = world.robot.pose
-        candidates = find_candidates(start, goal.pose, free_sides(LIMITS, world.robot.v, 0.0), sides, LIMITS)
+        entries = free_sides(LIMITS, world.robot.v, 0.0)
+        candidates = candidates_between(start, goal.pose, entries, sides, LIMITS)
         which = rng.permutation(min(400, len(candidates)))[:30]
         obstacles = Obstacles(ball_of(world), 0.04, run)
         longest = candidates.times[which] + 0.03
@@ -64,46 +71,50 @@ def test_many_manoeuvres_are_judged_as_single_ones_are(forward_only: bool) -> No
     assert seen.min() > 2, "expected some of each verdict"
 
 
-def test_no_tick_plans_for_more_than_a_slice(monkeypatch: pytest.MonkeyPatch) -> None:
-    spent = {0.0: 0}
-    original = planning.Search.advance
+def test_compiled_code_judges_as_arrays_do() -> None:
+    seen = np.zeros(3, dtype=int)
+    for world, goal in hard_worlds(8, seed=44):
+        sides = run_sides(LIMITS, 0.3, 0.25)
+        entries = free_sides(LIMITS, world.robot.v, 0.0)
+        candidates = candidates_between(world.robot.pose, goal.pose, entries, sides, LIMITS)
+        which = np.arange(0, len(candidates), max(1, len(candidates) // 60))
+        bundle, longest = candidates.bundle(which), candidates.times[which] + 0.03
+        for forward_only in (False, True):
+            for obstacles in (Obstacles(), Obstacles(ball_of(world), 0.04, 0.25), Obstacles(ball_of(world))):
+                arguments = bundle, longest, obstacles, ROBOT
+                verdicts = screened(*arguments, forward_only=forward_only)
+                assert np.array_equal(verdicts, screened_at_once(*arguments, forward_only=forward_only))
+                seen += np.bincount(verdicts, minlength=3)
+        touches = touching(bundle, Obstacles(ball_of(world)), ROBOT)
+        assert np.array_equal(touches, touching_at_once(bundle, Obstacles(ball_of(world)), ROBOT))
+    assert seen.min() > 20, "expected some of each verdict"
 
-    def counted(self: planning.Search, time: float):  # type: ignore[no-untyped-def]
-        inner = self._planning
 
-        def watched():  # type: ignore[no-untyped-def]
-            while True:
-                try:
-                    portion = next(inner)
-                except StopIteration as done:
-                    return done.value
-                if isinstance(portion, int):
-                    assert portion <= LARGEST_PORTION
-                    spent[time] = spent.get(time, 0) + portion
-                yield portion
-
-        self._planning = watched()
-        try:
-            return original(self, time)
-        finally:
-            self._planning = inner
-
-    monkeypatch.setattr(planning.Search, "advance", counted)
+def test_no_tick_plans_for_more_than_a_slice() -> None:
     long = 0
-    for name, world, goal in hard_situations(ROBOT, 8, seed=3):
-        spent.clear()
-        action = SOCCER.actions("default")[name].factory(ROBOT)
-        try:
-            action.start(world, goal)
-            for tick in range(1, 60):
-                if action.step(world).status is not Status.RUNNING or not action.planning:
-                    break
-                world = World(0.05 * tick, RobotState(world.robot.pose), objects_of(ball_of(world)))
-        except ActionError:
-            pass
-        assert max(spent.values(), default=0) < planning.SLICE + LARGEST_PORTION
-        long += len(spent) > 1
-    assert long > 1, "expected plans that take several ticks"
+    for name, world, goal in hard_situations(ROBOT, 40, seed=3):
+        slices = slices_of(SOCCER.actions()[name].factory(ROBOT), world, goal)
+        assert max(map(sum, slices)) <= planning.SLICE
+        assert max(map(max, filter(None, slices)), default=0) <= LARGEST_PORTION
+        long += len(slices) > 1
+    assert long > 4, "expected plans that take several ticks"
+
+
+@pytest.mark.parametrize("action", ["goToPose", "dribbleBall"])
+def test_an_ordinary_way_is_planned_in_one_tick(action: str) -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(30):
+        situation = SOCCER.actions()[action].sample(ROBOT, rng)
+        world = World(0.0, situation.robot, situation.objects)
+        assert len(slices_of(SOCCER.actions()[action].factory(ROBOT), world, situation.goal)) == 1
+
+
+def test_tables_that_happen_to_be_there_cost_the_same() -> None:
+    ball = ROBOT.hold_point(Pose(1.0, 1.0, 2.0))
+    world = World(0.0, RobotState(Pose(1.0, 1.0, 2.0), 0.4321), {BALL: ObjectState(ball.x, ball.y)})
+    goal = Goal(Pose(*ROBOT.field.goal_centre(), 0.0), 0.0, Point.HOLD)
+    first, again = (slices_of(SOCCER.actions()["shoot"].factory(ROBOT), world, goal) for _ in range(2))
+    assert first == again
 
 
 def planned_at_once(world: World, goal: Goal, monkeypatch: pytest.MonkeyPatch) -> PlannedAction:
@@ -115,7 +126,8 @@ def planned_at_once(world: World, goal: Goal, monkeypatch: pytest.MonkeyPatch) -
 
 
 def hard_way(monkeypatch: pytest.MonkeyPatch) -> tuple[World, Goal, PlannedAction]:
-    """Find a situation at rest with a way that takes several slices to find."""
+    """Find a situation at rest with a way that takes several slices, of a small size, to find."""
+    monkeypatch.setattr(planning, "SLICE", 20)
     for drawn, goal in hard_worlds(60, seed=6):
         world = dataclasses.replace(
             drawn,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 
-from ator_ros.actions.base import ActionError, Goal, Point
+from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
 from ator_ros.execution.predictions import Predictor
 from ator_ros.geometry import Pose
 from ator_ros.refinement.errors import RefinementError
@@ -16,6 +17,8 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})
+_PERIOD = 0.05  # s
+_MOST_TICKS = 100
 AWAY = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0)), {BALL: ObjectState(0.0, 0.0)})
 
 
@@ -32,17 +35,36 @@ def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
 
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
-    """Plan and predict each TOP of `library` once, in a situation where that is possible."""
+    """Plan and predict each TOP of `library`, where that is easy, and beside a post, where much is tried."""
     x, y = robot.field.goal_centre()
-    pose = Pose(x - 2.0, y, 0.2)
-    hold = robot.hold_point(pose)
-    holding = World(0.0, RobotState(pose), {BALL: ObjectState(hold.x, hold.y)})
+    post = Pose(x - 0.3, y + robot.field.goal_width / 2.0 + 0.2, 0.5)
     for top in library.values():
         held = any(term.variable == "hold.x" for term in top.pre.terms)
-        world, goal = (holding, Pose(x, y, 0.0)) if held else (AWAY, Pose(0.0, 0.0, 0.0))
-        call = TopCall(top, Goal(goal, 0.0, top.point))
-        try:
-            library.action(top).start(world, call.goal)
-        except ActionError:
-            continue  # an action from outside may need another situation: its first goal waits a little
-        predictor.chain(world, TopChain((call,)))
+        if held:
+            starts = (_holding(robot, Pose(x - 2.0, y, 0.2)), _holding(robot, post))
+            goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
+        else:
+            starts, goals = (AWAY, AWAY), (Pose(0.0, 0.0, 0.0), post._replace(yaw=2.5))
+        for world, goal in zip(starts, goals, strict=True):
+            call = TopCall(top, Goal(goal, 0.0, top.point))
+            if _planned(library.action(top), world, call.goal):
+                predictor.chain(world, TopChain((call,)))
+
+
+def _holding(robot: Robot, pose: Pose) -> World:
+    hold = robot.hold_point(pose)
+    return World(0.0, RobotState(pose), {BALL: ObjectState(hold.x, hold.y)})
+
+
+def _planned(action: Action, world: World, goal: Goal) -> bool:
+    """Search to the end; False where there is no plan, as an action from outside may need something else."""
+    try:
+        action.start(world, goal)
+    except ActionError:
+        return False
+    for tick in range(1, _MOST_TICKS):
+        if not action.planning:
+            return True
+        if action.step(dataclasses.replace(world, time=_PERIOD * tick)).status is not Status.RUNNING:
+            return False
+    return False

@@ -8,6 +8,7 @@ from ator_ros.domains.soccer.planned.holding_action import HoldingAction
 from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.planner import fastest
 from ator_ros.domains.soccer.planned.planning import Planning
+from ator_ros.domains.soccer.planned.ways import ways_to_drive
 from ator_ros.world.state import World
 
 
@@ -22,8 +23,5 @@ class DribbleBall(HoldingAction):
         entries = entry_sides(self.robot, self.plan_limits, round(max(0.0, world.robot.v), 3))
         exits = exit_sides(self.robot, self.plan_limits, self.goal.speed)
         start, goal = world.robot.pose, self.target()
-        return (
-            yield from fastest(
-                self.robot, start, goal, entries, exits, self.plan_limits, Obstacles(), forward_only=True
-            )
-        )
+        ways = yield from ways_to_drive(entries, exits, self.plan_limits)
+        return (yield from fastest(self.robot, start, goal, ways, Obstacles(), forward_only=True))

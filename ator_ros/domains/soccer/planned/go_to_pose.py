@@ -11,6 +11,7 @@ from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import fastest, free_sides, run_sides
 from ator_ros.domains.soccer.planned.planning import Planning
+from ator_ros.domains.soccer.planned.ways import ways_to_drive
 from ator_ros.geometry import Pose
 from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot
@@ -52,11 +53,8 @@ class GoToPose(PlannedAction):
         exits = (run_sides if run else free_sides)(self.plan_limits, self.goal.speed, run)
         entries = free_sides(self.plan_limits, world.robot.v, 0.0)
         obstacles = Obstacles(rest, BALL_MARGIN, run)
-        return (
-            yield from fastest(
-                self.robot, world.robot.pose, self.target(), entries, exits, self.plan_limits, obstacles
-            )
-        )
+        ways = yield from ways_to_drive(entries, exits, self.plan_limits)
+        return (yield from fastest(self.robot, world.robot.pose, self.target(), ways, obstacles))
 
     def outdated(self, world: World) -> bool:
         """Return whether the ball has moved while it was still free."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -12,9 +11,16 @@ from ator_ros.actions.base import ActionError
 from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear, is_free
 from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre, Side, closed
 from ator_ros.domains.soccer.planned.planning import Planning
-from ator_ros.domains.soccer.planned.screening import PORTION_POINTS, Verdict, look_points, portions, screened
+from ator_ros.domains.soccer.planned.screening import (
+    Verdict,
+    look_points,
+    portions,
+    screened,
+    screening_points,
+)
 from ator_ros.domains.soccer.planned.search import find_candidates
 from ator_ros.domains.soccer.planned.turns import Driving
+from ator_ros.domains.soccer.planned.ways import Ways
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, Robot
 
@@ -27,7 +33,6 @@ _GRID_ERROR = 0.3  # s by which a candidate's duration is off at most
 _TRIES = 3000
 # Where the robot must not come back on its way: room for what closing a candidate changes, in m.
 _SLACK = 0.01
-_CANDIDATES_A_POINT = 2_000
 
 
 @lru_cache(maxsize=256)
@@ -55,9 +60,7 @@ def fastest(
     robot: Robot,
     start: Pose,
     goal: Pose,
-    entries: Sequence[Side],
-    exits: Sequence[Side],
-    limits: Limits,
+    ways: Ways,
     obstacles: Obstacles,
     *,
     forward_only: bool = False,
@@ -78,28 +81,28 @@ def fastest(
         )
     least_slack = _SLACK if forward_only else -math.inf
     most = longest + _GRID_ERROR
-    candidates = find_candidates(start, goal, entries, exits, limits, least_slack, most)
-    yield min(1, len(candidates)) + len(candidates) // _CANDIDATES_A_POINT
+    candidates = yield from find_candidates(start, goal, ways, least_slack, most)
     short = np.searchsorted(candidates.times, most, side="right")
     for which in portions(np.arange(short), candidates.times):
         bounds = candidates.times[which] + _SURPRISE
         verdicts = np.full(len(which), Verdict.OPEN, dtype=np.int8)
         if len(which) > 1:
+            yield screening_points(bounds)
             bundle = candidates.bundle(which)
             verdicts = screened(bundle, bounds, obstacles, robot, forward_only=forward_only)
-            yield PORTION_POINTS
-        for index, bound, verdict in zip(which, bounds, verdicts, strict=True):
-            counts = verdict != Verdict.IMPOSSIBLE
-            if verdict == Verdict.OPEN:
-                manoeuvre = closed(candidates[int(index)])
-                counts = manoeuvre is not None and _is_allowed(manoeuvre, bound, forward_only=forward_only)
-                if manoeuvre is not None and counts and is_clear(manoeuvre, obstacles, robot):
-                    return manoeuvre
-                yield look_points(bound)
-            tries -= counts
-            if tries == 0:
+        touching, counted = np.cumsum(verdicts == Verdict.TOUCHES), 0
+        for at in np.flatnonzero(verdicts == Verdict.OPEN):
+            tries, counted = tries - int(touching[at]) + counted, int(touching[at])
+            if tries <= 0:
                 break
-        if tries == 0:
+            yield look_points(bounds[at])
+            manoeuvre = closed(candidates[int(which[at])])
+            if manoeuvre is not None and _is_allowed(manoeuvre, bounds[at], forward_only=forward_only):
+                if is_clear(manoeuvre, obstacles, robot):
+                    return manoeuvre
+                tries -= 1
+        tries -= int(touching[-1]) - counted
+        if tries <= 0:
             break
     raise ActionError(
         f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m "

@@ -12,15 +12,15 @@ from ator_ros.world.state import World
 Found = TypeVar("Found")
 
 Planning: TypeAlias = Generator[int | Manoeuvre, None, Found]
-"""Work in portions: yields what each one has cost in points; returns what was found.
+"""Work in portions: yields what each one will cost in points; returns what was found.
 
 A manoeuvre that is yielded is good enough for a robot in motion, which had better not wait for the rest.
 
-A point is about a millisecond. Points are counted, not measured, so that every computer plans alike.
+A point is 50 µs or less. Points are counted, not measured, so that every computer plans alike.
 """
 
-SLICE = 20
-"""Points after which planning pauses until the next tick."""
+SLICE = 400
+"""Points in a tick: a portion that would cost more than is left of them waits for the next one."""
 _MOVED = 0.01  # m
 _TURNED = 0.02  # rad
 
@@ -47,9 +47,12 @@ class Search:
         self._start, self._planning, self._standing = world.robot, planning, standing
         self._advanced: float | None = None
         self._good: Manoeuvre | None = None
+        self._due: int | None = None  # points of the portion that comes next
 
-    def advance(self, time: float) -> Manoeuvre | None:
+    def advance(self, time: float, paid: list[int] | None = None) -> Manoeuvre | None:
         """Search for a slice, once at each `time` (s); None where there is no result yet.
+
+        The points of each portion are added to `paid`.
 
         Raises
         ------
@@ -58,18 +61,24 @@ class Search:
         """
         if time == self._advanced:
             return None
-        self._advanced, spent = time, 0
+        self._advanced = time
+        paid = [] if paid is None else paid
         try:
-            while spent < SLICE:
-                portion = next(self._planning)
-                if isinstance(portion, Manoeuvre):
-                    self._good = portion
-                else:
-                    spent += portion
+            if self._due is None:
+                self._due = self._cost_of_next()
+            while not paid or sum(paid) + self._due <= SLICE:
+                paid.append(self._due)
+                self._due = self._cost_of_next()
         except StopIteration as done:
             found: Manoeuvre = done.value
             return found
         return None if self._standing else self._good
+
+    def _cost_of_next(self) -> int:
+        """Do the portion that was paid for; return what the next one costs."""
+        while isinstance(portion := next(self._planning), Manoeuvre):
+            self._good = portion
+        return portion
 
     def holds(self, world: World) -> bool:
         """Return whether the robot still stands where the plan is to begin."""

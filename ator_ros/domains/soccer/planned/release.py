@@ -7,17 +7,17 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.profiles import straight_times
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.robot.description import Limits, Robot
 
 SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
 # Share of the way that a ball rolls out which it is sent: the rest makes up for losses. The robot, which
 # brakes harder than the ball, then comes to rest with its axle before the line.
 _ROLL_SHARE = 0.62
+_DOUBT = 1e-9  # m
 _ROOM = 0.05  # m between the robot and the goal's posts and walls
 _AIMS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # shares of half the goal's width
 _SLANTS = tuple(math.radians(angle) for angle in (-50.0, -25.0, 0.0, 25.0, 50.0))
@@ -38,7 +38,7 @@ class Release(NamedTuple):
         Time in s from the beginning of the straight until the ball is wholly behind the line.
     """
 
-    allowed: NDArray[np.bool_]
+    allowed: BoolArray
     distance: FloatArray
     speed: FloatArray
     time: FloatArray
@@ -85,6 +85,35 @@ def release(
     )
     allowed[allowed] = np.minimum(inside, beside) >= _ROOM
     return result
+
+
+def may_score(
+    robot: Robot, x: FloatArray, y: FloatArray, heading: FloatArray, yaw: float, leads: FloatArray
+) -> BoolArray:
+    """Return which straights may lead between the posts: all that `release` allows, and some others.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (sides, turns)
+        Where the straights begin without their lead, in m, in the frame of the goal's mouth.
+    heading : ndarray, shape (turns,)
+        Headings of the straights in rad, at most `SLANT`.
+    yaw : float
+        Heading of the leads in rad.
+    leads : ndarray, shape (sides, leads)
+        Leads in m, each of which moves the beginning.
+
+    Returns
+    -------
+    ndarray of bool, shape (sides, leads, turns)
+    """
+    c, s = np.cos(heading), np.sin(heading)
+    ball_x, ball_y, tangent = x + robot.hold * c, y + robot.hold * s, s / c
+    widest = robot.field.goal_width / 2.0 - (robot.reach + _ROOM) / c + _DOUBT
+    aside = (math.sin(yaw) - math.cos(yaw) * tangent) * leads[:, :, None]
+    aside += (ball_y - ball_x * tangent)[:, None]
+    before = (math.cos(yaw) * leads)[:, :, None] <= (robot.ball.radius + _DOUBT - ball_x)[:, None]
+    return np.asarray((np.abs(aside) <= widest) & before)
 
 
 def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:

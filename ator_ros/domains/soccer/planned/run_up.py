@@ -7,9 +7,11 @@ Every combination on a fine grid is tried, so that neighbouring starts find neig
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +21,16 @@ from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
 from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre, Side
 from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.profiles import straight_times, turn_times
-from ator_ros.domains.soccer.planned.release import SLANT, release
-from ator_ros.domains.soccer.planned.screening import PORTION_POINTS, look_points, portions, touching
+from ator_ros.domains.soccer.planned.release import SLANT, may_score, release
+from ator_ros.domains.soccer.planned.screening import look_points, portions, screening_points, touching
 from ator_ros.domains.soccer.planned.turns import Driving, displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.robot.description import Limits, Robot
 
 _BLOCK = 16  # entries in a portion of work
 _TRIES = 3000  # where the posts block so many, there is no room
+_TABLE_POINTS = 20
+_RUN_UPS_A_POINT = 2_200
 _TURNS: FloatArray = math.radians(1.0) * np.arange(-300, 301, dtype=float)
 _LEADS: FloatArray = np.array((0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4))
 
@@ -50,13 +54,13 @@ def run_up(
     for which in portions(np.arange(len(found)), found.times):
         touches = np.zeros(len(which), dtype=bool)
         if len(which) > 1:
+            yield screening_points(found.times[which])
             touches = touching(found.bundle(which), obstacles, robot)
-            yield PORTION_POINTS
         for index in which[~touches]:
+            yield look_points(found.times[index])
             manoeuvre = found.manoeuvre(int(index))
             if is_clear(manoeuvre, obstacles, robot):
                 return manoeuvre
-            yield look_points(found.times[index])
     return None
 
 
@@ -123,40 +127,69 @@ def _run_ups(
     robot: Robot, start: Pose, mouth: Pose, entries: Sequence[Side], limits: Limits
 ) -> Planning[_RunUps]:
     """Find the `_TRIES` fastest run-ups on the grid."""
+    yield _TABLE_POINTS
     seen = mouth.relative(start)
     kept = np.flatnonzero(np.abs(wrap_angles(seen.yaw + _TURNS)) <= SLANT)
-    table = displacement_table(_TURNS, tuple(side.turn for side in entries), limits)[:, :, kept]
-    sides, found = side_table(entries), []
-    yield 1
+    table, sides = _turns_table(entries, limits, kept), side_table(entries)
+    points = 1 + _BLOCK * len(_LEADS) * len(kept) // _RUN_UPS_A_POINT
+    columns, latest = np.zeros((12, 0)), math.inf
     for first in range(0, len(entries), _BLOCK):
+        yield points
         block = slice(first, first + _BLOCK)
-        found.append(_of_sides(robot, seen, sides[:, block], table[block], _TURNS[kept], limits))
-        yield 1
-    columns = np.concatenate(found, axis=1)
-    times = columns[-1]
-    if len(times) > _TRIES:
-        columns = columns[:, times <= np.partition(times, _TRIES - 1)[_TRIES - 1]]
+        found = _of_sides(robot, seen, sides[:, block], table[block], _TURNS[kept], limits, latest)
+        columns = np.concatenate((columns, found), axis=1)
+        if columns.shape[1] > _TRIES:
+            latest = float(np.partition(columns[-1], _TRIES - 1)[_TRIES - 1])
+            columns = columns[:, columns[-1] <= latest]
     columns = columns[:, np.argsort(columns[-1], kind="stable")[:_TRIES]]
     return _RunUps(start, mouth, limits, columns[:5], columns[5:8], *columns[8:])
 
 
+def _turns_table(entries: Sequence[Side], limits: Limits, kept: NDArray[np.intp]) -> FloatArray:
+    """Return where turns end, shape (entries, 2, kept); tables at the start's own speed are not stored."""
+    tables = []
+    for speed, group in itertools.groupby(entries, key=lambda side: side.turn.speed):
+        ways = tuple(side.turn for side in group)
+        own = speed == entries[0].outer_speed
+        tables.append(
+            displacement_table(_TURNS, ways, limits, kept) if own else _kept_table(ways, limits)[:, :, kept]
+        )
+    return np.concatenate(tables)
+
+
+@lru_cache(maxsize=64)
+def _kept_table(ways: tuple[Driving, ...], limits: Limits) -> FloatArray:
+    return displacement_table(_TURNS, ways, limits)
+
+
 def _of_sides(
-    robot: Robot, seen: Pose, sides: FloatArray, table: FloatArray, turns: FloatArray, limits: Limits
+    robot: Robot,
+    seen: Pose,
+    sides: FloatArray,
+    table: FloatArray,
+    turns: FloatArray,
+    limits: Limits,
+    latest: float,
 ) -> FloatArray:
-    """Find run-ups with some of the sides; their numbers in the order of `_RunUps`, shape (12, n)."""
+    """Find run-ups of up to `latest` s with some of the sides, shape (12, n), in the order of `_RunUps`."""
     headings = wrap_angles(seen.yaw + turns)
-    # Shapes from here on: (entries, leads, turns).
-    length, outer, speed, acceleration, rate = sides[:, :, None, None]
-    leads = length + _LEADS[:, None]
-    along, across = leads + table[:, 0, None], table[:, 1, None]
-    c, s = math.cos(seen.yaw), math.sin(seen.yaw)
-    x, y = seen.x + c * along - s * across, seen.y + s * along + c * across
-    turning = turn_times(turns, rate, limits.aw)
+    length, outer, speed, acceleration, rate = sides[:, :, None]
+    leads = length + _LEADS
+    lead_times, turning = straight_times(leads, outer, speed, limits), turn_times(turns, rate, limits.aw)
     after = speeds_after(speed, acceleration, turning, limits.v)
-    end = release(robot, x, y, headings, after, limits)
-    times = straight_times(leads, outer, speed, limits) + turning + end.time
-    entry, lead, turn = found = np.nonzero(end.allowed)
+    c, s = math.cos(seen.yaw), math.sin(seen.yaw)
+    x, y = seen.x + c * table[:, 0] - s * table[:, 1], seen.y + s * table[:, 0] + c * table[:, 1]
+    likely = may_score(robot, x, y, headings, seen.yaw, leads)
+    if math.isfinite(latest):
+        likely &= lead_times[:, :, None] + turning[:, None] <= latest
+    entry, lead, turn = np.nonzero(likely)
+    along, across = leads[entry, lead] + table[entry, 0, turn], table[entry, 1, turn]
+    x, y = seen.x + c * along - s * across, seen.y + s * along + c * across
+    end = release(robot, x, y, headings[turn], after[entry, turn], limits)
+    times = lead_times[entry, lead] + turning[entry, turn] + end.time
+    found = np.flatnonzero(end.allowed & (times <= latest))
+    entry, lead, turn = entry[found], lead[found], turn[found]
     picked = sides[:, entry]
-    picked[0] = leads[entry, lead, 0]
+    picked[0] = leads[entry, lead]
     return np.stack((*picked, x[found], y[found], headings[turn], turns[turn],
                      end.distance[found], end.speed[found], times[found]))  # fmt: skip

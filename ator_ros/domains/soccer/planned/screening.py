@@ -11,23 +11,27 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ator_ros.compiled import COMPILES
 from ator_ros.domains.soccer.goals import wall_distances
 from ator_ros.domains.soccer.planned.bundle import Bundle, closed_bundle, courses
 from ator_ros.domains.soccer.planned.clearance import STRIDE, Obstacles, ball_distances
+from ator_ros.domains.soccer.planned.compiled_motion import Bounds, End
+from ator_ros.domains.soccer.planned.compiled_screening import (
+    BACKWARD,
+    DOUBT,
+    Blocked,
+    Goals,
+    Shape,
+    judge,
+    touch,
+)
 from ator_ros.domains.soccer.planned.trajectory import DT
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState
 
-BACKWARD = -1e-6
-"""Speed in m/s below which a robot drives backward."""
-_DOUBT = 1e-8  # m, s or m/s within which the exact look decides
-
-
 _SAMPLES = 32_000  # of trajectories, in a portion of work
 _LARGEST = 64  # manoeuvres in a portion
-PORTION_POINTS = 4
-"""What a portion costs in points of planning, see `planning`."""
 
 
 class Verdict(enum.IntEnum):
@@ -52,8 +56,14 @@ def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.
 
 
 def look_points(duration: float) -> int:
-    """Return what the exact look at a manoeuvre of `duration` s costs in points."""
-    return 1 + int(duration / 20.0)
+    """Return what the exact look at a manoeuvre of `duration` s costs in points; see `planning`."""
+    return 15 + int(duration / 1.5)
+
+
+def screening_points(durations: FloatArray) -> int:
+    """Return what it costs to screen manoeuvres of some `durations` (s), shape (n,)."""
+    points = 4.0 + 0.2 * len(durations) + 0.02 * float(durations.sum())
+    return int(points if COMPILES else 8.0 * points)
 
 
 def screened(
@@ -73,37 +83,80 @@ def screened(
     ndarray of int8, shape (n,)
         A `Verdict` each.
     """
-    bundle, found = closed_bundle(bundle)
-    speeds, _ = courses(bundle)
-    duration = speeds.durations.sum(axis=1)
-    possible, certain = duration < longest - _DOUBT, np.abs(duration - longest) > _DOUBT
-    if forward_only:
-        back = ((speeds.ends < BACKWARD - _DOUBT) & (speeds.durations > _DOUBT)).any(axis=1)
-        hardly = ((speeds.ends < BACKWARD + _DOUBT) & (speeds.durations > -_DOUBT)).any(axis=1)
-        possible &= ~back
-        certain &= (back == hardly) | (duration > longest + _DOUBT)
-    certain &= found
-    verdicts = np.where(certain & ~possible, Verdict.IMPOSSIBLE, Verdict.OPEN).astype(np.int8)
-    valid = certain & possible
-    if valid.any():
-        verdicts[valid] -= touching(bundle.picked(valid), obstacles, robot)
-    return verdicts
+    if COMPILES:
+        return judge(
+            *_scalars(bundle), *_surroundings(obstacles, robot), np.ascontiguousarray(longest), forward_only
+        )
+    return screened_at_once(bundle, longest, obstacles, robot, forward_only=forward_only)
 
 
 def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
     """Return which closed manoeuvres touch an obstacle for certain; see `clearance.is_clear`."""
+    if COMPILES:
+        return touch(*_scalars(bundle), *_surroundings(obstacles, robot))
+    return touching_at_once(bundle, obstacles, robot)
+
+
+def _scalars(bundle: Bundle) -> tuple[End, Goals, Bounds]:
+    limits = bundle.limits
+    columns = (bundle.goals, bundle.entries, bundle.exits, bundle.first, bundle.last, bundle.distance)
+    return (
+        End(*map(float, bundle.start)),
+        Goals(*(np.ascontiguousarray(column, dtype=float) for column in columns)),
+        Bounds(float(limits.v), float(limits.a), float(limits.brake), float(limits.aw)),
+    )
+
+
+def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Shape, Blocked]:
+    field, ball = robot.field, obstacles.ball
+    lengths = (
+        robot.front, robot.rear, robot.half_width, robot.front + robot.fin_length,
+        robot.fin_gap / 2 + robot.fin_thickness, robot.reach,
+        field.length / 2, field.goal_width / 2, field.goal_depth,
+    )  # fmt: skip
+    x, y = (np.nan, np.nan) if ball is None else (ball.x, ball.y)
+    in_the_way = (x, y, robot.ball.radius, obstacles.ball_margin, obstacles.run)
+    return Shape(*map(float, lengths)), Blocked(*map(float, in_the_way))
+
+
+# Without numba, all manoeuvres at once: loops of Python would take too long.
+
+
+def screened_at_once(
+    bundle: Bundle, longest: FloatArray, obstacles: Obstacles, robot: Robot, *, forward_only: bool
+) -> NDArray[np.int8]:
+    """Return what `screened` does, without compiled code."""
+    bundle, found = closed_bundle(bundle)
+    speeds, _ = courses(bundle)
+    duration = speeds.durations.sum(axis=1)
+    possible, certain = duration < longest - DOUBT, np.abs(duration - longest) > DOUBT
+    if forward_only:
+        back = ((speeds.ends < BACKWARD - DOUBT) & (speeds.durations > DOUBT)).any(axis=1)
+        hardly = ((speeds.ends < BACKWARD + DOUBT) & (speeds.durations > -DOUBT)).any(axis=1)
+        possible &= ~back
+        certain &= (back == hardly) | (duration > longest + DOUBT)
+    certain &= found
+    verdicts = np.where(certain & ~possible, Verdict.IMPOSSIBLE, Verdict.OPEN).astype(np.int8)
+    valid = certain & possible
+    if valid.any():
+        verdicts[valid] -= touching_at_once(bundle.picked(valid), obstacles, robot)
+    return verdicts
+
+
+def touching_at_once(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
+    """Return what `touching` does, without compiled code."""
     speeds, turns = courses(bundle)
     duration = speeds.durations.sum(axis=1)
     grid = DT * np.arange(int(duration.max() / DT) + 2)
     times = np.minimum(grid, duration[:, None])
     poses = _poses(bundle, times, speeds.at(times), turns.at(times))
-    seen = grid[::STRIDE] < duration[:, None] - _DOUBT
+    seen = grid[::STRIDE] < duration[:, None] - DOUBT
     touches = _near_walls(poses[:, :, ::STRIDE], seen, robot)
     if obstacles.ball is None:
         return touches
     if obstacles.run > 0.0:
         left = np.hypot(poses[0] - bundle.goals[0, :, None], poses[1] - bundle.goals[1, :, None])
-        far = left > obstacles.run + _DOUBT
+        far = left > obstacles.run + DOUBT
         last = np.where(far.any(axis=1), far.shape[1] - 1 - np.argmax(far[:, ::-1], axis=1), -1)
         seen &= STRIDE * np.arange(seen.shape[1]) <= last[:, None]
     return touches | _near_ball(poses[:, :, ::STRIDE], seen, obstacles.ball, obstacles.ball_margin, robot)
@@ -134,7 +187,7 @@ def _near_walls(poses: FloatArray, seen: BoolArray, robot: Robot) -> BoolArray:
     """Return which rows of poses, shape (3, n, m), have one that is `seen` and touches a goal's wall."""
     near = seen & (np.abs(poses[0]) > robot.field.length / 2 - robot.reach)
     distances = wall_distances(poses[:, near].T, robot.field)
-    return _in_rows(near, distances < robot.reach - _DOUBT)
+    return _in_rows(near, distances < robot.reach - DOUBT)
 
 
 def _near_ball(
@@ -143,7 +196,7 @@ def _near_ball(
     body = np.hypot(max(robot.front, robot.rear), robot.half_width)
     reach = max(robot.reach, body) + robot.ball.radius + margin
     near = seen & (np.abs(poses[0] - ball.x) < reach) & (np.abs(poses[1] - ball.y) < reach)
-    return _in_rows(near, ball_distances(poses[:, near].T, ball, robot) < margin - _DOUBT)
+    return _in_rows(near, ball_distances(poses[:, near].T, ball, robot) < margin - DOUBT)
 
 
 def _in_rows(places: BoolArray, hits: BoolArray) -> BoolArray:

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.domains.soccer.planned.bundle import Bundle, side_table
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre, Side
+from ator_ros.domains.soccer.planned.bundle import Bundle
+from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
+from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.profiles import speed_change_distances, straight_times, turn_times
-from ator_ros.domains.soccer.planned.turns import displacement_table, speeds_after
+from ator_ros.domains.soccer.planned.turns import speeds_after
+from ator_ros.domains.soccer.planned.ways import GRID, HALF, STEP, Ways, least_times
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.robot.description import Limits
 
 _Parts: TypeAlias = tuple[FloatArray, FloatArray]
-_STEP = math.radians(5.0)
-_HALF = 54  # turns of up to 270 degrees either way
-_GRID: FloatArray = _STEP * np.arange(-_HALF, _HALF + 1, dtype=float)
-# The turn into the goal is looked up between grid points, so its table is one step wider.
-_WIDE_GRID: FloatArray = _STEP * np.arange(-_HALF - 1, _HALF + 2, dtype=float)
+RANK_POINTS = 4
+"""What it costs at least to rank what was found, in points of planning; see `planning`."""
+_BRACKETS_A_POINT = 50_000
+_CANDIDATES_A_POINT = 800
+_ROUNDING = 1e-9  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,17 +35,13 @@ class Candidates:
         Which sides they combine.
     first, last, distance, times : ndarray, shape (n,)
         Turns in rad, straight drive in m, durations in s (to the grid's accuracy).
-    entry_table, exit_table : ndarray, shape (5, sides)
-        The numbers of the sides, as in `Bundle`.
     slack : ndarray, shape (n,)
         How much longer the drive is than its change of speed needs, in m; negative: it overshoots.
     """
 
     start: Pose
     goal: Pose
-    limits: Limits
-    entry_sides: Sequence[Side]
-    exit_sides: Sequence[Side]
+    ways: Ways
     entries: NDArray[np.intp]
     exits: NDArray[np.intp]
     first: FloatArray
@@ -54,8 +49,6 @@ class Candidates:
     distance: FloatArray
     times: FloatArray
     slack: FloatArray
-    entry_table: FloatArray
-    exit_table: FloatArray
 
     def __len__(self) -> int:
         return len(self.times)
@@ -64,12 +57,12 @@ class Candidates:
         return Manoeuvre(
             self.start,
             self.goal,
-            self.entry_sides[self.entries[index]],
-            self.exit_sides[self.exits[index]],
+            self.ways.entry_sides[self.entries[index]],
+            self.ways.exit_sides[self.exits[index]],
             float(self.first[index]),
             float(self.last[index]),
             float(self.distance[index]),
-            self.limits,
+            self.ways.limits,
         )
 
     def bundle(self, which: NDArray[np.intp]) -> Bundle:
@@ -77,115 +70,126 @@ class Candidates:
         return Bundle(
             self.start,
             np.repeat(np.array(self.goal)[:, None], len(which), axis=1),
-            self.entry_table[:, self.entries[which]],
-            self.exit_table[:, self.exits[which]],
+            self.ways.entry_table[:, self.entries[which]],
+            self.ways.exit_table[:, self.exits[which]],
             self.first[which],
             self.last[which],
             self.distance[which],
-            self.limits,
+            self.ways.limits,
         )
 
 
 def find_candidates(
-    start: Pose,
-    goal: Pose,
-    entry_sides: Sequence[Side],
-    exit_sides: Sequence[Side],
-    limits: Limits,
-    least_slack: float = -math.inf,
-    longest: float = math.inf,
-) -> Candidates:
-    """Find all manoeuvres from `start` to `goal` that the sides allow.
+    start: Pose, goal: Pose, ways: Ways, least_slack: float = -math.inf, longest: float = math.inf
+) -> Planning[Candidates]:
+    """Find all manoeuvres from `start` to `goal` that the ways allow.
 
     For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the
     last turn. Its roots are bracketed on a grid of first turns, where the parts of both sides just add.
     Those with less slack than `least_slack` (m) are left out, and most of those that take more than
-    `longest` s: turns that alone take longer are not tried.
+    `longest` s: what takes longer without the drive is not tried.
     """
     offset = start.relative(goal)
-    along, across = _entry_parts(tuple(entry_sides), limits)
-    lanes = np.stack((offset.x * np.cos(_GRID) + offset.y * np.sin(_GRID),
-                      offset.y * np.cos(_GRID) - offset.x * np.sin(_GRID)))  # fmt: skip
-    found = []
-    rates = tuple(max(side.turn.turn_rate for side in sides) for sides in (entry_sides, exit_sides))
+    lanes = np.stack((offset.x * np.cos(GRID) + offset.y * np.sin(GRID),
+                      offset.y * np.cos(GRID) - offset.x * np.sin(GRID)))  # fmt: skip
+    found: list[tuple[NDArray[Any], ...]] = []
+    # A change of speed of robots that only drive forward takes room: drives that lack it need not be ranked.
+    least_drive = least_slack if ways.forward else -math.inf
+    fastest_turn = max(ways.entry_table[4].max(), ways.exit_table[4].max())
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
-        tried = _window(turn, rates, longest)
+        if abs(turn) > longest * fastest_turn:
+            continue
+        yield 1
+        parts = _exit_parts(ways, turn)
+        tried = _tried(ways, turn, lanes[0], parts, longest, least_drive)
         if tried is None:
             continue
-        window, exit_along, exit_across = _exit_parts(exit_sides, turn, tried, limits)
-        sideways = lanes[1, window] - across[:, window], exit_across
-        drive = lanes[0, window] - along[:, window], exit_along
-        found.append(_roots(sideways, drive, _GRID[window], turn))
-    nothing = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), *(np.zeros(0),) * 3
-    return _ranked(
-        start, goal, entry_sides, exit_sides, limits, least_slack,
-        [np.concatenate(x) for x in zip(*(found or [nothing]), strict=True)],
-    )  # fmt: skip
+        entries, exits, low, high = tried
+        yield 3 + len(entries) * len(exits) * (high - low) // _BRACKETS_A_POINT
+        on_grid, on_parts = slice(low, high), slice(low - parts.low, high - parts.low)
+        sideways = lanes[1, on_grid] - ways.across[entries, on_grid], parts.across[exits, on_parts]
+        drive = lanes[0, on_grid] - ways.along[entries, on_grid], parts.along[exits, on_parts]
+        first_of, last_of, *numbers = _roots(sideways, drive, GRID[on_grid], turn, least_drive)
+        found.append((entries[first_of], exits[last_of], *numbers))
+    many = sum(len(roots[0]) for roots in found)
+    if not many:
+        nothing, empty = np.zeros(0, dtype=np.intp), np.zeros(0)
+        return Candidates(start, goal, ways, nothing, nothing, empty, empty, empty, empty, empty)
+    yield RANK_POINTS + many // _CANDIDATES_A_POINT
+    return _ranked(start, goal, ways, least_slack, [np.concatenate(x) for x in zip(*found, strict=True)])
 
 
-def _window(turn: float, rates: Sequence[float], longest: float) -> tuple[int, int] | None:
-    """Return the least and greatest first turn, in grid steps, of manoeuvres of up to `longest` s.
+class _ExitParts(NamedTuple):
+    """The exits' displacement along and across the drive, (exits, n), from the grid point `low` on."""
 
-    The two turns, `turn` rad in all, take at least their angles divided by the greatest `rates` (rad/s).
-    None where all take longer.
-    """
-    base = math.floor(-turn / _STEP)
-    low, high = max(-_HALF, -_HALF - 1 - base), min(_HALF, _HALF - base)
-    if math.isinf(longest):
-        return low, high
-    first = _STEP * np.arange(low, high + 1)
-    least = np.abs(first) / rates[0] + np.abs(turn - first) / rates[1]
-    # Between two grid points it may be faster by half a step's turn; a root needs the points around it.
-    able = np.flatnonzero(least <= longest + _STEP / min(rates))
-    if not len(able):
-        return None
-    return max(low, low + int(able[0]) - 1), min(high, low + int(able[-1]) + 1)
+    low: int
+    along: FloatArray
+    across: FloatArray
 
 
-@lru_cache(maxsize=16)
-def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, FloatArray]:
-    """Compute the entry's displacement along and across the straight drive, shapes (sides, grid)."""
-    table = displacement_table(_GRID, tuple(side.turn for side in sides), limits)
-    x = table[:, 0] + np.array([[side.length] for side in sides])
-    y = table[:, 1]
-    c, s = np.cos(_GRID), np.sin(_GRID)
-    along, across = c * x + s * y, c * y - s * x
-    along.setflags(write=False)
-    across.setflags(write=False)
-    return along, across
-
-
-def _exit_parts(
-    sides: Sequence[Side], turn: float, tried: tuple[int, int], limits: Limits
-) -> tuple[slice, FloatArray, FloatArray]:
-    """Return the exit's displacement along and across the drive, with the window of the grid it is for.
+def _exit_parts(ways: Ways, turn: float) -> _ExitParts:
+    """Compute what the exits add to a drive.
 
     `turn` is the whole change of heading in rad, at most three half turns; the last turn is what the
-    first leaves of it, and `tried` are the least and greatest first turn, which leave one in range.
+    first leaves of it.
     """
     # last = turn - first; looked up at -last = first - turn, a constant fraction between grid points.
-    shift = -turn / _STEP
+    shift = -turn / STEP
     base = math.floor(shift)
     fraction = shift - base
-    low, high = tried
-    table = displacement_table(_WIDE_GRID, tuple(side.turn for side in sides), limits)
-    at = slice(low + base + _HALF + 1, high + base + _HALF + 2)
+    low, high = max(-HALF, -HALF - 1 - base), min(HALF, HALF - base)
+    at = slice(low + base + HALF + 1, high + base + HALF + 2)
     after = slice(at.start + 1, at.stop + 1)
-    x, y = np.moveaxis((1.0 - fraction) * table[:, :, at] + fraction * table[:, :, after], 1, 0)
-    x = x + np.array([[side.length] for side in sides])
-    window = slice(low + _HALF, high + _HALF + 1)
+    places = ways.exit_places
+    x, y = np.moveaxis((1.0 - fraction) * places[:, :, at] + fraction * places[:, :, after], 1, 0)
+    x = x + ways.exit_table[0][:, None]
     # The displacement is given in the goal's frame; the drive's heading in it is first - turn.
-    c, s = np.cos(_GRID[window] - turn), np.sin(_GRID[window] - turn)
-    return window, c * x + s * y, c * y - s * x
+    headings = GRID[low + HALF : high + HALF + 1] - turn
+    c, s = np.cos(headings), np.sin(headings)
+    return _ExitParts(low + HALF, c * x + s * y, c * y - s * x)
 
 
-def _roots(sideways: _Parts, drive: _Parts, grid: FloatArray, turn: float) -> tuple[NDArray[Any], ...]:
+def _tried(
+    ways: Ways, turn: float, lane: FloatArray, parts: _ExitParts, longest: float, least_drive: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], int, int] | None:
+    """Return the entries, the exits and the range of grid points that may do in up to `longest` s.
+
+    `lane`, shape (grid,), is how far the goal lies ahead in the drive's direction in m, `least_drive` the
+    shortest drive in m. None where all take longer, or have a shorter one.
+    """
+    low, high = parts.low, parts.low + parts.along.shape[1]
+    entries, exits = np.arange(len(ways.entry_sides)), np.arange(len(ways.exit_sides))
+    if math.isinf(longest):
+        return entries, exits, low, high
+    here, limits = slice(low, high - 1), ways.limits
+    # Bounds add up from those of both ends, between each two points of the grid; shapes (sides, steps).
+    after = least_times(ways.exit_table, ways.exit_stretches, turn - GRID[low:high], parts.along, limits)
+    left = longest + _ROUNDING - np.minimum(lane[here], lane[low + 1 : high]) / limits.v
+    room = np.maximum(lane[here], lane[low + 1 : high]) - least_drive + _ROUNDING
+    exit_shortest = np.minimum(parts.along[:, 1:], parts.along[:, :-1])
+    fit = (after <= left - ways.soonest[here]) & (exit_shortest <= room - ways.shortest[here])
+    able = np.flatnonzero(fit.any(axis=0))
+    if not len(able):
+        return None
+    used = slice(int(able[0]), int(able[-1]) + 1)
+    exits = np.flatnonzero(fit.any(axis=1))
+    left, room = left - after.min(axis=0), room - exit_shortest.min(axis=0)
+    on_grid = slice(low + used.start, low + used.stop)
+    fit = (ways.entry_least[:, on_grid] <= left[used]) & (ways.entry_shortest[:, on_grid] <= room[used])
+    return np.flatnonzero(fit.any(axis=1)), exits, on_grid.start, on_grid.stop + 1
+
+
+def _roots(
+    sideways: _Parts, drive: _Parts, grid: FloatArray, turn: float, least_drive: float
+) -> tuple[NDArray[Any], ...]:
     """Bracket the first turns at which both sides agree on the drive's lane, and interpolate.
 
     Parameters
     ----------
     sideways, drive : pair of ndarray, shapes (entries, grid) and (exits, grid)
         Where the drive lies and how long it is, each the entry's part minus the exit's, in m.
+    least_drive : float
+        Shorter drives are left out.
     """
     # The sign of each difference is all that most pairs need: no array of the differences is made.
     right_of = sideways[0][:, None] <= sideways[1]
@@ -198,36 +202,30 @@ def _roots(sideways: _Parts, drive: _Parts, grid: FloatArray, turn: float) -> tu
 
     left, right = differences(sideways, index), differences(sideways, index + 1)
     share = left / (left - right)
-    first = grid[index] + share * _STEP
+    first = grid[index] + share * STEP
     distance = (1.0 - share) * differences(drive, index) + share * differences(drive, index + 1)
+    if least_drive > -math.inf:
+        long = np.flatnonzero(distance >= least_drive)
+        entries, exits, first, distance = entries[long], exits[long], first[long], distance[long]
     return entries, exits, first, turn - first, distance
 
 
-def _ranked(
-    start: Pose, goal: Pose, entry_sides: Sequence[Side], exit_sides: Sequence[Side], limits: Limits,
-    least_slack: float, found: list[NDArray[Any]],
-) -> Candidates:  # fmt: skip
-    sides = side_table(entry_sides), side_table(exit_sides)
-
-    def turning(side: int) -> tuple[FloatArray, FloatArray]:
-        _, _, speed, acceleration, rate = sides[side][:, found[side]]
-        times = turn_times(found[2 + side], rate, limits.aw)
-        return times, speeds_after(speed, acceleration, times, limits.v)
-
-    slack = found[4] - speed_change_distances(turning(0)[1], turning(1)[1], limits)
-    kept = slack >= least_slack
+def _ranked(start: Pose, goal: Pose, ways: Ways, least_slack: float, found: list[NDArray[Any]]) -> Candidates:
+    limits = ways.limits
+    times, speeds = [], []
+    for side, table in enumerate((ways.entry_table, ways.exit_table)):
+        speed, acceleration, rate = (row[found[side]] for row in table[2:])
+        times.append(turn_times(found[2 + side], rate, limits.aw))
+        speeds.append(speeds_after(speed, acceleration, times[side], limits.v))
+    slack = found[4] - speed_change_distances(speeds[0], speeds[1], limits)
+    kept = np.flatnonzero(slack >= least_slack)
     found, slack = [column[kept] for column in found], slack[kept]
-    times, speeds = np.zeros(len(slack)), []
-    for side, (begin, end) in enumerate(((1, 2), (2, 1))):
-        turn, speed = turning(side)
-        speeds.append(speed)
-        stretch = sides[side]
-        times += turn + straight_times(stretch[0], stretch[begin], stretch[end], limits)[found[side]]
-    opening, closing = speeds
-    times += straight_times(found[4], opening, closing, limits)
-    order = np.argsort(times, kind="stable")
+    durations = np.zeros(len(kept))
+    for side, stretches in enumerate((ways.entry_stretches, ways.exit_stretches)):
+        durations += times[side][kept] + stretches[found[side]]
+    durations += straight_times(found[4], speeds[0][kept], speeds[1][kept], limits)
+    order = np.argsort(durations, kind="stable")
     entries, exits, first, last, distance = (column[order] for column in found)
     return Candidates(
-        start, goal, limits, entry_sides, exit_sides, entries, exits,
-        first, last, distance, times[order], slack[order], *sides,
-    )  # fmt: skip
+        start, goal, ways, entries, exits, first, last, distance, durations[order], slack[order]
+    )

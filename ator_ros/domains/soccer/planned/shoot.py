@@ -14,6 +14,7 @@ from ator_ros.domains.soccer.planned.planner import fastest
 from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.release import release_poses, rolling_time, scoring_time
 from ator_ros.domains.soccer.planned.run_up import run_up
+from ator_ros.domains.soccer.planned.ways import ways_to_drive
 from ator_ros.robot.ball import ball_of
 from ator_ros.world.state import World
 
@@ -50,12 +51,13 @@ class Shoot(HoldingAction):
         if one_turn is not None:
             soonest = scoring_time(robot, mouth, one_turn)
             yield one_turn
-        exits = release_sides(robot, limits)
+        ways = yield from ways_to_drive(entries, release_sides(robot, limits), limits)
         for pose in release_poses(robot, mouth, limits):
             longest = soonest - rolling_time(robot, mouth, pose, limits.v)
             with suppress(ActionError):
-                plan = yield from fastest(robot, start, pose, entries, exits, limits, Obstacles(),
-                                          forward_only=True, tries=_TRIES, longest=longest)  # fmt: skip
+                plan = yield from fastest(
+                    robot, start, pose, ways, Obstacles(), forward_only=True, tries=_TRIES, longest=longest
+                )
                 time = scoring_time(robot, mouth, plan)
                 if time < soonest:
                     best, soonest = plan, time

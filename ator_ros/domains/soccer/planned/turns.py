@@ -6,19 +6,20 @@ up to the limit. The same displacement, taken backward in time, belongs to a tur
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ator_ros.domains.soccer.planned.profiles import turn_progress, turn_times
 from ator_ros.geometry import FloatArray
 from ator_ros.robot.description import Limits
 
-# Gauss-Legendre nodes over [0, 1]; 16 of them give the displacement of a full turn to 0.1 mm.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-_NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
+_POINTS, _OVER_TWO = np.polynomial.legendre.leggauss(16)
+NODES, WEIGHTS = (_POINTS + 1.0) / 2.0, _OVER_TWO / 2.0
+"""Gauss-Legendre over [0, 1]; 16 nodes give the displacement of a full turn to 0.1 mm."""
 
 
 class Driving(NamedTuple):
@@ -61,26 +62,51 @@ def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> Float
     ndarray, shape (2, n)
         Forward and leftward displacement in m in the frame of the start.
     """
-    times = turn_times(angles[:, None], driving.turn_rate, limits.aw)
-    headings = angles[:, None] * turn_progress(_NODES, angles, driving.turn_rate, limits.aw)
-    speed = speeds_after(driving.speed, driving.acceleration, times * _NODES, limits.v)
-    weighted = speed * _WEIGHTS * times
-    return np.stack(((weighted * np.cos(headings)).sum(axis=1), (weighted * np.sin(headings)).sum(axis=1)))
+    headings = _headings(angles, driving.turn_rate, limits.aw)
+    return _driven(headings, driving.speed, driving.acceleration, limits)
 
 
-@lru_cache(maxsize=256)
-def _table(angles: bytes, ways: tuple[Driving, ...], limits: Limits) -> FloatArray:
-    grid = np.frombuffer(angles)
-    table = np.stack([displacements(grid, driving, limits) for driving in ways])
-    table.setflags(write=False)
-    return table
+class _Headings(NamedTuple):
+    """What the turn rate decides: times in s, (n, 1), those of the nodes, cosine and sine, (n, 16)."""
+
+    times: FloatArray
+    nodes: FloatArray
+    cosines: FloatArray
+    sines: FloatArray
 
 
-def displacement_table(angles: FloatArray, ways: tuple[Driving, ...], limits: Limits) -> FloatArray:
-    """Compute `displacements` for several ways to drive, shape (ways, 2, n); cached.
+def _headings(angles: FloatArray, turn_rate: Any, aw: float) -> _Headings:
+    times = turn_times(angles[:, None], turn_rate, aw)
+    headings = angles[:, None] * turn_progress(NODES, angles, turn_rate, aw)
+    return _Headings(times, times * NODES, np.cos(headings), np.sin(headings))
 
-    Ways of one speed are kept together: of a start in motion, whose speed is new, only those are computed.
+
+def _driven(along: _Headings, speed: Any, acceleration: Any, limits: Limits) -> FloatArray:
+    weighted = speeds_after(speed, acceleration, along.nodes, limits.v) * WEIGHTS * along.times
+    return np.stack(((weighted * along.cosines).sum(axis=-1), (weighted * along.sines).sum(axis=-1)), axis=-2)
+
+
+@lru_cache(maxsize=128)
+def _kept_headings(angles: bytes, turn_rate: float, aw: float) -> _Headings:
+    return _headings(np.frombuffer(angles), turn_rate, aw)
+
+
+def displacement_table(
+    angles: FloatArray, ways: Sequence[Driving], limits: Limits, kept: NDArray[np.intp] | None = None
+) -> FloatArray:
+    """Compute `displacements` for several ways to drive, shape (ways, 2, n), of the `kept` angles or all.
+
+    What a turn rate decides is kept: rates are few, speeds are not, as every start in motion has its own.
     """
-    groups = itertools.groupby(ways, key=lambda way: way.speed)
-    grid = angles.tobytes()
-    return np.concatenate([_table(grid, tuple(group), limits) for _, group in groups])
+    count = len(angles) if kept is None else len(kept)
+    grid, table = angles.tobytes(), np.empty((len(ways), 2, count))
+    rates = np.array([way.turn_rate for way in ways])
+    numbers = np.array([way[:2] for way in ways])[:, :, None, None]
+    for rate in sorted(set(rates.tolist())):
+        which = rates == rate
+        speeds, accelerations = np.moveaxis(numbers[which], 1, 0)
+        headings = _kept_headings(grid, rate, limits.aw)
+        if kept is not None:
+            headings = _Headings(*(part[kept] for part in headings))
+        table[which] = _driven(headings, speeds, accelerations, limits)
+    return table
