@@ -16,7 +16,7 @@ Planning: TypeAlias = Generator[int | Manoeuvre, None, Found]
 
 A manoeuvre that is yielded is good enough for a robot in motion, which had better not wait for the rest.
 
-A point is 90 µs or less, 60 µs as a rule. Points are counted, not measured, so that every computer plans alike.
+A point is 90 µs or less, mostly 60 µs. Points are counted, not measured, so that every computer plans alike.
 """
 
 SLICE = 320
