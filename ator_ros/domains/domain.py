@@ -39,6 +39,8 @@ class Domain:
         The TOPs that plans consist of.
     action_sets : mapping of str to tuple of ActionSpec
         Sets of actions by name, each with every action that `tops` name; one is called "default".
+    objects : tuple of str
+        Names of the objects that conditions speak of; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute in them, by name; evaluations use them.
     """
@@ -46,6 +48,7 @@ class Domain:
     name: str
     tops: tuple[Top, ...]
     action_sets: Mapping[str, tuple[ActionSpec, ...]]
+    objects: tuple[str, ...]
     chains: Mapping[str, ChainSampler]
 
     def actions(self, action_set: str = "default") -> dict[str, ActionSpec]:
