@@ -38,7 +38,7 @@ class ChainRun:
     error : float
         Distance in m between the last goal and what should have come there; NaN for a shot.
     path : tuple of (x, y, ball x, ball y)
-        In m at 10 Hz, empty unless asked for.
+        In m at 10 Hz, NaN without a ball; empty unless asked for.
     """
 
     duration: float
@@ -93,8 +93,9 @@ def run_chain(
         for tick in range(round(TIME_LIMIT * CONTROL_RATE) + 1):
             world = simulation.world()
             ball = ball_of(world)
-            if keep_path and tick % 2 == 0 and ball is not None:
-                path.append((world.robot.pose.x, world.robot.pose.y, ball.x, ball.y))
+            if keep_path and tick % 2 == 0:
+                place = (math.nan, math.nan) if ball is None else (ball.x, ball.y)
+                path.append((world.robot.pose.x, world.robot.pose.y, *place))
             seen = world if observe is None else observe(world)
             if seen.time == last:  # no word of anything newer yet
                 simulation.tick()

@@ -88,6 +88,8 @@ def _situations(records: Sequence[Record], summary: Mapping[str, Any]) -> str:
 def _models(tools: Toolset, settings: Settings) -> str:
     library = make_library(tools.robot, settings.source)
     learned = tools.models["learned"]
+    if not {"goToBall", "dribbleBall"} <= set(library):  # the figures are of the paper's TOPs
+        return ""
     go_to_pose = learned["goToPose"]
     assert isinstance(go_to_pose, PerformanceModel)
     return section(

@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import Domain
 from ator_ros.experience.collect import collect
 from ator_ros.experience.parallel import BackendError, cluster
 from ator_ros.experience.table import (
@@ -25,8 +25,10 @@ from ator_ros.files import portable_command, reserved
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import (
     INTERRUPTED,
+    add_domain,
     add_parallel_options,
     destination,
+    domain_in,
     guarded,
     undisturbed,
     whole,
@@ -36,13 +38,13 @@ _EPISODE_BYTES = 10_000
 """More than the table needs for an episode: those of the default actions take 3.3 kB."""
 
 
-def arguments() -> argparse.ArgumentParser:
+def arguments(domain: Domain) -> argparse.ArgumentParser:
     """Return the command line of `collect`."""
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
-    parser.add_argument(
-        "--actions", nargs="+", choices=list(SOCCER.actions()), default=list(SOCCER.actions())
-    )
-    parser.add_argument("--action-set", choices=list(SOCCER.action_sets), default="default")
+    add_domain(parser)
+    actions = list(domain.actions())
+    parser.add_argument("--actions", nargs="+", choices=actions, default=actions)
+    parser.add_argument("--action-set", choices=list(domain.action_sets), default="default")
     parser.add_argument("--episodes", type=whole(1), default=1000, help="per action (default: %(default)s)")
     parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
     add_parallel_options(parser)
@@ -61,15 +63,16 @@ def _table(text: str) -> Path:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options = arguments().parse_args(words)
+    domain = domain_in("collect", words)
+    options = arguments(domain).parse_args(words)
     command = portable_command("collect", words)
-    return guarded("collect", lambda: _collect(options, command))
+    return guarded("collect", lambda: _collect(domain, options, command))
 
 
-def _collect(options: argparse.Namespace, command: str) -> int:
+def _collect(domain: Domain, options: argparse.Namespace, command: str) -> int:
     require_pyarrow()
     robot = load_robot(options.robot)
-    actions = [SOCCER.actions(options.action_set)[name] for name in options.actions]
+    actions = [domain.actions(options.action_set)[name] for name in options.actions]
     frames: list[pd.DataFrame] = []
     stopped: BaseException | None = None
     room = _EPISODE_BYTES * options.episodes * len(actions)
@@ -95,6 +98,7 @@ def _collect(options: argparse.Namespace, command: str) -> int:
         metadata = {
             "seed": options.seed,
             "robot_digest": robot.digest(),
+            "domain": domain.name,
             "action_set": options.action_set,
             "complete": stopped is None,
             "command": command,

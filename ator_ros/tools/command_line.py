@@ -9,12 +9,13 @@ import io
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from ator_ros.domains.domain import DEFAULT, Domain, DomainError, find_domain
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Record, Settings
@@ -35,6 +36,7 @@ _SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 _EXPECTED = (
     BackendError,
     ConfigError,
+    DomainError,
     EvaluationError,
     ExperienceError,
     ModelFileError,
@@ -42,6 +44,24 @@ _EXPECTED = (
     RefinementError,
     TrainingError,
 )
+
+
+def domain_in(program: str, words: Sequence[str]) -> Domain:
+    """Return the domain that a command line names; the choices of its other options depend on it."""
+    parser = argparse.ArgumentParser(prog=program, add_help=False, allow_abbrev=False)
+    add_domain(parser)
+    options, _ = parser.parse_known_args(words)
+    try:
+        return find_domain(options.domain)
+    except DomainError as error:
+        parser.error(str(error))
+
+
+def add_domain(parser: argparse.ArgumentParser) -> None:
+    """Add the option that names the domain."""
+    parser.add_argument(
+        "--domain", default=DEFAULT, metavar="NAME", help="an installed domain (default: %(default)s)"
+    )
 
 
 def add_parallel_options(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.running import RESUMES, describe, prediction_text, table_text
@@ -16,10 +16,10 @@ from ator_ros.evaluation.storage import PartialResults, write_result
 from ator_ros.evaluation.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.files import portable_command
 from ator_ros.report.evaluation_page import write_report
-from ator_ros.tools.command_line import add_parallel_options, executed, guarded, whole
+from ator_ros.tools.command_line import add_domain, add_parallel_options, domain_in, executed, guarded, whole
 
 
-def arguments() -> argparse.ArgumentParser:
+def arguments(domain: Domain) -> argparse.ArgumentParser:
     """Return the command line of `evaluate`."""
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
     parser.add_argument("--situations", type=whole(), default=100, metavar="N")
@@ -42,8 +42,10 @@ def arguments() -> argparse.ArgumentParser:
         help="leave out what is predicted to take S s longer than the best (default: execute all)",
     )
     parser.add_argument("--out", type=Path, default=Path("evaluation"), metavar="DIR")
-    parser.add_argument("--chain", choices=list(SOCCER.chains), default="dribble")
-    parser.add_argument("--action-set", choices=list(SOCCER.action_sets), default="default")
+    add_domain(parser)
+    chains = list(domain.chains)
+    parser.add_argument("--chain", choices=chains, default=chains[0])
+    parser.add_argument("--action-set", choices=list(domain.action_sets), default="default")
     parser.add_argument("--policies", nargs="+", choices=list(POLICIES), help="default: all that can be run")
     parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")
     parser.add_argument(
@@ -60,7 +62,7 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options = arguments().parse_args(words)
+    options = arguments(domain_in("evaluate", words)).parse_args(words)
     command = portable_command("evaluate", words)
     return guarded("evaluate", lambda: _evaluate(options, command), interrupted=RESUMES)
 
@@ -69,7 +71,10 @@ def _evaluate(options: argparse.Namespace, command: str) -> int:
     if options.situations < 1:
         raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
     source = ToolsetSource(
-        action_set=options.action_set, models=options.models, experience=tuple(options.experience)
+        domain=options.domain,
+        action_set=options.action_set,
+        models=options.models,
+        experience=tuple(options.experience),
     )
     tools = make_toolset(source)  # before anything is executed: a damaged file shall be told at once
     policies, missing = available_policies(source)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import RESUMES
@@ -17,18 +17,19 @@ from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, read_row
 from ator_ros.files import portable_command, reserved
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.command_line import add_parallel_options, executed, guarded, whole
+from ator_ros.tools.command_line import add_domain, add_parallel_options, domain_in, executed, guarded, whole
 
 _GATE_BYTES = 100_000
 POLICIES = ("naive", "refined", "refined_speed")
 
 
-def arguments() -> argparse.ArgumentParser:
+def arguments(domain: Domain) -> argparse.ArgumentParser:
     """Return the command line of `gate`."""
     parser = argparse.ArgumentParser(prog="gate", description=__doc__)
     parser.add_argument("--situations", type=whole(10), default=400, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=301, help="of the situations (default: %(default)s)")
-    parser.add_argument("--action-set", choices=list(SOCCER.action_sets), default="default")
+    add_domain(parser)
+    parser.add_argument("--action-set", choices=list(domain.action_sets), default="default")
     parser.add_argument(
         "--models", default="", metavar="DIR", help="folder of the models (default: as shipped)"
     )
@@ -52,13 +53,13 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options = arguments().parse_args(words)
+    options = arguments(domain_in("gate", words)).parse_args(words)
     command = portable_command("gate", words)
     return guarded("gate", lambda: _learn(options, command), interrupted=RESUMES)
 
 
 def _learn(options: argparse.Namespace, command: str) -> int:
-    source = ToolsetSource(action_set=options.action_set, models=options.models)
+    source = ToolsetSource(domain=options.domain, action_set=options.action_set, models=options.models)
     if options.experience is not None:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, policies=POLICIES, source=source)

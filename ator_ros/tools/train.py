@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import Domain
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
 from ator_ros.experience.validation import FARTHEST
@@ -25,7 +25,7 @@ from ator_ros.performance.training import TrainingError, digest, train
 from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.tools.command_line import destination, guarded
+from ator_ros.tools.command_line import add_domain, destination, domain_in, guarded
 
 _MODELS_BYTES = 1_000_000
 
@@ -43,6 +43,7 @@ def arguments() -> argparse.ArgumentParser:
         default=[],
         help="other episodes, on which accuracy is measured (alone: of the models there are)",
     )
+    add_domain(parser)
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument(
         "--action-set", help="of odometry and commands that were recorded (tables and records know their own)"
@@ -70,18 +71,19 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; give the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
+    domain = domain_in("train", words)
     parser = arguments()
     options = parser.parse_args(words)
     if not (options.experience or options.fresh or options.rules or options.report):
         parser.error("expected experience to learn from, --fresh, --rules or --report")
     return guarded(
         "train",
-        lambda: _run(options, portable_command("train", words)),
+        lambda: _run(domain, options, portable_command("train", words)),
         interrupted="the models that were told of are written, no others",
     )
 
 
-def _run(options: argparse.Namespace, command: str) -> int:
+def _run(domain: Domain, options: argparse.Namespace, command: str) -> int:
     robot = load_robot(options.robot)
     folder = options.models if options.models is not None else resource_path("models")
     if options.rules:
@@ -91,7 +93,7 @@ def _run(options: argparse.Namespace, command: str) -> int:
         with reserved(folder, _MODELS_BYTES):
             pass  # a full disk is told before the work
     if options.experience:
-        _train(options, robot, folder, command)
+        _train(domain, options, robot, folder, command)
     elif options.fresh:
         _measure_again(options, robot, folder)
     if options.report:
@@ -99,7 +101,7 @@ def _run(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
-def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
+def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
     experience = _read(options.experience, robot, options.action_set)
     rows, source = experience.frame, experience.metadata
     fresh = Experience(rows[:0], {})
@@ -110,7 +112,7 @@ def _train(options: argparse.Namespace, robot: Robot, folder: Path, command: str
     for action, examples in by_action.items():
         # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
         try:
-            model = train(action, examples, robot, features=SOCCER.candidates(action, source["action_set"]))
+            model = train(action, examples, robot, features=domain.candidates(action, source["action_set"]))
         except TrainingError as error:
             errors.append(str(error))
             continue

@@ -1,0 +1,65 @@
+"""A domain that is installed from another folder is collected, learned, refined and executed as ours is."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from chain_client import ChainClient, call
+from conftest import Start
+from ros_client import Client
+
+from ator_interfaces.msg import Outcome
+from ator_ros.geometry import Pose
+
+pytestmark = pytest.mark.node
+SOURCE = Path(__file__).resolve().parents[1] / "outside" / "delivery.py"
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Install the package `delivery` as pip would, in a folder of its own; return the folder."""
+    shutil.copy(SOURCE, tmp_path)
+    metadata = tmp_path / "delivery-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: delivery\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[ator_ros.domains]\ndelivery = delivery:DELIVERY\n")
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    return tmp_path
+
+
+def run(command: str, *words: object) -> str:
+    """Run a command line in a process of its own, and return what it printed."""
+    call = ["python", "-m", f"ator_ros.tools.{command}", "--domain", "delivery", *map(str, words)]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_domain_from_another_package_is_learned_and_executed(
+    installed: Path, start: Start, client: Client
+) -> None:
+    table, models = installed / "table.parquet", installed / "models"
+    assert "turnDriveTurn: 80 episodes" in run("collect", "--episodes", 80, "--seed", 5, "--out", table)
+    assert "turnDriveTurn" in run("train", table, "--models", models)
+    words = ("--situations", 4, "--policies", "naive", "refined", "--models", models)
+    run("evaluate", *words, "--out", installed / "evaluation")
+    result = json.loads((installed / "evaluation" / "evaluation.json").read_text())
+    assert result["settings"]["source"]["domain"] == "delivery"
+
+    start("simulation", real_time_factor=10.0, command_wait=2.0)
+    start("refinement", domain="delivery", models=models, gate=False, deadline=5.0)
+    start("executor", domain="delivery", models=models, odom_timeout=5.0, refinement_timeout=20.0)
+    chains = ChainClient(client)
+    visits = [call("visit", Pose(1.0, 0.5, 3.0), opened=("yaw",)), call("visit", Pose(2.0, -1.0, 0.0))]
+    result = chains.send(visits, refine=True).result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    # Turns on the spot add up to the same whatever the heading between them, so little is to be gained.
+    assert "predicted gain" in result.record.refinement
+    for action in result.record.actions:
+        assert action.action == "turnDriveTurn"
+        assert action.predicted.duration == pytest.approx(action.actual.duration, rel=0.5)

@@ -1,0 +1,80 @@
+"""A domain of somebody else's: places to visit, with an action of their own that knows nothing of ours."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ator_ros.actions.base import Action, Goal, Status, Step, finished
+from ator_ros.actions.situation import Situation
+from ator_ros.actions.specification import ActionSpec
+from ator_ros.domains.domain import Domain
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.top import Top
+from ator_ros.world.state import Command, RobotState, World
+
+
+class TurnDriveTurn(Action):
+    """Turns to the goal, drives there, turns to the goal's heading."""
+
+    name = "turnDriveTurn"
+
+    def start(self, world: World, goal: Goal) -> None:
+        self._goal = goal.pose
+
+    def step(self, world: World) -> Step:
+        pose = world.robot.pose
+        if pose.distance(self._goal) > 0.04:
+            turn = wrap_angle(math.atan2(self._goal.y - pose.y, self._goal.x - pose.x) - pose.yaw)
+            speed = min(1.0, pose.distance(self._goal)) * max(0.0, math.cos(turn)) ** 4
+            return Step(Command(speed, self._turn(turn)), Status.RUNNING, "driving")
+        turn = wrap_angle(self._goal.yaw - pose.yaw)
+        if abs(turn) > 0.05 or abs(world.robot.w) > 0.1:
+            return Step(Command(0.0, self._turn(turn)), Status.RUNNING, "turning")
+        return finished(Status.SUCCEEDED, "arrived")
+
+    def _turn(self, angle: float) -> float:
+        limit = self.robot.limits.w
+        return max(-limit, min(limit, 3.0 * angle))
+
+
+VISIT = Top(
+    "visit",
+    "turnDriveTurn",
+    Condition(),
+    Condition(
+        (Term("robot.x", "goal.x", 0.1), Term("robot.y", "goal.y", 0.1), Term("robot.yaw", "goal.yaw", 0.2))
+    ),
+)
+
+
+def _place(rng: np.random.Generator) -> Pose:
+    return Pose(*(float(rng.uniform(-most, most)) for most in (2.5, 1.5, math.pi)))
+
+
+def drive(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a start and a goal, both at rest."""
+    return Situation("turnDriveTurn", RobotState(_place(rng)), {}, Goal(_place(rng)))
+
+
+def two_visits(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+    """Draw two places to visit; the heading at the first is open."""
+    calls = (
+        TopCall(library["visit"], Goal(_place(rng)), frozenset({"yaw"})),
+        TopCall(library["visit"], Goal(_place(rng))),
+    )
+    return World(0.0, RobotState(_place(rng))), TopChain(calls)
+
+
+DELIVERY = Domain(
+    "delivery",
+    tops=(VISIT,),
+    action_sets={"default": (ActionSpec("turnDriveTurn", TurnDriveTurn, drive),)},
+    objects=(),
+    chains={"two_visits": two_visits},
+)
