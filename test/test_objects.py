@@ -25,7 +25,8 @@ def both(*conditions: Condition) -> Condition:
 
 
 def world(**places: tuple[float, float]) -> World:
-    return World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {name: ObjectState(*xy) for name, xy in places.items()})
+    objects = {name: ObjectState(*place) for name, place in places.items()}
+    return World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), objects)
 
 
 def test_a_role_that_two_objects_could_have_goes_to_the_first_by_name() -> None:

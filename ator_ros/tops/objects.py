@@ -49,12 +49,12 @@ def held_last(top: Top) -> str | None:
 
 
 def kept(top: Top) -> str | None:
-    """Return the object that the robot holds both when a TOP starts and when it ends; None if there is none."""
+    """Return the object that the robot holds when a TOP starts and when it ends; None if there is none."""
     return held_first(top) if held_first(top) == held_last(top) else None
 
 
 def followed(top: Top) -> str | None:
-    """Return the object at which a TOP starts with its goal: the goal moves with it. None if there is none."""
+    """Return the object that a TOP's pre-condition puts at its goal, which moves with it; None if none."""
     return _at(top.pre, "goal")
 
 
