@@ -1,4 +1,4 @@
-"""Doing everything once before it counts: no first goal waits for tables to be computed (without ROS)."""
+"""Warm-up: compute all tables and compile all code before the first goal."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
         TopCall(library["goToBall"], Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD), OPEN),
         TopCall(library["dribbleBall"], Goal(Pose(2.0, 1.0, 0.0), 0.0, Point.HOLD)),
     )
-    with contextlib.suppress(RefinementError):  # then the first request says why
+    with contextlib.suppress(RefinementError):  # the first request reports it
         refiner.refine(AWAY, TopChain(calls))
 
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
-    """Plan and predict each TOP of `library`, where that is easy, and beside a post, where much is tried."""
+    """Plan and predict each TOP of `library` in the open and beside a goal post, where the search is long."""
     x, y = robot.field.goal_centre()
     post = Pose(x - 0.3, y + robot.field.goal_width / 2.0 + 0.2, 0.5)
     for top in library.values():
@@ -57,7 +57,7 @@ def _holding(robot: Robot, pose: Pose) -> World:
 
 
 def _planned(action: Action, world: World, goal: Goal) -> bool:
-    """Search to the end; False where there is no plan, as an action from outside may need something else."""
+    """Search to the end; return whether there is a plan. Actions from outside may need other situations."""
     try:
         action.start(world, goal)
     except ActionError:
