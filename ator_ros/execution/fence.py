@@ -87,7 +87,7 @@ class Fence:
         The robot must come to rest `room_inside` the edge, also after an arrival at speed. Steps whose
         post-condition does not move the robot to the goal, such as a shot, never lead out.
         """
-        if not {term.variable for term in call.top.post.terms} & {"robot.x", "hold.x"}:
+        if not call.top.arrives:
             return False
         goal = call.goal
         held_out = goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0

@@ -14,6 +14,7 @@ from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import held_first
 from ator_ros.world.state import ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})
@@ -39,8 +40,7 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     x, y = robot.field.goal_centre()
     post = Pose(x - 0.3, y + robot.field.goal_width / 2.0 + 0.2, 0.5)
     for top in library.values():
-        held = any(term.variable == "hold.x" for term in top.pre.terms)
-        if held:
+        if held_first(top) is not None:
             starts = (_holding(robot, Pose(x - 2.0, y, 0.2)), _holding(robot, post))
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
         else:
