@@ -111,7 +111,7 @@ def find_domain(name: str = DEFAULT) -> Domain:
     """
     found = {entry.name: entry for entry in entry_points(group=GROUP)}
     if name not in found:
-        raise DomainError(f"domain: expected one of {sorted(found)}, got {name!r}")
+        raise DomainError(f"domain: expected an entry point of {GROUP}, one of {sorted(found)}, got {name!r}")
     try:
         domain = found[name].load()
     except Exception as error:  # a module from outside raises anything
