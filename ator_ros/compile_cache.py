@@ -32,7 +32,7 @@ _DIGEST_BYTES = hashlib.sha256().digest_size
 _LARGEST = 50_000_000  # bytes; the largest file of ours has some 200 kB
 _PACKAGE = Path(__file__).resolve().parent
 _FOLDERS = {"motion", "performance", "domains"}
-"""Their functions are called by compiled ones in files of others, or hold constants that those compile in."""
+"""Folders whose functions or constants are used by compiled functions of other files."""
 _told: list[str] = []
 
 
