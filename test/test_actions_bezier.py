@@ -17,7 +17,7 @@ from scenarios import (
 )
 
 from ator_ros.actions.base import ActionError, Goal, Point
-from ator_ros.domains.soccer.bezier.curve import Curve, Shape, curve_to
+from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
 from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
 from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver, Pushing
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
@@ -99,7 +99,7 @@ def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
         SOCCER.actions("bezier")["shoot"].factory(robot).start(world, AXLE_GOAL)
 
 
-SHAPE = Shape(radius=0.5, run_in=0.2, near=0.15, far=0.8, per_speed=0.2)
+SHAPE = CurveShape(radius=0.5, run_in=0.2, near=0.15, far=0.8, per_speed=0.2)
 STARTS = [Pose(-2.0, 0.7, 0.4), Pose(1.5, 1.0, -2.0), Pose(0.3, -1.2, 1.0), Pose(-0.9, -0.1, 3.0)]
 
 

@@ -94,3 +94,12 @@ def test_imports_point_down(floor: str) -> None:
 def test_only_nodes_and_tools_know_ros() -> None:
     knowing = {floor_of(file) for file in FILES if {name.split(".")[0] for name in imports(file)} & ROS}
     assert knowing == WITH_ROS
+
+
+def test_no_public_class_has_the_name_of_another() -> None:
+    named: dict[str, list[str]] = {}
+    for file in FILES:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                named.setdefault(node.name, []).append(str(file.relative_to(PACKAGE)))
+    assert {name: files for name, files in named.items() if len(files) > 1} == {}

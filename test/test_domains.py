@@ -73,6 +73,11 @@ def test_an_incomplete_action_set_is_refused() -> None:
         dataclasses.replace(SOCCER, action_sets={"bezier": SOCCER.action_sets["bezier"]})
 
 
+def test_an_object_of_a_condition_must_be_one_of_the_domain() -> None:
+    with pytest.raises(DomainError, match=r"objects: expected all that conditions name, \['ball'\]"):
+        dataclasses.replace(SOCCER, objects=("cup",))
+
+
 def test_an_action_without_features_of_its_own_has_all_general_ones() -> None:
     assert SOCCER.candidates("fly") == CANDIDATES
     assert SOCCER.candidates("shoot") == SOCCER.actions()["shoot"].features

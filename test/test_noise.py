@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.evaluation.chain_run import Run
+from ator_ros.evaluation.chain_run import ChainRun
 from ator_ros.evaluation.noise import CONDITIONS, TRUTH, NoiseTask, execute, summarise
 from ator_ros.tools.noise import main
 
 
-def run(success: bool, duration: float = 10.0, reason: str = "") -> Run:
-    return Run(duration if success else 30.0, success, reason, (), 0.02)
+def run(success: bool, duration: float = 10.0, reason: str = "") -> ChainRun:
+    return ChainRun(duration if success else 30.0, success, reason, (), 0.02)
 
 
 def test_a_row_compares_with_the_truth_in_the_same_situations() -> None:

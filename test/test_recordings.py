@@ -180,7 +180,7 @@ def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None
         (0.0, 0.02, -1.0),
     ):
         odd = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=length, code=1)
-        odd.start.ball.x, odd.heading_error = place, error
+        odd.start.objects[0].position.x, odd.heading_error = place, error
         bad.append(odd)
     write_records(tmp_path / "bag", store, [*bad, good])
     experience = read_recording(tmp_path / "bag", ROBOT)
@@ -208,10 +208,12 @@ def action_performance(
         turn = types["geometry_msgs/msg/Quaternion"](*quaternion_from_yaw(where.yaw))
         return types["geometry_msgs/msg/Pose"](point(where.x, where.y, 0.0), turn)
 
+    ball = types["ator_interfaces/msg/ObjectState"](
+        name="ball", position=point(goal.x, goal.y, 0.0), velocity=vector(0.0, 0.0, 0.0)
+    )
     situation = types["ator_interfaces/msg/Situation"](
-        header=header, robot=pose(Pose(-1.0, 0.25, 0.1)), v=0.1, w=0.0, ball_known=True,
-        ball=point(goal.x, goal.y, 0.0), ball_velocity=vector(0.0, 0.0, 0.0),
-    )  # fmt: skip
+        header=header, robot=pose(Pose(-1.0, 0.25, 0.1)), v=0.1, w=0.0, objects=[ball]
+    )
     call = types["ator_interfaces/msg/TopCall"](
         top="goToBall", goal=types["geometry_msgs/msg/PoseStamped"](header, pose(goal)), speed=speed,
         open=[],

@@ -25,7 +25,7 @@ from refinement_fakes import (
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import DOMAINS, Domain
+from ator_ros.refinement.free_variables import DOMAINS, Range
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.objective import MEASURES, Measure, Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
@@ -175,7 +175,7 @@ class TestFromOutside:
         def spinning(direct: dict[str, float]) -> object:
             return turning_time(direct) + (direct["sping"] - 0.3) ** 2
 
-        domains = {**DOMAINS, "spin": lambda *_: Domain(-1.0, 1.0, 9)}
+        domains = {**DOMAINS, "spin": lambda *_: Range(-1.0, 1.0, 9)}
         learned = models() | {"goToPose": FakeModel(spinning, USED | {"sping"})}  # type: ignore[arg-type]
         chain = two_steps(ANGLE | {"spin"}).with_goal(0, SpinGoal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD))
         result = Refiner(ROBOT, learned, domains=domains).refine(world(), chain)

@@ -26,8 +26,8 @@ from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.calibration import (
     TERMS,
     Calibration,
+    PredictedStep,
     Shortfall,
-    Step,
     chain_steps,
     model_digest,
 )
@@ -56,8 +56,8 @@ def constant(action: str, seconds: float) -> Shortfall:
 ALWAYS = Calibration({action: constant(action, seconds) for action, seconds in ADDED.items()})
 
 
-def step(predicted: float = 3.0, ideal: float = 3.0, v: float = 0.0, speedg: float = 0.0) -> Step:
-    return Step({"v": v, "speedg": speedg}, predicted, 0.1, ideal, 2.0)
+def step(predicted: float = 3.0, ideal: float = 3.0, v: float = 0.0, speedg: float = 0.0) -> PredictedStep:
+    return PredictedStep({"v": v, "speedg": speedg}, predicted, 0.1, ideal, 2.0)
 
 
 def test_it_is_linear_in_its_terms_between_its_bounds() -> None:

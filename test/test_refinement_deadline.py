@@ -26,15 +26,15 @@ from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import search as search_module
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.chain_model import REPORTED, predict_chain
-from ator_ros.refinement.free_variables import Domain
+from ator_ros.refinement.free_variables import Range
 from ator_ros.refinement.projection import chain_situations
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.refinement.search import BLOCK, search, searching
 from ator_ros.refinement.slices import Result, Slices
 from ator_ros.tops.chain import TopChain
 
-CIRCLE = Domain(-math.pi, math.pi, 36, periodic=True)
-SPEED = Domain(0.0, 1.0, 6)
+CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
+SPEED = Range(0.0, 1.0, 6)
 AXES = [[CIRCLE, SPEED], [CIRCLE, SPEED], [CIRCLE], []]
 GIVEN = [np.array([1.0, 0.5]), np.array([-2.0, 0.1]), np.array([0.3]), np.zeros(0)]
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.refinement.free_variables import Domain
+from ator_ros.refinement.free_variables import Range
 from ator_ros.refinement.search import StepCost, search
 
-CIRCLE = Domain(-math.pi, math.pi, 36, periodic=True)
-SPEED = Domain(0.0, 1.0, 6)
+CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
+SPEED = Range(0.0, 1.0, 6)
 
 
 def smooth_cost(seed: int, sizes: list[int]) -> StepCost:
@@ -32,7 +32,7 @@ def smooth_cost(seed: int, sizes: list[int]) -> StepCost:
     return cost
 
 
-def brute_force(cost: StepCost, axes: list[list[Domain]], count: int) -> float:
+def brute_force(cost: StepCost, axes: list[list[Range]], count: int) -> float:
     lines = [np.linspace(d.low, d.high, count) for domains in axes for d in domains]
     grid = np.array(list(itertools.product(*lines)))
     total, column, previous = np.zeros(len(grid)), 0, np.zeros((1, 0))
@@ -54,14 +54,14 @@ def brute_force(cost: StepCost, axes: list[list[Domain]], count: int) -> float:
         ([[CIRCLE, SPEED], [CIRCLE], []], 61),
     ],
 )
-def test_joint_search_is_as_good_as_brute_force(axes: list[list[Domain]], count: int, seed: int) -> None:
+def test_joint_search_is_as_good_as_brute_force(axes: list[list[Range]], count: int, seed: int) -> None:
     cost = smooth_cost(seed, [len(domains) for domains in axes])
     optimum = search(cost, axes)
     assert optimum.cost <= brute_force(cost, axes, count) + 0.02
 
 
 @pytest.mark.parametrize("axes", [[[CIRCLE], []], [[CIRCLE], [SPEED], [CIRCLE, SPEED]]])
-def test_reported_cost_is_the_cost_of_the_values(axes: list[list[Domain]]) -> None:
+def test_reported_cost_is_the_cost_of_the_values(axes: list[list[Range]]) -> None:
     cost = smooth_cost(3, [len(domains) for domains in axes])
     optimum = search(cost, axes)
     total, previous = 0.0, np.zeros((1, 0))

@@ -13,6 +13,7 @@ from ator_ros.performance.training import CANDIDATES
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import objects_in
 from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
@@ -40,25 +41,34 @@ class Domain:
         The TOPs that plans consist of.
     action_sets : mapping of str to tuple of ActionSpec
         Sets of actions by name, each with every action that `tops` name; one is called "default".
+    objects : tuple of str
+        Names of the objects that conditions speak of; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute in them, by name; evaluations use them.
 
     Raises
     ------
     DomainError
-        There is no default set of actions, or a set lacks an action that a TOP names.
+        There is no default set of actions, a set lacks an action that a TOP names, or a condition names an
+        object that `objects` lacks.
     """
 
     name: str
     tops: tuple[Top, ...]
     action_sets: Mapping[str, tuple[ActionSpec, ...]]
+    objects: tuple[str, ...]
     chains: Mapping[str, ChainSampler]
 
     def __post_init__(self) -> None:
-        """Check that every set of actions is complete."""
+        """Check that objects and every set of actions are complete."""
         if DEFAULT_SET not in self.action_sets:
             raise DomainError(
                 f"domain {self.name}: expected an action set {DEFAULT_SET!r}, got {sorted(self.action_sets)}"
+            )
+        unknown = sorted({name for top in self.tops for name in objects_in(top)} - set(self.objects))
+        if unknown:
+            raise DomainError(
+                f"domain {self.name}: objects: expected all that conditions name, {unknown} are missing"
             )
         for action_set, specs in self.action_sets.items():
             names = {spec.name for spec in specs}

@@ -15,7 +15,14 @@ from ator_ros.evaluation.policies import Models, Toolset
 from ator_ros.evaluation.statistics import mean_interval
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall, Step, chain_steps, model_digest
+from ator_ros.refinement.calibration import (
+    TERMS,
+    Calibration,
+    PredictedStep,
+    Shortfall,
+    chain_steps,
+    model_digest,
+)
 from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -38,7 +45,7 @@ class StepExample:
         Seed and index of the situation; all chains of a situation share their start.
     action : str
         Name of the action.
-    step : Step
+    step : PredictedStep
         What is known before its execution.
     actual : float
         Actual duration in s.
@@ -48,7 +55,7 @@ class StepExample:
     policy: str
     situation: tuple[int, int]
     action: str
-    step: Step
+    step: PredictedStep
     actual: float
 
 

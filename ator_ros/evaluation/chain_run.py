@@ -22,7 +22,7 @@ TIME_LIMIT = 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ChainRun:
     """The result of one execution of a chain.
 
     Attributes
@@ -59,7 +59,7 @@ def run_chain(
     observe: Callable[[World], World] | None = None,
     fetches: int = 0,
     latency: float = 0.0,
-) -> Run:
+) -> ChainRun:
     """Execute `chain` from `start` in a new simulation.
 
     Parameters
@@ -118,14 +118,14 @@ def _judge(
     status: Status,
     message: str,
     path: tuple[tuple[float, float, float, float], ...],
-) -> Run:
+) -> ChainRun:
     actions = tuple(record.duration for record in executor.records)
     world = simulation.world()
     achieved, fault, error = _outcome(simulation, chain, world)
     if status is Status.SUCCEEDED and achieved:
-        return Run(world.time, True, message, actions, error, path)
+        return ChainRun(world.time, True, message, actions, error, path)
     reason = message if status is not Status.SUCCEEDED else fault
-    return Run(TIME_LIMIT, False, reason, actions, error, path)
+    return ChainRun(TIME_LIMIT, False, reason, actions, error, path)
 
 
 def _outcome(simulation: PioneerSimulation, chain: TopChain, world: World) -> tuple[bool, str, float]:

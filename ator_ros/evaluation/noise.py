@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.evaluation.chain_run import Run, run_chain
+from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES, Toolset
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import random_trial
@@ -31,7 +31,7 @@ _MOST_REASONS = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class SensingCondition:
     """How the executor observes the world.
 
     Attributes
@@ -53,25 +53,25 @@ class Condition:
 
 
 #: Single errors, late states, all errors; a new condition is a new row.
-CONDITIONS: Mapping[str, Condition] = MappingProxyType(
+CONDITIONS: Mapping[str, SensingCondition] = MappingProxyType(
     {
-        TRUTH: Condition(),
-        "drift": Condition(SensorConfig(drift=REALISTIC.drift, heading_drift=REALISTIC.heading_drift)),
-        "ball noise": Condition(
+        TRUTH: SensingCondition(),
+        "drift": SensingCondition(SensorConfig(drift=REALISTIC.drift, heading_drift=REALISTIC.heading_drift)),
+        "ball noise": SensingCondition(
             SensorConfig(ball_noise=REALISTIC.ball_noise, ball_velocity_noise=REALISTIC.ball_velocity_noise)
         ),
-        "ball delay": Condition(SensorConfig(ball_delay=REALISTIC.ball_delay)),
-        "ball dropouts": Condition(SensorConfig(ball_dropouts=REALISTIC.ball_dropouts)),
-        "latency": Condition(_LATE, foreseen=_LATE.latency),
-        "latency, 50 ms too much foreseen": Condition(_LATE, foreseen=0.15),
-        "latency, 50 ms too little foreseen": Condition(_LATE, foreseen=0.05),
-        "latency, not foreseen": Condition(_LATE),
-        "all": Condition(REALISTIC),
-        "all and latency": Condition(
+        "ball delay": SensingCondition(SensorConfig(ball_delay=REALISTIC.ball_delay)),
+        "ball dropouts": SensingCondition(SensorConfig(ball_dropouts=REALISTIC.ball_dropouts)),
+        "latency": SensingCondition(_LATE, foreseen=_LATE.latency),
+        "latency, 50 ms too much foreseen": SensingCondition(_LATE, foreseen=0.15),
+        "latency, 50 ms too little foreseen": SensingCondition(_LATE, foreseen=0.05),
+        "latency, not foreseen": SensingCondition(_LATE),
+        "all": SensingCondition(REALISTIC),
+        "all and latency": SensingCondition(
             dataclasses.replace(REALISTIC, latency=_LATE.latency), foreseen=_LATE.latency
         ),
-        "all, lost balls fetched": Condition(REALISTIC, fetches=2),
-        "all, untracked": Condition(REALISTIC, tracked=False),
+        "all, lost balls fetched": SensingCondition(REALISTIC, fetches=2),
+        "all, untracked": SensingCondition(REALISTIC, tracked=False),
     }
 )
 
@@ -95,7 +95,7 @@ def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
     return tools, make_library(tools.robot, source)
 
 
-def execute(task: NoiseTask) -> dict[str, Run]:
+def execute(task: NoiseTask) -> dict[str, ChainRun]:
     """Execute one situation under each condition; the policy chooses the chain from the true state."""
     tools, library = _tools(task.source)
     trial = random_trial(tools.domain, task.chain, library, seed=task.seed, index=task.index)
@@ -118,7 +118,7 @@ def execute(task: NoiseTask) -> dict[str, Run]:
     return runs
 
 
-def summarise(results: Sequence[Mapping[str, Run]]) -> list[dict[str, Any]]:
+def summarise(results: Sequence[Mapping[str, ChainRun]]) -> list[dict[str, Any]]:
     """Return statistics of the runs of many situations, one row per condition.
 
     Returns
@@ -132,7 +132,7 @@ def summarise(results: Sequence[Mapping[str, Run]]) -> list[dict[str, Any]]:
     return [_row(name, [runs[name] for runs in results], truth) for name in results[0]]
 
 
-def _row(name: str, runs: Sequence[Run], truth: Any) -> dict[str, Any]:
+def _row(name: str, runs: Sequence[ChainRun], truth: Any) -> dict[str, Any]:
     success = np.array([run.success for run in runs])
     below = 100.0 * (truth.astype(float) - success)
     draws = np.random.default_rng(0).integers(len(below), size=(_RESAMPLES, len(below)))

@@ -15,14 +15,14 @@ from ator_ros.geometry import Pose
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
-from ator_ros.refinement.free_variables import PerformanceModel
+from ator_ros.refinement.free_variables import PredictsPerformance
 from ator_ros.refinement.gate import Gate, OpenGate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
-Models = Mapping[str, PerformanceModel]
+Models = Mapping[str, PredictsPerformance]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from ator_ros.evaluation.chain_run import Run, run_chain
+from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
@@ -59,9 +59,9 @@ class Executions:
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
-        self._runs: dict[tuple[float, ...], Run] = {}
+        self._runs: dict[tuple[float, ...], ChainRun] = {}
 
-    def __call__(self, chain: TopChain) -> Run:
+    def __call__(self, chain: TopChain) -> ChainRun:
         """Return the run of `chain`."""
         key = tuple(
             round(value, 6) + 0.0
@@ -126,7 +126,7 @@ def _start(trial: Trial) -> list[float]:
     return [round(value, 4) for value in (*trial.world.robot.pose, ball.x, ball.y, *goal)]
 
 
-def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: Run) -> Record:
+def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) -> Record:
     chosen = [[round(c.goal.pose.yaw, 4), round(c.goal.speed, 3)] for c in choice.chain.calls[:-1]]
     record: Record = {"duration": round(run.duration, 3), "success": run.success, "chosen": chosen}
     record["actions"] = [round(duration, 3) for duration in run.actions]
@@ -179,7 +179,7 @@ def _oracle(
 
 def _executed(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chains: Sequence[TopChain]
-) -> list[Run | None]:
+) -> list[ChainRun | None]:
     """Execute the chains whose predicted duration is within the oracle's margin of the least."""
     costs = [predicted_cost(tools, trial, chain) for chain in chains]
     margin = settings.oracle_margin

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from ator_ros.refinement.calibration import Calibration, chosen_headings
 from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
-from ator_ros.refinement.free_variables import PerformanceModel
+from ator_ros.refinement.free_variables import PredictsPerformance
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
@@ -35,7 +35,7 @@ class Predictor:
     def __init__(
         self,
         robot: Robot,
-        models: Mapping[str, PerformanceModel],
+        models: Mapping[str, PredictsPerformance],
         calibration: Calibration | None = None,
     ) -> None:
         self._robot = robot

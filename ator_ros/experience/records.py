@@ -13,7 +13,6 @@ from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
 from ator_ros.experience.validation import FARTHEST
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import printable
-from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.world.state import ObjectState, RobotState
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
@@ -24,17 +23,16 @@ ENDED = (SUCCEEDED, FAILED)
 def episode_of(message: Any) -> Episode:
     """Return the episode that an ActionPerformance tells of; it has no samples but its start."""
     start, call = message.start, message.call
-    ball = (
-        ObjectState(start.ball.x, start.ball.y, start.ball_velocity.x, start.ball_velocity.y)
-        if start.ball_known
-        else None
-    )
+    objects = {
+        item.name: ObjectState(item.position.x, item.position.y, item.velocity.x, item.velocity.y)
+        for item in start.objects
+    }
     point = Point.AXLE if call.top == "goToPose" else Point.HOLD
     return Episode(
         situation=Situation(
             message.action,
             RobotState(pose_of(start.robot), start.v, start.w),
-            objects_of(ball),
+            objects,
             Goal(pose_of(call.goal.pose), call.speed, point),
         ),
         samples=np.empty((0, len(SAMPLE_COLUMNS))),
@@ -48,10 +46,10 @@ def episode_of(message: Any) -> Episode:
 
 def sound(episode: Episode) -> bool:
     """Return whether a model can learn from an episode: a sensor may have sent NaN."""
-    robot, goal, ball = episode.situation.robot, episode.situation.goal, ball_of(episode.situation)
+    robot, goal, objects = episode.situation.robot, episode.situation.goal, episode.situation.objects
     errors = (episode.position_error, episode.heading_error)
     numbers: tuple[float, ...] = (*robot.pose, robot.v, robot.w, *goal.pose, goal.speed, episode.duration)
-    numbers += (ball.x, ball.y) if ball is not None else ()
+    numbers += tuple(number for there in objects.values() for number in (there.x, there.y))
     return finite(numbers) and not min(episode.duration, goal.speed, *errors) < 0.0 and math.inf not in errors
 
 

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Sized
 from dataclasses import dataclass
 from typing import Any
 
+from ator_ros.files import is_name
 from ator_ros.geometry import yaw_from_quaternion
 from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
@@ -124,6 +125,13 @@ def name(text: str, where: str, *, allowed: Collection[str]) -> str:
     """Return a name if it is allowed; a very long one is not even looked up. Raises MessageError."""
     if len(text) > LONGEST_NAME or text not in allowed:
         raise MessageError(f"{where}: expected one of {sorted(allowed)}, got {quoted(text)}")
+    return text
+
+
+def plain_name(text: str, where: str) -> str:
+    """Return a name if it is one: of letters, digits and _, and not too long. Raises MessageError."""
+    if len(text) > LONGEST_NAME or not is_name(text):
+        raise MessageError(f"{where}: expected a name of letters, digits and _, got {quoted(text)}")
     return text
 
 

@@ -22,13 +22,14 @@ from ator_ros.nodes.checks import WIDEST, MessageBounds, MessageError
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
-from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.state import GOAL_VARIABLES
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 DEFAULT_ACTION_SET = "default"
+MOST_OBJECTS = 16
+"""Objects that a situation may hold."""
 
 
 # Time, poses and velocities
@@ -98,18 +99,18 @@ def robot_from(
     return seconds_from(odometry.header.stamp), state
 
 
-def ball_from(
-    odometry: Odometry, *, frame: str, where: str = "ball", bounds: MessageBounds = WIDEST
+def object_from(
+    odometry: Odometry, *, frame: str, where: str, bounds: MessageBounds = WIDEST
 ) -> tuple[float, ObjectState]:
-    """Read time in s and state of the ball, whose twist is in the header's frame, as child_frame_id says."""
+    """Read time in s and state of an object, whose twist is in the header's frame, as child_frame_id says."""
     checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
     checks.frame(odometry.child_frame_id, f"{where}.child_frame_id", expected=frame)
     position, linear = odometry.pose.pose.position, odometry.twist.twist.linear
-    ball = _ball(position, linear, f"{where}.pose", f"{where}.twist", bounds)
-    return seconds_from(odometry.header.stamp), ball
+    there = _object(position, linear, f"{where}.pose", f"{where}.twist", bounds)
+    return seconds_from(odometry.header.stamp), there
 
 
-def _ball(position: Any, linear: Any, place: str, motion: str, bounds: MessageBounds) -> ObjectState:
+def _object(position: Any, linear: Any, place: str, motion: str, bounds: MessageBounds) -> ObjectState:
     return ObjectState(
         checks.position(position.x, f"{place}: x", most=bounds.x),
         checks.position(position.y, f"{place}: y", most=bounds.y),
@@ -127,13 +128,13 @@ def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Od
     return message
 
 
-def ball_odometry_of(time: float, ball: ObjectState, *, frame: str, height: float) -> Odometry:
-    """Write the ball's position, its centre `height` m above the floor, and its velocity, both in `frame`."""
+def object_odometry_of(time: float, there: ObjectState, *, frame: str, height: float) -> Odometry:
+    """Write an object's position, `height` m above the floor, and its velocity, both in `frame`."""
     message = Odometry(child_frame_id=frame)
     message.header.stamp, message.header.frame_id = stamp_of(time), frame
     position, linear = message.pose.pose.position, message.twist.twist.linear
-    position.x, position.y, position.z = float(ball.x), float(ball.y), height
-    linear.x, linear.y = float(ball.vx), float(ball.vy)
+    position.x, position.y, position.z = float(there.x), float(there.y), height
+    linear.x, linear.y = float(there.vx), float(there.vy)
     return message
 
 
@@ -147,11 +148,19 @@ def world_from(
         checks.velocity(situation.v, f"{where}.v", most=bounds.v),
         checks.velocity(situation.w, f"{where}.w", "rad/s", most=bounds.w),
     )
-    ball = None
-    if situation.ball_known:
-        motion = f"{where}.ball_velocity"
-        ball = _ball(situation.ball, situation.ball_velocity, f"{where}.ball", motion, bounds)
-    return World(seconds_from(situation.header.stamp), robot, objects_of(ball))
+    checks.count(situation.objects, f"{where}.objects", least=0, most=MOST_OBJECTS)
+    objects = dict(
+        _named_object(item, f"{where}.objects[{number}]", bounds)
+        for number, item in enumerate(situation.objects)
+    )
+    if len(objects) != len(situation.objects):
+        raise MessageError(f"{where}.objects: expected each name once, got one twice")
+    return World(seconds_from(situation.header.stamp), robot, objects)
+
+
+def _named_object(item: msg.ObjectState, where: str, bounds: MessageBounds) -> tuple[str, ObjectState]:
+    name = checks.plain_name(item.name, f"{where}.name")
+    return name, _object(item.position, item.velocity, f"{where}.position", f"{where}.velocity", bounds)
 
 
 def situation_of(world: World, *, frame: str) -> msg.Situation:
@@ -159,11 +168,11 @@ def situation_of(world: World, *, frame: str) -> msg.Situation:
     robot = world.robot
     message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.v), w=float(robot.w))
     message.header.stamp, message.header.frame_id = stamp_of(world.time), frame
-    ball = ball_of(world)
-    if ball is not None:
-        message.ball_known = True
-        message.ball.x, message.ball.y = float(ball.x), float(ball.y)
-        message.ball_velocity.x, message.ball_velocity.y = float(ball.vx), float(ball.vy)
+    for name, there in world.objects.items():
+        item = msg.ObjectState(name=name)
+        item.position.x, item.position.y = float(there.x), float(there.y)
+        item.velocity.x, item.velocity.y = float(there.vx), float(there.vy)
+        message.objects.append(item)
     return message
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -30,7 +31,6 @@ from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.parameters import declare_parameters, digest_of, domain_of, robot_of
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.world.inputs import ClockJumpError
 from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
@@ -57,7 +57,8 @@ class ExecutorNode(Node):
         refused. A base that does not follow its commands ends a goal, and so does a way that leads out of the
         fence.
     Subscribes to
-        odom, ball (nav_msgs/Odometry): their stamps, `latency` later, are the time of the control programs.
+        odom, and the topic of each object of the domain, in soccer ball (nav_msgs/Odometry): their stamps,
+        `latency` later, are the time of the control programs.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active.
         performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
@@ -81,7 +82,8 @@ class ExecutorNode(Node):
         }
         for name, library in self._libraries.items():
             rehearse(robot, library, self._predictors[name])
-        self._inputs = inputs_of(self._settings)
+        self._objects = domain.objects
+        self._inputs = inputs_of(self._settings, self._objects)
         self._driving = Driving(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
         self._world: World | None = None
@@ -92,9 +94,8 @@ class ExecutorNode(Node):
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals = "", 0
         self._offer()
-        self._diagnostics = Diagnostics(
-            self, self._health, {"odom": Odometry, "ball": Odometry}, states=("odom", "ball")
-        )
+        topics = ("odom", *self._objects)
+        self._diagnostics = Diagnostics(self, self._health, dict.fromkeys(topics, Odometry), states=topics)
         self.get_logger().info("ready for chains")
 
     def _offer(self) -> None:
@@ -105,8 +106,9 @@ class ExecutorNode(Node):
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         answer = bounded(RefineSubgoal.Response, _MOST_IN_ANSWERS)
         self._refinement.srv_type = with_parts(RefineSubgoal, Response=answer)
-        # In this order: of messages that have both come, the ball is then taken first.
-        self.create_subscription(Odometry, "ball", self._take_ball, SENSOR_DATA)
+        # In this order: of messages that have all come, those of objects are then taken first.
+        for name in self._objects:
+            self.create_subscription(Odometry, name, partial(self._take_object, name), SENSOR_DATA)
         self.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
         self._server = DeferredActionServer(
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
@@ -115,10 +117,11 @@ class ExecutorNode(Node):
 
     # Inputs
 
-    def _take_ball(self, message: Odometry) -> None:
+    def _take_object(self, name: str, message: Odometry) -> None:
+        frame = self._settings["frame"]
         try:
-            read = conversions.ball_from(message, frame=self._settings["frame"], bounds=self._bounds)
-            remark = self._inputs.object(BALL, *read)
+            read = conversions.object_from(message, frame=frame, where=name, bounds=self._bounds)
+            remark = self._inputs.object(name, *read)
         except (MessageError, StampError) as error:
             self._note(f"ignored: {error}")
         else:
@@ -262,10 +265,11 @@ class ExecutorNode(Node):
         silence = time.monotonic() - self._heard if self._heard else None
         stale = silence is None or silence > self._settings["odom_timeout"]
         longest, self._longest_tick = self._longest_tick, 0.0
-        ball = self._world is not None and ball_of(self._world) is not None
+        known = {} if self._world is None else self._world.objects
+        overdue = self._inputs.overdue
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
-            "ball": ("overdue" if BALL in self._inputs.overdue else "known") if ball else "unknown",
+            **{name: _known(name in known, name in overdue) for name in self._objects},
             "longest time between ticks (ms)": self._ticks.take(),
             "longest tick (ms)": f"{1000.0 * longest:.1f}",
             "goal": "none" if self._run is None else self._run.execution.phase.value,
@@ -285,6 +289,10 @@ class ExecutorNode(Node):
         executor: Any = self.executor
         for _ in range(_LAST_SPINS):  # so that the answer leaves, also to a client that asks for it only now
             executor.spin_once(timeout_sec=0.01)
+
+
+def _known(known: bool, overdue: bool) -> str:
+    return ("overdue" if overdue else "known") if known else "unknown"
 
 
 def main(args: list[str] | None = None) -> None:

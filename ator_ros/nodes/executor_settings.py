@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines
 from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.world.inputs import Inputs
 from ator_ros.world.sightings import Sightings
@@ -35,16 +34,16 @@ PARAMETERS = (
 )
 
 
-def inputs_of(settings: Mapping[str, Any]) -> Inputs:
-    """Return what joins odometry and ball; raises SetupError."""
+def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
+    """Return what joins odometry and the objects; raises SetupError."""
     noise, velocity_noise = settings["ball_noise"], settings["ball_velocity_noise"]
     if (noise > 0.0) != (velocity_noise > 0.0):
         raise SetupError(
             "parameters ball_noise and ball_velocity_noise: expected both above 0 or both 0, "
             f"got {noise:g} and {velocity_noise:g}"
         )
-    tracker = ObjectTracker(noise, velocity_noise)
-    return Inputs({BALL: Sightings(BALL, settings["ball_timeout"], tracker)})
+    timeout = settings["ball_timeout"]
+    return Inputs({name: Sightings(name, timeout, ObjectTracker(noise, velocity_noise)) for name in objects})
 
 
 def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:

@@ -172,7 +172,7 @@ class SimulationNode(Node):
         ball = ball_of(world)
         if ball is not None:
             height = self._robot.ball.radius
-            self._ball.publish(conversions.ball_odometry_of(world.time, ball, frame=frame, height=height))
+            self._ball.publish(conversions.object_odometry_of(world.time, ball, frame=frame, height=height))
         robot_frame = self._settings["robot_frame"]
         odometry = conversions.odometry_of(world.time, world.robot, frame=frame, child=robot_frame)
         self._odom.publish(odometry)

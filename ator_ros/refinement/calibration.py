@@ -36,7 +36,7 @@ BEYOND = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class PredictedStep:
     """One action of a chain, as its prediction is judged.
 
     Attributes
@@ -61,12 +61,12 @@ class Step:
     heading_open: bool = False
 
 
-def _below_ideal(step: Step) -> float:
+def _below_ideal(step: PredictedStep) -> float:
     return min(max(step.ideal - step.predicted, 0.0), BEYOND)
 
 
 #: What the shortfall is linear in, with units.
-TERMS: Mapping[str, tuple[Callable[[Step], float], str]] = MappingProxyType(
+TERMS: Mapping[str, tuple[Callable[[PredictedStep], float], str]] = MappingProxyType(
     {
         "below_ideal": (_below_ideal, "s"),
         "below_ideal_v": (lambda step: _below_ideal(step) * float(step.direct["v"]), "m"),
@@ -105,7 +105,7 @@ class Shortfall:
     high: float
     model: str
 
-    def of(self, step: Step) -> float:
+    def of(self, step: PredictedStep) -> float:
         """Return the expected shortfall of the prediction of `step` in s."""
         value = self.constant + sum(slope * TERMS[name][0](step) for name, slope in self.slopes.items())
         return min(max(value, self.low), self.high)
@@ -168,7 +168,11 @@ class Calibration:
         ]
 
     def _corrected(
-        self, chain: TopChain, prediction: ChainPrediction, steps: Sequence[Step | None], weight: float
+        self,
+        chain: TopChain,
+        prediction: ChainPrediction,
+        steps: Sequence[PredictedStep | None],
+        weight: float,
     ) -> ChainPrediction:
         actions, added = [dict(action) for action in prediction.actions], 0.0
         for call, step, action in zip(chain.calls, steps, actions, strict=True):
@@ -186,12 +190,12 @@ def chain_steps(
     models: Mapping[str, Any],
     robot: Robot,
     chosen: Sequence[bool] | None = None,
-) -> list[list[Step | None]]:
+) -> list[list[PredictedStep | None]]:
     """Return the steps of each predicted chain, all of the same TOPs, as `Calibration.corrected` takes them.
 
     A step is None where it has no model of ours or no finite prediction.
     """
-    steps: list[list[Step | None]] = [[None] * len(chain.calls) for chain, _ in predictions]
+    steps: list[list[PredictedStep | None]] = [[None] * len(chain.calls) for chain, _ in predictions]
     situations = [chain_situations(world, chain, robot) for chain, _ in predictions]
     calls = predictions[0][0].calls
     chosen = chosen_headings(predictions[0][0], models, robot) if chosen is None else chosen
@@ -220,7 +224,7 @@ def chosen_headings(chain: TopChain, models: Mapping[str, Any], robot: Robot) ->
 
 def _steps(
     situations: Sequence[Columns], actions: Sequence[Mapping[str, float]], model: Any, robot: Robot
-) -> list[Step | None]:
+) -> list[PredictedStep | None]:
     """Return the executions of one action in chains; the features of all are computed at once."""
     if not isinstance(model, PerformanceModel):
         return [None] * len(actions)
@@ -231,12 +235,14 @@ def _steps(
     return [_step(*row) for row in zip(situations, actions, table, strict=True)]
 
 
-def _step(direct: Columns, action: Mapping[str, float], features: Sequence[float]) -> Step | None:
+def _step(direct: Columns, action: Mapping[str, float], features: Sequence[float]) -> PredictedStep | None:
     predicted = action.get("duration", math.nan)
     # Squares of places that are far away overflow.
     if not all(map(math.isfinite, (predicted, *features))):
         return None
-    return Step(direct, predicted, action.get("spread", 0.0), [predicted, *features[1:]][-1], features[0])
+    return PredictedStep(
+        direct, predicted, action.get("spread", 0.0), [predicted, *features[1:]][-1], features[0]
+    )
 
 
 def _ideal_of(names: Sequence[str]) -> str | None:

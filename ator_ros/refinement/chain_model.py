@@ -12,7 +12,7 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import FreeVariable, PerformanceModel, goal_values
+from ator_ros.refinement.free_variables import FreeVariable, PredictsPerformance, goal_values
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.projection import (
     Columns,
@@ -102,7 +102,7 @@ class ChainModel:
         chain: TopChain,
         robot: Robot,
         *,
-        models: Mapping[str, PerformanceModel],
+        models: Mapping[str, PredictsPerformance],
         free: Sequence[FreeVariable],
         objective: Objective,
         memory: Memory | None = None,
@@ -169,7 +169,7 @@ class ChainModel:
         return fields, _row(costs, row)
 
     def _known(
-        self, index: int, model: PerformanceModel, before: FloatArray, after: FloatArray
+        self, index: int, model: PredictsPerformance, before: FloatArray, after: FloatArray
     ) -> tuple[Any, FloatArray, int]:
         """Return what holds one candidate, and its row there: what was searched is not predicted again."""
         for searched in reversed(self._searched[index]):
@@ -190,7 +190,7 @@ class ChainModel:
             index == 0 or np.array_equal(before, self.given[index - 1])
         )
 
-    def _step_as_given(self, index: int, model: PerformanceModel) -> _Alone:
+    def _step_as_given(self, index: int, model: PredictsPerformance) -> _Alone:
         """Predict a step of the chain as it is, and with it all others of the same action.
 
         That costs hardly more than one step, and of long chains whose time is up most steps stay as they are.
@@ -224,7 +224,7 @@ class ChainModel:
         goal = self._calls[index].goal
         return direct_columns(start, goal_columns(goal, self.names[index], after), goal.point)
 
-    def _predict(self, index: int, model: PerformanceModel, before: FloatArray, after: FloatArray) -> Any:
+    def _predict(self, index: int, model: PredictsPerformance, before: FloatArray, after: FloatArray) -> Any:
         direct = self._direct(index, before, after)
         key = (self._calls[index].top.action, self._fields, *map(_hashable, direct.values()))
         if key not in self._memory:
@@ -243,7 +243,7 @@ class ChainModel:
 def predict_chain(
     world: World,
     chain: TopChain,
-    models: Mapping[str, PerformanceModel],
+    models: Mapping[str, PredictsPerformance],
     robot: Robot,
     objective: Objective | None = None,
 ) -> ChainPrediction:

@@ -23,7 +23,7 @@ ARRIVAL_SPEED = 0.8
 """Greatest arrival speed in m/s that is searched, and that situations to learn from are drawn with."""
 
 
-class PerformanceModel(Protocol):
+class PredictsPerformance(Protocol):
     """What refinement needs of a performance model (`ator_ros.performance.model` has the learned one)."""
 
     @property
@@ -35,7 +35,7 @@ class PerformanceModel(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Domain:
+class Range:
     """The values that a goal variable may take.
 
     Attributes
@@ -62,17 +62,17 @@ class Domain:
         return math.isfinite(value) and (self.periodic or self.low - slack <= value <= self.high + slack)
 
 
-def _speed_domain(robot: Robot, goal: Goal) -> Domain:
+def _speed_domain(robot: Robot, goal: Goal) -> Range:
     limits = robot.dribble_limits if goal.point is Point.HOLD else robot.limits
-    return Domain(0.0, min(limits.v, ARRIVAL_SPEED), 6, rest=0.0)
+    return Range(0.0, min(limits.v, ARRIVAL_SPEED), 6, rest=0.0)
 
 
-#: Domain of each goal variable; a new goal variable is a new row, here or in what is given to the refiner.
-DOMAINS: Mapping[str, Callable[[Robot, Goal], Domain]] = MappingProxyType(
+#: Range of each goal variable; a new goal variable is a new row, here or in what is given to the refiner.
+DOMAINS: Mapping[str, Callable[[Robot, Goal], Range]] = MappingProxyType(
     {
-        "x": lambda robot, _: Domain(-robot.field.length / 2, robot.field.length / 2, 16),
-        "y": lambda robot, _: Domain(-robot.field.width / 2, robot.field.width / 2, 10),
-        "yaw": lambda *_: Domain(-math.pi, math.pi, 36, periodic=True),
+        "x": lambda robot, _: Range(-robot.field.length / 2, robot.field.length / 2, 16),
+        "y": lambda robot, _: Range(-robot.field.width / 2, robot.field.width / 2, 10),
+        "yaw": lambda *_: Range(-math.pi, math.pi, 36, periodic=True),
         "speed": _speed_domain,
     }
 )
@@ -84,7 +84,7 @@ class FreeVariable:
 
     subgoal: int
     name: str
-    domain: Domain
+    domain: Range
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,9 +139,9 @@ def start_variables(name: str, point: Point) -> frozenset[str]:
 
 def analyse(
     chain: TopChain,
-    models: Mapping[str, PerformanceModel],
+    models: Mapping[str, PredictsPerformance],
     robot: Robot,
-    domains: Mapping[str, Callable[[Robot, Goal], Domain]] = DOMAINS,
+    domains: Mapping[str, Callable[[Robot, Goal], Range]] = DOMAINS,
 ) -> Analysis:
     """Compute the free variables of a chain.
 
@@ -190,7 +190,7 @@ def _why_closed(call: TopCall, name: str) -> str | None:
 
 
 def _why_unknown(
-    chain: TopChain, index: int, name: str, models: Mapping[str, PerformanceModel]
+    chain: TopChain, index: int, name: str, models: Mapping[str, PredictsPerformance]
 ) -> str | None:
     """Return why nothing is known of how the variable changes the performance."""
     changed = {index: frozenset({goal_variable(name)})}

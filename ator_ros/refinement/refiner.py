@@ -16,9 +16,9 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import (
     DOMAINS,
     Analysis,
-    Domain,
     FreeVariable,
-    PerformanceModel,
+    PredictsPerformance,
+    Range,
     analyse,
     goal_values,
     goal_variable,
@@ -57,10 +57,10 @@ class Refiner:
     def __init__(
         self,
         robot: Robot,
-        models: Mapping[str, PerformanceModel],
+        models: Mapping[str, PredictsPerformance],
         gate: Gate | None = None,
         *,
-        domains: Mapping[str, Callable[[Robot, Goal], Domain]] = DOMAINS,
+        domains: Mapping[str, Callable[[Robot, Goal], Range]] = DOMAINS,
         calibration: Calibration | None = None,
     ) -> None:
         self.robot = robot
@@ -286,7 +286,7 @@ def _replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopCh
     return chain.with_goal(index, with_values(chain.calls[index].goal, values))
 
 
-def _axes(chain: TopChain, free: Sequence[FreeVariable]) -> list[list[Domain]]:
+def _axes(chain: TopChain, free: Sequence[FreeVariable]) -> list[list[Range]]:
     return [
         [variable.domain for variable in free if variable.subgoal == index]
         for index in range(len(chain.calls))

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.free_variables import Domain
+from ator_ros.refinement.free_variables import Range
 from ator_ros.refinement.slices import Slices, completed
 
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
@@ -39,7 +39,7 @@ BLOCK = 384
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class SearchCurve:
     """What was searched at one subgoal.
 
     Attributes
@@ -63,7 +63,7 @@ class Optimum:
 
     values: tuple[FloatArray, ...]
     cost: float
-    curves: tuple[Curve, ...]
+    curves: tuple[SearchCurve, ...]
     complete: bool = True
 
 
@@ -79,7 +79,7 @@ class _Path:
 
 
 def search(
-    step_cost: StepCost, axes: Sequence[Sequence[Domain]], given: Sequence[FloatArray] | None = None
+    step_cost: StepCost, axes: Sequence[Sequence[Range]], given: Sequence[FloatArray] | None = None
 ) -> Optimum:
     """Find the values of all free variables for which the cost of the whole chain is least.
 
@@ -98,7 +98,7 @@ def search(
 
 
 def searching(
-    step_cost: StepCost, axes: Sequence[Sequence[Domain]], given: Sequence[FloatArray] | None = None
+    step_cost: StepCost, axes: Sequence[Sequence[Range]], given: Sequence[FloatArray] | None = None
 ) -> Slices[Optimum]:
     """Search as `search` does, in slices; when time is up, subgoals not yet searched keep what is `given`.
 
@@ -109,7 +109,7 @@ def searching(
     candidates = [_with(g, v) for g, v in zip(grids, known, strict=True)] if known else grids
     first = yield from _least_path(step_cost, candidates, known)
     curves = tuple(
-        Curve(grid, total[: len(grid)]) if searched is offered else Curve(searched, total)
+        SearchCurve(grid, total[: len(grid)]) if searched is offered else SearchCurve(searched, total)
         for grid, offered, searched, total in zip(
             grids, candidates, first.candidates, first.totals, strict=True
         )
@@ -130,12 +130,12 @@ def searching(
 
 def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
     """Return what is known without any search: the values of each subgoal, shapes (k,), and their cost."""
-    curves = tuple(Curve(values[None, :], np.array([cost])) for values in given)
+    curves = tuple(SearchCurve(values[None, :], np.array([cost])) for values in given)
     return Optimum(tuple(given), cost, curves, complete=False)
 
 
 @lru_cache(maxsize=32)
-def _first_grids(axes: tuple[tuple[Domain, ...], ...]) -> tuple[list[FloatArray], list[FloatArray]]:
+def _first_grids(axes: tuple[tuple[Range, ...], ...]) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return for each subgoal the first candidates, shape (n, k), and their distances, shape (k,).
 
     Plans are repeated, so grids are kept; nobody may write to them.
@@ -172,7 +172,7 @@ def _product(lines: Sequence[FloatArray]) -> FloatArray:
     return np.stack([axis.ravel() for axis in np.meshgrid(*lines, indexing="ij")], axis=1)
 
 
-def _window(centre: FloatArray, step: FloatArray, domains: Sequence[Domain]) -> FloatArray:
+def _window(centre: FloatArray, step: FloatArray, domains: Sequence[Range]) -> FloatArray:
     """Return candidates, shape (n, k), that divide the steps of the first grid around `centre`."""
     count = ZOOM_STEPS[min(len(domains), len(ZOOM_STEPS)) - 1]
     window = _product([c + s * np.linspace(-1.0, 1.0, count) for c, s in zip(centre, step, strict=True)])

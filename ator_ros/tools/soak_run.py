@@ -24,7 +24,7 @@ MOST_HICCUPS = 10
 _WRITING_PERIOD = 60.0
 
 
-class Run:
+class SoakRun:
     """The chains of one soak.
 
     Parameters
@@ -119,7 +119,7 @@ def run(
     from ator_ros.tools.soak_client import SoakClient
 
     with all_nodes(real_time_factor) as nodes, SoakClient(nodes.domain, nodes.check) as client:
-        made = Run(duration=duration, seed=seed, nodes=nodes, client=client, write=write)
+        made = SoakRun(duration=duration, seed=seed, nodes=nodes, client=client, write=write)
         try:
             made.go()
         finally:

@@ -17,7 +17,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from ator_interfaces.msg import TopCall
+from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import library_versions
@@ -111,8 +111,9 @@ def place_ball(request: RefineSubgoal.Request) -> None:
     for call in request.chain.calls:
         place = call.goal.pose.position
         if call.top == "goToBall" and ball is None:
-            request.situation.ball_known = True
-            request.situation.ball.x, request.situation.ball.y = place.x, place.y
+            there = ObjectState(name="ball")
+            there.position.x, there.position.y = place.x, place.y
+            request.situation.objects = [there]
         elif call.top == "goToBall":
             place.x, place.y = ball.x, ball.y
         if call.top != "goToPose":

@@ -11,7 +11,7 @@ import time
 import rclpy
 from rclpy.node import Node
 
-from ator_interfaces.msg import TopCall
+from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
@@ -29,7 +29,7 @@ def short_request() -> RefineSubgoal.Request:
     """Return a request for the heading at the ball before a dribble."""
     request = RefineSubgoal.Request()
     request.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
-    request.situation.ball_known = True
+    request.situation.objects = [ObjectState(name="ball")]
     request.chain.calls = [
         call("goToBall", Pose(0.0, 0.0, 3.0), ("yaw",)),
         call("dribbleBall", Pose(0.5, 2.0, 1.5), ()),

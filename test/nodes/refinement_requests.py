@@ -7,7 +7,7 @@ from pathlib import Path
 from experience_rows import made_up_experience
 from ros_client import Client
 
-from ator_interfaces.msg import TopCall
+from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
@@ -34,7 +34,7 @@ def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:
     """Ask for the angle at which the ball is approached before it is dribbled, in comparison with `yaw`."""
     request = RefineSubgoal.Request(want_curve=True, as_given=True)
     request.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
-    request.situation.ball_known = True
+    request.situation.objects = [ObjectState(name="ball")]
     request.chain.calls = [
         call("goToBall", Pose(0.0, 0.0, yaw), opened=("yaw",)),
         call("dribbleBall", Pose(0.5, 2.0, 1.5)),

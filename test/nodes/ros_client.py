@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import ball_from, pose_of, robot_from, seconds_from
+from ator_ros.nodes.conversions import object_from, pose_of, robot_from, seconds_from
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -55,7 +55,7 @@ class Client:
         self.robots.append(robot_from(message, frame="odom"))
 
     def _hear_ball(self, message: Odometry) -> None:
-        self.balls.append(ball_from(message, frame="odom"))
+        self.balls.append(object_from(message, frame="odom", where="ball"))
 
     def listen(self, kind: type, topic: str, qos: Any) -> list[Any]:
         """Subscribe to a topic; the list that is returned grows with every message."""

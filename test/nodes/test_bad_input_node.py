@@ -18,7 +18,7 @@ from std_msgs.msg import String
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import ball_odometry_of, odometry_of
+from ator_ros.nodes.conversions import object_odometry_of, odometry_of
 from ator_ros.nodes.network import PROFILES
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
 from ator_ros.world.state import ObjectState, RobotState
@@ -44,7 +44,7 @@ class Sensors:
         """Send the next state, changed; `ball` says which of both messages is changed."""
         self._time += 0.05
         robot = odometry_of(self._time, RobotState(Pose(0.0, 0.0, 0.0)), frame="odom", child="base_link")
-        place = ball_odometry_of(self._time, ObjectState(-2.0, 1.0), frame="odom", height=0.1)
+        place = object_odometry_of(self._time, ObjectState(-2.0, 1.0), frame="odom", height=0.1)
         if change is not None:
             change(place if ball else robot)
         self._words.publish(String(data="another type of message"))

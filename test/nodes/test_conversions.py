@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 
+import ator_interfaces.msg as msg
 from ator_interfaces.msg import Objective, Situation, TopCall, TopChain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angle
@@ -60,8 +61,8 @@ def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: Ob
     assert time == 1.25
     assert near(back.pose, robot.pose)
     assert (back.v, back.w) == (robot.v, robot.w)
-    message = conversions.ball_odometry_of(1.25, ball, frame=FRAME, height=0.1)
-    assert conversions.ball_from(message, frame=FRAME) == (1.25, ball)
+    message = conversions.object_odometry_of(1.25, ball, frame=FRAME, height=0.1)
+    assert conversions.object_from(message, frame=FRAME, where="ball") == (1.25, ball)
 
 
 @given(
@@ -85,13 +86,14 @@ def test_a_chain_survives_the_way_through_a_message(steps: list[tuple[str, Pose,
 
 def test_what_no_robot_on_this_field_can_meet_is_refused() -> None:
     far = conversions.pose_of(Pose(BOUNDS.x + 0.1, 0.0, 0.0))
+    ball = msg.ObjectState(name="ball")
     chain = TopChain(calls=[TopCall(top="goToPose")])
     chain.calls[0].goal.pose = far
     with pytest.raises(MessageError, match=r"goal\.pose\.position\.x: .* from -10 to 10 m, got 10\.1"):
         conversions.chain_from(chain, LIBRARY, frame=FRAME)
-    ball = conversions.ball_odometry_of(0.0, ObjectState(0.0, 0.0, 99.0, 0.0), frame=FRAME, height=0.1)
+    ball = conversions.object_odometry_of(0.0, ObjectState(0.0, 0.0, 99.0, 0.0), frame=FRAME, height=0.1)
     with pytest.raises(MessageError, match=r"ball\.twist: x: .* from -10 to 10 m/s, got 99"):
-        conversions.ball_from(ball, frame=FRAME, bounds=BOUNDS)
+        conversions.object_from(ball, frame=FRAME, where="ball", bounds=BOUNDS)
     robot = RobotState(Pose(0.0, 0.0, 0.0), 0.0, 3.1 * LIBRARY.robot.limits.w)
     odometry = conversions.odometry_of(0.0, robot, frame=FRAME, child="base_link")
     with pytest.raises(MessageError, match=r"twist\.angular\.z: expected a finite number from -7\.2 to"):
@@ -120,11 +122,14 @@ def scrambled(message: Any, draw: st.DrawFn) -> Any:
 
 @given(st.data())
 def test_whatever_comes_in_is_read_or_refused(data: st.DataObject) -> None:
+    ball = msg.ObjectState(name="ball")
     chain = TopChain(calls=[scrambled(TopCall(), data.draw) for _ in range(data.draw(st.integers(0, 2)))])
     readers = [
         lambda: conversions.robot_from(scrambled(Odometry(), data.draw), frame=FRAME),
-        lambda: conversions.ball_from(scrambled(Odometry(), data.draw), frame=FRAME),
-        lambda: conversions.world_from(scrambled(Situation(ball_known=True), data.draw), frame=FRAME),
+        lambda: conversions.object_from(scrambled(Odometry(), data.draw), frame=FRAME, where="ball"),
+        lambda: conversions.world_from(
+            scrambled(Situation(objects=[scrambled(ball, data.draw)]), data.draw), frame=FRAME
+        ),
         lambda: conversions.command_from(scrambled(Twist(), data.draw)),
         lambda: conversions.objective_from(scrambled(Objective(), data.draw)),
         lambda: conversions.chain_from(chain, LIBRARY, frame=FRAME),

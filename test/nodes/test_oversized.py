@@ -31,6 +31,7 @@ LIBRARY = SOCCER.library(load_robot())
 MEGABYTES = 10_000_000
 FOREIGN = "\x1b[2J\u202e\n\x00" * (MEGABYTES // 7)
 LONGEST_LINE = 200
+object_from = partial(conversions.object_from, frame="odom", where="ball")
 LIMIT = 0.01  # s
 
 
@@ -72,8 +73,8 @@ HOSTILE: dict[str, Callable[[str], Callable[[], Any]]] = {
     "action set": lambda text: partial(read, msg.TopChain(calls=chain().calls, action_set=text)),
     "situation": lambda text: lambda: conversions.world_from(situation(text), frame="odom"),
     "odom": lambda text: lambda: conversions.robot_from(odometry(frame=text), frame="odom"),
-    "ball": lambda text: lambda: conversions.ball_from(odometry(frame=text), frame="odom"),
-    "child of the ball": lambda text: lambda: conversions.ball_from(odometry(child=text), frame="odom"),
+    "ball": lambda text: lambda: object_from(odometry(frame=text)),
+    "child of the ball": lambda text: lambda: object_from(odometry(child=text)),
     "cmd_vel, place_robot and place_ball": lambda text: lambda: checks.frame(text, "pose", expected="odom"),
 }
 
@@ -145,7 +146,7 @@ def test_whatever_has_no_long_sequences_is_taken_as_it_is() -> None:
     goal = ExecuteChain.Goal(chain=worst_request().chain, refine=True, fetches=3)
     sent = ExecuteChain.Impl.SendGoalService.Request(goal=goal)
     sent.goal_id.uuid = list(range(16))
-    situation = msg.Situation(ball_known=True, v=1.5)
+    situation = msg.Situation(objects=[msg.ObjectState(name="ball")] * 3, v=1.5)
     record = msg.ActionPerformance(call=worst_request().chain.calls[0], step=7, start=situation)
     result = ExecuteChain.Result(record=msg.ChainPerformance(actions=[record] * 3, fetched=2))
     curve = msg.SearchCurve(variables=["yaw", "speed"], values=[0.25] * 1000, totals=[1.0] * 500)

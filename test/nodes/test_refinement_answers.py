@@ -8,7 +8,7 @@ import pytest
 from chain_client import call
 from refinement_fakes import LIBRARY, ROBOT, models
 
-from ator_interfaces.msg import TopCall
+from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
@@ -22,7 +22,8 @@ from ator_ros.refinement.slices import completed
 def request(*calls: TopCall) -> RefineSubgoal.Request:
     """Ask from (-2, 0), with the ball at the origin."""
     asked = RefineSubgoal.Request()
-    asked.situation.robot, asked.situation.ball_known = pose_of(Pose(-2.0, 0.0, 0.0)), True
+    asked.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
+    asked.situation.objects = [ObjectState(name="ball")]
     asked.chain.calls = list(calls)
     return asked
 

@@ -71,11 +71,11 @@ def unknown_variable(request: RefineSubgoal.Request) -> None:
 
 
 def ball_elsewhere(request: RefineSubgoal.Request) -> None:
-    request.situation.ball.x = 1.0
+    request.situation.objects[0].position.x = 1.0
 
 
 def ball_unknown(request: RefineSubgoal.Request) -> None:
-    request.situation.ball_known = False
+    request.situation.objects = []
 
 
 NONSENSE = {

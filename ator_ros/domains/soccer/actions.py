@@ -7,9 +7,9 @@ from types import MappingProxyType
 
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.soccer import situations
-from ator_ros.domains.soccer.bezier.dribble_ball import DribbleBall as BezierDribbleBall
-from ator_ros.domains.soccer.bezier.go_to_pose import GoToPose as BezierGoToPose
-from ator_ros.domains.soccer.bezier.shoot import Shoot as BezierShoot
+from ator_ros.domains.soccer.bezier.dribble_ball import BezierDribbleBall
+from ator_ros.domains.soccer.bezier.go_to_pose import BezierGoToPose
+from ator_ros.domains.soccer.bezier.shoot import BezierShoot
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.shoot import Shoot

@@ -6,5 +6,6 @@ from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.actions import ACTION_SETS
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.tops import TOPS
+from ator_ros.robot.ball import BALL
 
-SOCCER = Domain("soccer", TOPS, ACTION_SETS, CHAINS)
+SOCCER = Domain("soccer", TOPS, ACTION_SETS, (BALL,), CHAINS)

@@ -13,7 +13,7 @@ _CORRIDOR = (-0.02, 0.06, 0.05)  # m along the axis from the run-in to behind th
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class CurveShape:
     """What the control points of a curve depend on, besides the two poses.
 
     Attributes
@@ -63,7 +63,7 @@ class Curve:
     bulge: tuple[tuple[float, float], ...] = ()
 
 
-def curve_to(rel: Pose, v: float, shape: Shape, side: float) -> Curve:
+def curve_to(rel: Pose, v: float, shape: CurveShape, side: float) -> Curve:
     """Lay the curve to a goal.
 
     Its middle control point lies in the direction of the tangent from the robot to a circle beside the goal
@@ -75,7 +75,7 @@ def curve_to(rel: Pose, v: float, shape: Shape, side: float) -> Curve:
         The robot in the frame of the goal.
     v : float
         Its speed in m/s.
-    shape : Shape
+    shape : CurveShape
         Sizes.
     side : {1.0, -1.0}
         1: the circle lies to the left of the goal's axis.
@@ -94,7 +94,7 @@ def curve_to(rel: Pose, v: float, shape: Shape, side: float) -> Curve:
     return _through(rel, middle, shape, (straight, turn, left), bulge)
 
 
-def _bulge(turn: float, shape: Shape, side: float) -> tuple[tuple[float, float], ...]:
+def _bulge(turn: float, shape: CurveShape, side: float) -> tuple[tuple[float, float], ...]:
     """Return points (m) on the circle from where it is entered, `turn` rad before its end, to the end."""
     angles = (turn * share for share in _SHARES)
     radius, end = shape.radius, -shape.run_in
@@ -117,7 +117,9 @@ def _onto_circle(x: float, y: float, radius: float) -> tuple[float, float, float
     return straight, heading, turn if turn < 2.0 * math.pi - 0.02 else 0.0
 
 
-def _ahead(straight: float, heading: float, turn: float, shape: Shape, near: float) -> tuple[float, float]:
+def _ahead(
+    straight: float, heading: float, turn: float, shape: CurveShape, near: float
+) -> tuple[float, float]:
     """Return where the middle control point lies (m) from the robot, in the frame of the goal."""
     if straight >= near:
         length = min(straight, shape.far)
@@ -133,7 +135,7 @@ def _ahead(straight: float, heading: float, turn: float, shape: Shape, near: flo
 def _through(
     rel: Pose,
     middle: tuple[float, float],
-    shape: Shape,
+    shape: CurveShape,
     way: tuple[float, float, float],
     bulge: tuple[tuple[float, float], ...],
 ) -> Curve:

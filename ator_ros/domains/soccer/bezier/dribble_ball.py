@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
-from ator_ros.domains.soccer.bezier.curve import Shape
+from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Pushing, Style, check_goal, reached
 from ator_ros.geometry import Pose
 from ator_ros.robot.ball import BALL
@@ -21,7 +21,7 @@ HANDLE = 1.0
 
 def dribbling(handle: float) -> Style:
     """Return how the ball is dribbled along curves with handles of a length in m."""
-    return Style(Shape(handle, 0.05, 0.2, 0.8, 0.3), 1.2 / handle, 0.75, 0.36, handle)
+    return Style(CurveShape(handle, 0.05, 0.2, 0.8, 0.3), 1.2 / handle, 0.75, 0.36, handle)
 
 
 def check_held(world: World, robot: Robot, name: str) -> None:
@@ -39,7 +39,7 @@ def check_held(world: World, robot: Robot, name: str) -> None:
         )
 
 
-class DribbleBall(Action):
+class BezierDribbleBall(Action):
     """Push the ball to a pose: never turning on the spot, never braking harder than the ball rolls out.
 
     A goal with a speed is passed at that speed. A goal that was missed is driven at again in a loop.

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ator_ros.actions.base import ActionError, Goal
-from ator_ros.domains.soccer.bezier.curve import Curve, Shape, curve_to
+from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import Command, Field, RobotState
@@ -34,7 +34,7 @@ class Style:
 
     Attributes
     ----------
-    shape : Shape
+    shape : CurveShape
         Of the curve.
     sharpest : float
         Greatest curvature in 1/m; far above 1/wheel track is turning on the spot.
@@ -46,7 +46,7 @@ class Style:
         Length of way in m that a first turn by one rad is worth when a side is chosen.
     """
 
-    shape: Shape
+    shape: CurveShape
     sharpest: float
     rotation: float
     braking: float

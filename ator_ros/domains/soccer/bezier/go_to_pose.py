@@ -6,21 +6,21 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
-from ator_ros.domains.soccer.bezier.curve import Shape
+from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
 from ator_ros.geometry import Pose
 from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, ObjectState, World
 
-TO_POSE = Style(Shape(0.4, 0.05, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
-TO_BALL = Style(Shape(0.4, 0.22, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
+TO_POSE = Style(CurveShape(0.4, 0.05, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
+TO_BALL = Style(CurveShape(0.4, 0.22, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
 
 _AT_BALL = 0.2  # m between the ball and the hold of a robot at the goal
 _STRAIGHTENING = 0.5  # rad that a robot may turn on the spot with the ball between its fins
 
 
-class GoToPose(Action):
+class BezierGoToPose(Action):
     """Drive to a pose; where the goal is a ball, come from behind it and leave it in its place.
 
     Forward only. A goal with a speed is passed at that speed; one that was missed is driven at again.

@@ -23,7 +23,7 @@ _LINE = 0.02
 _BEND = 4.0
 
 
-class Shoot(Action):
+class BezierShoot(Action):
     """Send the ball into a goal by motion alone.
 
     The goal's position lies in the mouth of one of the field's goals; its heading and speed do not matter.

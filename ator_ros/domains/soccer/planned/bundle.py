@@ -10,7 +10,7 @@ import numpy as np
 
 from ator_ros.domains.soccer.planned.manoeuvre import Side
 from ator_ros.domains.soccer.planned.profiles import straight_pieces_of, turn_times
-from ator_ros.domains.soccer.planned.turns import Driving, displacements
+from ator_ros.domains.soccer.planned.turns import TurnDriving, displacements
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.robot.description import Limits
 
@@ -110,8 +110,8 @@ def _gaps(bundle: Bundle, first: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute how far each drive misses the last turn sideways, and its length, both in m."""
     start, (goal_x, goal_y, goal_yaw) = bundle.start, bundle.goals
     last = bundle.last - (first - bundle.first)
-    one = displacements(first, Driving(*bundle.entries[2:, :, None]), bundle.limits)
-    two = displacements(-last, Driving(*bundle.exits[2:, :, None]), bundle.limits)
+    one = displacements(first, TurnDriving(*bundle.entries[2:, :, None]), bundle.limits)
+    two = displacements(-last, TurnDriving(*bundle.exits[2:, :, None]), bundle.limits)
     ahead, back = bundle.entries[0] + one[0], -bundle.exits[0] - two[0]
     c, s = np.cos(start.yaw), np.sin(start.yaw)
     begin_x, begin_y = start.x + c * ahead - s * one[1], start.y + s * ahead + c * one[1]

@@ -28,7 +28,7 @@ BACKWARD = -1e-6
 _IMPOSSIBLE, _TOUCHES, _OPEN = 0, 1, 2  # as `screening.Verdict`
 
 
-class Shape(NamedTuple):
+class Outline(NamedTuple):
     """The robot's outline and the goals, in m; see `clearance.ball_distances` and `goals.wall_distances`."""
 
     front: float
@@ -72,7 +72,7 @@ class Goals(NamedTuple):
 
 @compiled
 def judge(
-    start: End, many: Goals, bounds: Bounds, shape: Shape, ball: Blocked, longest: FloatArray, forward: bool
+    start: End, many: Goals, bounds: Bounds, shape: Outline, ball: Blocked, longest: FloatArray, forward: bool
 ) -> NDArray[np.int8]:
     """Return verdicts on manoeuvres that are still to be closed; see `screening.screened`."""
     verdicts = np.full(len(longest), _OPEN, dtype=np.int8)
@@ -107,7 +107,7 @@ def judge(
 
 
 @compiled
-def touch(start: End, many: Goals, bounds: Bounds, shape: Shape, ball: Blocked) -> BoolArray:
+def touch(start: End, many: Goals, bounds: Bounds, shape: Outline, ball: Blocked) -> BoolArray:
     """Return which closed manoeuvres touch an obstacle for certain; see `screening.touching`."""
     touches = np.zeros(len(many.first), dtype=np.bool_)
     pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))
@@ -133,7 +133,7 @@ def _touches(
     duration: float,
     start: End,
     goal: End,
-    shape: Shape,
+    shape: Outline,
     ball: Blocked,
 ) -> bool:
     """Return whether the robot certainly touches a wall or the ball where `clearance.is_clear` looks."""
@@ -220,7 +220,7 @@ def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
 
 
 @compiled
-def _wall_distance(x: float, y: float, shape: Shape) -> float:
+def _wall_distance(x: float, y: float, shape: Outline) -> float:
     """Return the distance to a goal's walls, mirrored to x > 0 and y > 0."""
     line, half, depth = shape.line, shape.half, shape.depth
     side = math.hypot(max(line - x, x - line - depth, 0.0), max(half - y, y - half - 0.05, 0.0))
@@ -229,7 +229,7 @@ def _wall_distance(x: float, y: float, shape: Shape) -> float:
 
 
 @compiled
-def _ball_distance(dx: float, dy: float, yaw: float, shape: Shape) -> float:
+def _ball_distance(dx: float, dy: float, yaw: float, shape: Outline) -> float:
     """Return the distance from the robot's outline to a point that lies (dx, dy) m from its axle."""
     c, s = math.cos(yaw), math.sin(yaw)
     ahead, left = c * dx + s * dy, abs(c * dy - s * dx)

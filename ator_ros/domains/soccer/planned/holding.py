@@ -7,7 +7,7 @@ import math
 from functools import lru_cache
 
 from ator_ros.domains.soccer.planned.manoeuvre import Side
-from ator_ros.domains.soccer.planned.turns import Driving
+from ator_ros.domains.soccer.planned.turns import TurnDriving
 from ator_ros.robot.description import Limits, Robot
 
 MARGIN = 0.05  # m/s^2 of push that is always left
@@ -44,7 +44,7 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
         for v in sorted({*_ENTRY_SPEEDS, speed}):
             lead = _straight(limits, speed, v)
             for change in _ENTRY_CHANGES:
-                turn = Driving(v, change, rate * limits.w)
+                turn = TurnDriving(v, change, rate * limits.w)
                 if push(robot, v, turn.turn_rate, change) >= MARGIN:
                     sides.append(Side(lead, speed, turn))
     return tuple(sides)
@@ -57,7 +57,7 @@ def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]
     for v in sorted({*_RUN_UP_SPEEDS, speed}):
         lead = _straight(limits, speed, v)
         for change in _RUN_UP_CHANGES:
-            turns = (Driving(v, change, rate * limits.w) for rate in _RUN_UP_RATES)
+            turns = (TurnDriving(v, change, rate * limits.w) for rate in _RUN_UP_RATES)
             kept = (turn for turn in turns if push(robot, v, turn.turn_rate, change) >= MARGIN)
             sides += [Side(lead, speed, turn) for turn in itertools.islice(kept, 1)]
     return tuple(sides)
@@ -66,7 +66,7 @@ def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]
 @lru_cache(maxsize=256)
 def release_sides(robot: Robot, limits: Limits) -> tuple[Side, ...]:
     """Return the ways to end at full speed with the ball: turn at a constant speed, then run up straight."""
-    turns = (Driving(v, 0.0, rate * limits.w) for v in _RELEASE_SPEEDS for rate in _RATES[::2])
+    turns = (TurnDriving(v, 0.0, rate * limits.w) for v in _RELEASE_SPEEDS for rate in _RATES[::2])
     return tuple(
         Side(_straight(limits, turn.speed, limits.v), limits.v, turn)
         for turn in turns
@@ -82,7 +82,7 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
         for v in sorted({*_EXIT_SPEEDS, speed} - {0.0}):
             run = _straight(limits, v, speed)
             for change in _EXIT_CHANGES:
-                turn = Driving(v, change, rate * limits.w)
+                turn = TurnDriving(v, change, rate * limits.w)
                 if push(robot, v, turn.turn_rate, -change) >= MARGIN:
                     sides.append(Side(run, speed, turn))
     return tuple(sides)

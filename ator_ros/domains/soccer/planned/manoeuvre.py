@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.domains.soccer.planned.profiles import Piece, straight_pieces, turn_pieces, turn_times
-from ator_ros.domains.soccer.planned.turns import Driving, displacements
+from ator_ros.domains.soccer.planned.turns import TurnDriving, displacements
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits
 
@@ -23,13 +23,13 @@ class Side:
         Straight stretch at this end in m.
     outer_speed : float
         Speed at the very end in m/s.
-    turn : Driving
+    turn : TurnDriving
         How the turn next to the stretch is driven, from this end.
     """
 
     length: float
     outer_speed: float
-    turn: Driving
+    turn: TurnDriving
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ def _lateral_gap(manoeuvre: Manoeuvre, first: float) -> tuple[float, float]:
     return c * dy - s * dx, c * dx + s * dy
 
 
-def _turn_speeds(angle: float, turn: Driving, limits: Limits) -> list[Piece]:
+def _turn_speeds(angle: float, turn: TurnDriving, limits: Limits) -> list[Piece]:
     """Return the speed during a turn, from its end of the manoeuvre inward."""
     total = float(turn_times(angle, turn.turn_rate, limits.aw))
     if turn.acceleration == 0.0:

@@ -19,7 +19,7 @@ from ator_ros.domains.soccer.planned.screening import (
     screening_points,
 )
 from ator_ros.domains.soccer.planned.search import find_candidates
-from ator_ros.domains.soccer.planned.turns import Driving
+from ator_ros.domains.soccer.planned.turns import TurnDriving
 from ator_ros.domains.soccer.planned.ways import Ways
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, Robot
@@ -39,7 +39,7 @@ _SLACK = 0.01
 def free_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
     """Return the ways to begin or end without a ball: turn at once, at any change of speed (`length`: 0)."""
     change = min(limits.a, limits.brake)  # which of them it is depends on the direction of driving
-    return tuple(Side(length, speed, Driving(speed, share * change, limits.w)) for share in _SHARES)
+    return tuple(Side(length, speed, TurnDriving(speed, share * change, limits.w)) for share in _SHARES)
 
 
 @lru_cache(maxsize=256)
@@ -50,7 +50,7 @@ def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
     slowest = math.sqrt(max(0.0, speed * speed - 2.0 * limits.a * length))
     speeds = {slowest + share * (min(limits.v, fastest_) - slowest) for share in _RUN_SHARES}
     return tuple(
-        Side(length, speed, Driving(at, share * (limits.brake if share > 0.0 else limits.a), limits.w))
+        Side(length, speed, TurnDriving(at, share * (limits.brake if share > 0.0 else limits.a), limits.w))
         for at in sorted(speeds)
         for share in _RUN_CHANGES
     )

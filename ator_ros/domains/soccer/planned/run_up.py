@@ -23,7 +23,7 @@ from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.profiles import straight_times, turn_times
 from ator_ros.domains.soccer.planned.release import SLANT, may_score, release
 from ator_ros.domains.soccer.planned.screening import look_points, portions, screening_points, touching
-from ator_ros.domains.soccer.planned.turns import Driving, displacement_table, speeds_after
+from ator_ros.domains.soccer.planned.turns import TurnDriving, displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.robot.description import Limits, Robot
 
@@ -114,8 +114,8 @@ class _RunUps:
         return Manoeuvre(
             self.start,
             self.mouth.compose(last),
-            Side(length, outer, Driving(*turn)),
-            Side(0.0, released, Driving(released, 0.0, self.limits.w)),
+            Side(length, outer, TurnDriving(*turn)),
+            Side(0.0, released, TurnDriving(released, 0.0, self.limits.w)),
             float(self.turns[index]),
             0.0,
             distance,
@@ -158,7 +158,7 @@ def _turns_table(entries: Sequence[Side], limits: Limits, kept: NDArray[np.intp]
 
 
 @lru_cache(maxsize=64)
-def _kept_table(ways: tuple[Driving, ...], limits: Limits) -> FloatArray:
+def _kept_table(ways: tuple[TurnDriving, ...], limits: Limits) -> FloatArray:
     return displacement_table(_TURNS, ways, limits)
 
 

@@ -21,7 +21,7 @@ from ator_ros.domains.soccer.planned.compiled_screening import (
     DOUBT,
     Blocked,
     Goals,
-    Shape,
+    Outline,
     judge,
     touch,
 )
@@ -107,7 +107,7 @@ def _scalars(bundle: Bundle) -> tuple[End, Goals, Bounds]:
     )
 
 
-def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Shape, Blocked]:
+def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Outline, Blocked]:
     field, ball = robot.field, obstacles.ball
     lengths = (
         robot.front, robot.rear, robot.half_width, robot.front + robot.fin_length,
@@ -116,7 +116,7 @@ def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Shape, Blocked]:
     )  # fmt: skip
     x, y = (np.nan, np.nan) if ball is None else (ball.x, ball.y)
     in_the_way = (x, y, robot.ball.radius, obstacles.ball_margin, obstacles.run)
-    return Shape(*map(float, lengths)), Blocked(*map(float, in_the_way))
+    return Outline(*map(float, lengths)), Blocked(*map(float, in_the_way))
 
 
 # Without numba, all manoeuvres at once: loops of Python would take too long.

@@ -22,7 +22,7 @@ NODES, WEIGHTS = (_POINTS + 1.0) / 2.0, _OVER_TWO / 2.0
 """Gauss-Legendre over [0, 1]; 16 nodes give the displacement of a full turn to 0.1 mm."""
 
 
-class Driving(NamedTuple):
+class TurnDriving(NamedTuple):
     """How a turn is driven.
 
     Attributes
@@ -45,14 +45,14 @@ def speeds_after(start: Any, acceleration: Any, times: FloatArray, v: float) -> 
     return np.asarray(np.clip(start + acceleration * times, -v, v))
 
 
-def displacements(angles: FloatArray, driving: Driving, limits: Limits) -> FloatArray:
+def displacements(angles: FloatArray, driving: TurnDriving, limits: Limits) -> FloatArray:
     """Return where turns by `angles` end, seen from where they start.
 
     Parameters
     ----------
     angles : ndarray, shape (n,)
         Signed angles in rad.
-    driving : Driving
+    driving : TurnDriving
         How the turns are driven: numbers, or arrays of shape (n, 1) where each turn is driven in its own way.
     limits : Limits
         Greatest speed and turn acceleration.
@@ -92,7 +92,7 @@ def _kept_headings(angles: bytes, turn_rate: float, aw: float) -> _Headings:
 
 
 def displacement_table(
-    angles: FloatArray, ways: Sequence[Driving], limits: Limits, kept: NDArray[np.intp] | None = None
+    angles: FloatArray, ways: Sequence[TurnDriving], limits: Limits, kept: NDArray[np.intp] | None = None
 ) -> FloatArray:
     """Compute `displacements` for several ways to drive, shape (ways, 2, n), of the `kept` angles or all.
 

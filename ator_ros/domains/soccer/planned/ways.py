@@ -14,7 +14,7 @@ from ator_ros.domains.soccer.planned.bundle import side_table
 from ator_ros.domains.soccer.planned.manoeuvre import Side
 from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.profiles import straight_times, turn_times
-from ator_ros.domains.soccer.planned.turns import Driving, displacement_table
+from ator_ros.domains.soccer.planned.turns import TurnDriving, displacement_table
 from ator_ros.geometry import FloatArray
 from ator_ros.robot.description import Limits
 
@@ -144,5 +144,5 @@ def _table(angles: FloatArray, sides: Sequence[Side], limits: Limits) -> FloatAr
 
 
 @lru_cache(maxsize=64)
-def _stored_table(angles: bytes, turns: tuple[Driving, ...], limits: Limits) -> FloatArray:
+def _stored_table(angles: bytes, turns: tuple[TurnDriving, ...], limits: Limits) -> FloatArray:
     return displacement_table(np.frombuffer(angles), turns, limits)
