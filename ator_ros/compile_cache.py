@@ -7,11 +7,13 @@ file carries the digest of its content and appears whole or not at all: what is 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 import os
 import pickle
 import platform
+import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -30,7 +32,7 @@ _DIGEST_BYTES = hashlib.sha256().digest_size
 _LARGEST = 50_000_000  # bytes; the largest file of ours has some 200 kB
 _PACKAGE = Path(__file__).resolve().parent
 _FOLDERS = {"motion", "performance", "domains"}
-"""Their functions are called by compiled ones in files of others, or hold constants that those compile in."""
+"""Folders whose functions or constants are used by compiled functions of other files."""
 _told: list[str] = []
 
 
@@ -45,6 +47,7 @@ class CheckedCache:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._name = f"{function.__module__}.{function.__qualname__}"
+        self._elsewhere = _digest_elsewhere(function)
 
     @property
     def cache_path(self) -> str:
@@ -81,7 +84,7 @@ class CheckedCache:
 
     def _file_name(self, signature: Any, codegen: Any) -> str:
         # The triple, name and features of the CPU: code for another one would crash this one.
-        words = repr((str(signature), codegen.magic_tuple()))
+        words = repr((str(signature), codegen.magic_tuple())) + self._elsewhere
         return f"{self._name}-{hashlib.sha256(words.encode()).hexdigest()[:16]}.bin"
 
     def enable(self) -> None:
@@ -133,6 +136,20 @@ def _key() -> str:
     options = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_"))
     digest.update(repr((versions, cpu, [item for item in options if item[0] != "NUMBA_CACHE_DIR"])).encode())
     return digest.hexdigest()[:16]
+
+
+def _digest_elsewhere(function: Callable[..., Any]) -> str:
+    """Digest the sources of a function of another package; empty for ours, which `_key` covers."""
+    top, _, _ = function.__module__.partition(".")
+    if top == __package__:
+        return ""
+    folders = getattr(sys.modules.get(top), "__path__", ())
+    files = [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
+    digest = hashlib.sha256()
+    for file in files or [Path(function.__code__.co_filename)]:
+        with contextlib.suppress(OSError):  # typed in, or deleted since
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def _warn_once(text: str) -> None:

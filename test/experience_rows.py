@@ -7,7 +7,11 @@ import math
 import numpy as np
 import pandas as pd
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import COLUMNS
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.training import train
+from ator_ros.robot.description import Robot
 
 
 def made_up_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd.DataFrame:
@@ -26,3 +30,8 @@ def made_up_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd
         "position_error": 0.01 * dist, "heading_error": 0.02,
     })  # fmt: skip
     return frame[list(COLUMNS)]
+
+
+def made_up_model(action: str, robot: Robot) -> PerformanceModel:
+    """Return a model learned from such experience, with the candidate features that the action ships with."""
+    return train(action, made_up_experience(action), robot, features=SOCCER.candidates(action))

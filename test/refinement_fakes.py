@@ -1,4 +1,4 @@
-"""Small analytic performance models and chains for the tests of refinement and of the experiments."""
+"""Small analytic performance models and chains for the tests of refinement and evaluation."""
 
 from __future__ import annotations
 

@@ -35,14 +35,25 @@ FLOORS = [
 """Modules and folders of the package, ground floor first; each imports only from itself and those before."""
 WITH_ROS = {"nodes", "tools"}
 ROS = {
-    "rclpy",
+    "action_msgs",
     "ator_interfaces",
     "builtin_interfaces",
-    "geometry_msgs",
-    "nav_msgs",
-    "std_srvs",
     "diagnostic_msgs",
+    "geometry_msgs",
+    "launch",
+    "launch_ros",
+    "nav_msgs",
+    "rcl_interfaces",
+    "rclpy",
+    "rosgraph_msgs",
+    "rosidl_parser",
+    "rpyutils",
+    "std_msgs",
+    "std_srvs",
+    "unique_identifier_msgs",
+    "visualization_msgs",
 }
+"""Packages of ROS; without `ament_index_python`, with which `resources` finds installed files."""
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -51,6 +62,8 @@ def imports(file: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level:
+            raise AssertionError(f"{file}:{node.lineno}: expected an absolute import")
         elif isinstance(node, ast.ImportFrom) and node.module == "ator_ros":
             yield from (f"ator_ros.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import os
 import pickle
 import resource
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -47,6 +49,34 @@ def test_what_was_compiled_is_found_again(folder: Path, caplog: pytest.LogCaptur
     assert [run(), run()] == [0, 1]
     assert len(files(folder)) == 1
     assert not caplog.records
+
+
+def test_code_of_another_package_is_compiled_anew_when_any_of_its_files_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "elsewhere"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    source = "from ator_ros.compiled import compiled\n"
+    (package / "middle.py").write_text(
+        source + "from elsewhere.inner import rate\n@compiled\ndef twice(x: float) -> float:\n"
+        "    return 2.0 * rate(x)\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    results, hits = [], []
+    for factor in ("1.0", "1.0", "30.0"):
+        (package / "inner.py").write_text(
+            source + f"@compiled\ndef rate(x: float) -> float:\n    return {factor} * x\n", encoding="utf-8"
+        )
+        for name in ("elsewhere", "elsewhere.middle", "elsewhere.inner"):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        twice: Any = importlib.import_module("elsewhere.middle").twice
+        results.append(twice(1.0))
+        hits.append(sum(twice.stats.cache_hits.values()))
+    assert (results, hits) == ([2.0, 2.0, 60.0], [0, 1, 0])
 
 
 DAMAGE: dict[str, Callable[[bytes], bytes]] = {

@@ -11,13 +11,12 @@ import distributed
 import joblib
 import pandas as pd
 import pytest
-from experience_rows import made_up_experience
+from experience_rows import made_up_model
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.parallel import BackendError, check_cluster, cluster, run_tasks
 from ator_ros.experience.table import read_experience
 from ator_ros.performance.model_file import save_model
-from ator_ros.performance.training import train
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, evaluate
 
@@ -47,7 +46,7 @@ def test_collect_gives_the_same_table(address: str, tmp_path: Path) -> None:
 def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
     models = tmp_path / "models"
     for action in SOCCER.actions():
-        save_model(models / f"{action}.json", train(action, made_up_experience(action), load_robot()))
+        save_model(models / f"{action}.json", made_up_model(action, load_robot()))
     given = ["--situations", "2", "--seed", "405", "--policies", "naive", "refined"]
     runs = []
     for name, words in {"here": ["--jobs", "1"], "there": on(address)}.items():

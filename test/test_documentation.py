@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
-from documentation import ROOT, TOOLS, Printed, commands
+from documentation import PAGES, ROOT, TOOLS, Printed, commands
 
 BIN = ROOT / "install" / "lib" / "ator_ros"
 SMALL = {
@@ -226,6 +226,14 @@ def test_a_cluster_collects(tmp_path: Path) -> None:
             process.terminate()
             process.wait()
     assert (tmp_path / "experience.parquet").is_file()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_source_files_that_a_page_names_exist(page: Path) -> None:
+    folders = (ROOT / name for name in ("ator_ros", "test", "benchmarks", "scripts"))
+    paths = [f"/{file.relative_to(ROOT)}" for folder in folders for file in folder.rglob("*.py")]
+    named = re.findall(r"`((?:[\w.]+/)*\w+\.py)", page.read_text(encoding="utf-8"))
+    assert [name for name in named if not any(path.endswith(f"/{name}") for path in paths)] == []
 
 
 @pytest.mark.long

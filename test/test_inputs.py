@@ -209,3 +209,26 @@ def test_a_simulation_that_runs_far_ahead_of_real_time_is_no_jump() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     for tick in range(20):  # 300 times as fast as real time, and we are busy with other things
         assert both.robot(1.0 + 60.0 * tick, robot, 0.2 * tick) is not None
+
+
+def test_each_object_is_known_and_overdue_by_itself() -> None:
+    names, robot = ("ball", "cup"), RobotState(Pose(0.0, 0.0, 0.0))
+    both = Inputs({name: Sightings(name, 0.3, ObjectTracker(0.0, 0.0)) for name in names})
+    both.robot(1.0, robot)
+    assert both.overdue == {"ball", "cup"}
+    both.object("ball", 1.0, ObjectState(1.0, 0.0))
+    both.object("cup", 1.0, ObjectState(2.0, 0.0))
+    assert both.overdue == frozenset()
+    both.robot(1.2, robot)
+    both.object("cup", 1.2, ObjectState(2.0, 0.0))
+    joined = both.robot(1.4, robot)
+    assert joined is not None
+    assert joined.objects == {"cup": ObjectState(2.0, 0.0)}
+    assert both.overdue == {"ball", "cup"}
+    with pytest.raises(StampError, match=r"^cup\.header\.stamp"):
+        both.object("cup", 9.0, ObjectState(0.0, 0.0))
+    with pytest.raises(ClockJumpError):
+        both.robot(0.0, robot)
+    after = both.robot(0.05, robot)
+    assert after is not None
+    assert after.objects == {}

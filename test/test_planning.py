@@ -34,7 +34,7 @@ from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = GoToPose(ROBOT).plan_limits
-LARGEST_PORTION = 100  # points of planning: a quarter of a slice
+LARGEST_PORTION = 100  # points of planning: less than a third of a slice
 
 
 def hard_worlds(count: int, seed: int) -> list[tuple[World, Goal]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from experience_rows import made_up_experience
+from experience_rows import made_up_experience, made_up_model
 from refinement_fakes import ROBOT
 
 from ator_ros.domains.soccer.domain import SOCCER
@@ -18,7 +18,6 @@ from ator_ros.evaluation.storage import PARTIAL, to_records
 from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource
 from ator_ros.experience.table import Experience, join, write_experience
 from ator_ros.performance.model_file import save_model
-from ator_ros.performance.training import train
 from ator_ros.refinement.calibration_file import CALIBRATION
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.gate_file import load_gate, save_gate
@@ -34,7 +33,7 @@ POLICIES = ["naive", "face_goal", "refined", "gated"]
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("models")
     for action in SOCCER.actions():
-        save_model(folder / f"{action}.json", train(action, made_up_experience(action), ROBOT))
+        save_model(folder / f"{action}.json", made_up_model(action, ROBOT))
     save_gate(folder / GATE, ThresholdGate(0.05), {"situations": 1, "seed": 1})
     return folder
 

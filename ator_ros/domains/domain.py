@@ -1,4 +1,4 @@
-"""What a domain consists of, and where domains are found."""
+"""Domains: what they consist of, and how installed ones are found."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from ator_ros.performance.training import CANDIDATES
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import objects_in
 from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
 """Entry points of this group name the domains that are installed, ours and those of others."""
 DEFAULT = "soccer"
+DEFAULT_SET = "default"
 
 ChainSampler = Callable[[Robot, TopLibrary, np.random.Generator], tuple[World, TopChain]]
 
@@ -29,7 +31,7 @@ class DomainError(ValueError):
 
 @dataclass(frozen=True)
 class Domain:
-    """TOPs, the actions that execute them, and the situations that they are learned and measured in.
+    """TOPs, the actions that execute them, and the situations in which these are learned and evaluated.
 
     Attributes
     ----------
@@ -43,6 +45,12 @@ class Domain:
         Names of the objects that conditions speak of; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute in them, by name; evaluations use them.
+
+    Raises
+    ------
+    DomainError
+        There is no default set of actions, a set lacks an action that a TOP names, or a condition names an
+        object that `objects` lacks.
     """
 
     name: str
@@ -51,7 +59,27 @@ class Domain:
     objects: tuple[str, ...]
     chains: Mapping[str, ChainSampler]
 
-    def actions(self, action_set: str = "default") -> dict[str, ActionSpec]:
+    def __post_init__(self) -> None:
+        """Check that objects and every set of actions are complete."""
+        if DEFAULT_SET not in self.action_sets:
+            raise DomainError(
+                f"domain {self.name}: expected an action set {DEFAULT_SET!r}, got {sorted(self.action_sets)}"
+            )
+        unknown = sorted({name for top in self.tops for name in objects_in(top)} - set(self.objects))
+        if unknown:
+            raise DomainError(
+                f"domain {self.name}: objects: expected all that conditions name, {unknown} are missing"
+            )
+        for action_set, specs in self.action_sets.items():
+            names = {spec.name for spec in specs}
+            missing = sorted({top.action for top in self.tops} - names)
+            if missing:
+                raise DomainError(
+                    f"domain {self.name}: action set {action_set!r}: expected the actions {missing} of its "
+                    f"TOPs, it has {sorted(names)}"
+                )
+
+    def actions(self, action_set: str = DEFAULT_SET) -> dict[str, ActionSpec]:
         """Return the specifications of a set by the names of the actions.
 
         Raises
@@ -65,20 +93,18 @@ class Domain:
             )
         return {spec.name: spec for spec in self.action_sets[action_set]}
 
-    def candidates(self, action: str, action_set: str = "default") -> tuple[str, ...]:
+    def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[str, ...]:
         """Return the candidate features of an action; all general ones where the domain names none."""
         chosen = {spec.name: spec.features for spec in self.action_sets.get(action_set, ())}
         return chosen.get(action) or CANDIDATES
 
-    def library(self, robot: Robot, action_set: str = "default") -> TopLibrary:
+    def library(self, robot: Robot, action_set: str = DEFAULT_SET) -> TopLibrary:
         """Return the TOPs of the domain with the actions of one set.
 
         Raises
         ------
         DomainError
             There is no such set.
-        KeyError
-            A TOP names an action that the set lacks.
         """
         factories = {name: spec.factory for name, spec in self.actions(action_set).items()}
         return TopLibrary(robot, action_set, tops=self.tops, actions=factories)
@@ -90,12 +116,18 @@ def find_domain(name: str = DEFAULT) -> Domain:
     Raises
     ------
     DomainError
-        No entry point of the group `ator_ros.domains` has this name, or it is not a `Domain`.
+        No entry point of the group `ator_ros.domains` has this name, it cannot be imported, or it is not a
+        `Domain`.
     """
     found = {entry.name: entry for entry in entry_points(group=GROUP)}
     if name not in found:
-        raise DomainError(f"domain: expected one of {sorted(found)}, got {name!r}")
-    domain = found[name].load()
+        raise DomainError(f"domain: expected an entry point of {GROUP}, one of {sorted(found)}, got {name!r}")
+    try:
+        domain = found[name].load()
+    except Exception as error:  # a module from outside raises anything
+        raise DomainError(
+            f"domain {name}: expected to import {found[name].value}, got {type(error).__name__}: {error}"
+        ) from error
     if not isinstance(domain, Domain):
         raise DomainError(
             f"domain {name}: expected {found[name].value} to be a Domain, got {type(domain).__name__}"

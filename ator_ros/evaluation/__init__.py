@@ -1,1 +1,1 @@
-"""Evaluation: trials, policies, the oracle, and what their runs show."""
+"""Evaluation: trials, policies, the oracle, and statistics of their runs."""

@@ -1,4 +1,4 @@
-"""How fast, reliable and regular the actions are: the numbers that everything learned stands on."""
+"""Speed, reliability and regularity of the actions, on which all learned models depend."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from ator_ros.world.state import ObjectState, RobotState
 
 KINDS = ("pose", "approach", "dribble", "shoot")
 _TURN = math.radians(1.0)
-_MOVED = 0.01  # m by which a ball that is approached may have moved before the robot is at it
+_MOVED = 0.01  # m that an approached ball may have moved before the robot has arrived
 _LIMIT = 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One situation: kind of motion, action set, seed, number, and by how much the start is turned (rad)."""
+    """One situation: kind of motion, action set, seed, index, and angle (rad) that turns the start."""
 
     kind: str
     action_set: str
@@ -40,22 +40,22 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How one execution went.
+    """The result of one execution.
 
     Attributes
     ----------
     success, early : bool
-        The goal was reached; the ball was moved before its time.
+        Whether the goal was reached; whether the ball was moved before the robot had arrived.
     duration : float
         In s.
     excess : float
-        Greatest command over its limit, as a ratio (1: at the limit).
+        Greatest ratio of a command to its limit.
     poses : tuple of poses
-        Start and goal of the axle, for the ruler.
+        Start and goal of the axle, for the comparison with time-optimal motion.
     reason : str
-        How it ended.
+        A sentence on how it ended.
     planned : float
-        Duration in s that was planned at the start; NaN where the action has no plan.
+        Duration in s planned at the start; NaN if the action has no plan.
     """
 
     success: bool
@@ -68,7 +68,7 @@ class Outcome:
 
 
 def situation_of(task: Task, robot: Robot) -> Situation:
-    """Draw the situation of a task: at rest at both ends, the start perhaps turned by a degree."""
+    """Draw the situation of a task: at rest at start and goal, with the start turned by `task.turn`."""
     rng = np.random.default_rng((task.seed, KINDS.index(task.kind), task.index))
     action = {"pose": "goToPose", "approach": "goToPose", "dribble": "dribbleBall", "shoot": "shoot"}[
         task.kind
@@ -134,7 +134,7 @@ def _touched_early(situation: Situation, ball: ObjectState | None, pose: Pose, r
 
 
 def summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Sum up executions of one kind: counts, shares in percent, durations in s."""
+    """Return counts, shares in percent and durations in s of the executions of one kind."""
     durations = np.array([outcome.duration for outcome in outcomes if outcome.success])
     failures = sorted({outcome.reason for outcome in outcomes if not outcome.success})
     return {
@@ -150,7 +150,7 @@ def summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def _around_plan(outcomes: Sequence[Outcome]) -> dict[str, float]:
-    """Return mean and standard deviation (s) of duration less plan; nothing where there are no plans."""
+    """Return mean and standard deviation (s) of actual minus planned durations; empty without plans."""
     over = np.array([outcome.duration - outcome.planned for outcome in outcomes])
     if not len(over) or np.isnan(over).any():
         return {}
@@ -158,12 +158,12 @@ def _around_plan(outcomes: Sequence[Outcome]) -> dict[str, float]:
 
 
 def regularity(base: Sequence[Outcome], turned: Sequence[Outcome]) -> dict[str, float]:
-    """Return percentiles of the change of duration (s) when the start is turned by a degree."""
+    """Return percentiles of the absolute change of duration (s) when the start is turned by a degree."""
     changes = [abs(one.duration - other.duration) for one, other in zip(base, turned, strict=True)
                if one.success and other.success]  # fmt: skip
     return {f"p{level}_s": round(float(np.percentile(changes, level)), 3) for level in (50, 95, 99, 100)}
 
 
 def tasks(kind: str, action_set: str, seed: int, situations: int, turn_degrees: int = 0) -> list[Task]:
-    """Return the tasks of one kind, all starts turned by `turn_degrees`."""
+    """Return the tasks of one kind, with all starts turned by `turn_degrees`."""
     return [Task(kind, action_set, seed, index, turn_degrees * _TURN) for index in range(situations)]

@@ -1,4 +1,4 @@
-"""Learning what predictions of actions in chains miss, from chains that were executed (see `calibration`)."""
+"""Learning corrections of predicted durations from executed chains; see `refinement.calibration`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 
 POLICIES = ("naive", "refined", "refined_speed")
-"""Policies whose chains are learned from: the gated ones execute the same chains."""
+"""Policies whose chains are used; the gated ones execute the same chains."""
 LEAST_SITUATIONS = 20
 FOLDS = 10
 
@@ -42,13 +42,13 @@ class StepExample:
     chain, policy : str
         Names of the chain and of the policy that chose it.
     situation : (int, int)
-        Seed and number of the situation; start and ball are the same in all chains.
+        Seed and index of the situation; all chains of a situation share their start.
     action : str
         Name of the action.
     step : PredictedStep
-        What was known of it beforehand.
+        What is known before its execution.
     actual : float
-        How long it took in s.
+        Actual duration in s.
     """
 
     chain: str
@@ -62,12 +62,12 @@ class StepExample:
 def step_examples(
     records: Iterable[Mapping[str, Any]], *, seed: int, chain: str, tools: Toolset, library: TopLibrary
 ) -> list[StepExample]:
-    """Return the executed actions in records of `evaluate_trial`, of the chains that succeeded.
+    """Return the actions of the successful chains in records of `evaluate_trial`.
 
     Raises
     ------
     EvaluationError
-        The records hold no durations of actions.
+        The records lack the durations of actions.
     """
     examples: list[StepExample] = []
     models = tools.models["learned"]
@@ -101,12 +101,12 @@ def _as_chosen(chain: TopChain, chosen: Sequence[Sequence[float]]) -> TopChain:
 
 
 def fit_calibration(examples: Sequence[StepExample], models: Models) -> Calibration:
-    """Fit the shortfall of each action, by least squares over all executions of it.
+    """Fit the shortfall of each action by least squares over all its executions.
 
     Raises
     ------
     EvaluationError
-        There are too few examples of every action.
+        Every action has too few examples.
     """
     shortfalls: dict[str, Shortfall] = {}
     for action in sorted({example.action for example in examples}):
@@ -136,13 +136,14 @@ def _fit(examples: Sequence[StepExample], model: str) -> Shortfall:
 
 
 def cross_validated(examples: Sequence[StepExample], models: Models) -> dict[str, dict[str, Any]]:
-    """Return the mean errors of predicted chain durations on situations that were not fitted to.
+    """Return the mean errors of predicted chain durations, cross-validated over situations.
 
     Returns
     -------
     dict
-        By "chain policy": chains; "raw" and "corrected": mean of predicted minus actual in s, and its 95 %
-        interval; "raw_mae_s" and "corrected_mae_s".
+        By "CHAIN POLICY": "chains", their number; "raw_s" and "corrected_s", mean of predicted minus actual
+        in s; "raw_ci95" and "corrected_ci95", 95 % intervals; "raw_mae_s" and "corrected_mae_s", mean
+        absolute errors in s.
     """
     situations = sorted({example.situation for example in examples})
     order = np.random.default_rng(0).permutation(len(situations))

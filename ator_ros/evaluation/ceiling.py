@@ -1,4 +1,4 @@
-"""Rulers for the learned models: the ideal time without learning, and gradient boosting as their ceiling."""
+"""References for the learned models: ideal times without learning, and gradient boosting."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from ator_ros.performance.training import direct_of
 from ator_ros.robot.description import Robot
 
 START_WEIGHT = 20.0
-"""How many rows the start of an episode counts as."""
+"""Weight of the start of an episode; its other rows weigh 1."""
 
 
 @dataclass(frozen=True)
 class IdealTime:
-    """Predicts an ideal time at the robot's limits: nothing is learned.
+    """Predicts an ideal time at the robot's limits, without learning.
 
     Attributes
     ----------
     robot : Robot
-        Limits, and where a ball is held.
+        Its limits, and the position of its hold.
     feature : str
-        A feature that derives from the same direct variables.
+        A feature that depends on the same direct variables.
     compute : callable
-        Gives the time in s.
+        Returns the time in s, shape (n,).
     """
 
     robot: Robot
@@ -50,7 +50,7 @@ class IdealTime:
 
 
 def ideal_times(robot: Robot) -> dict[str, IdealTime]:
-    """Return by action the time of the best of the motions that the learned models know as features."""
+    """Return by action the ideal time that is also a feature of the learned models."""
     return {
         "goToPose": IdealTime(robot, "drive_time", lambda geometry: geometry.drive.time),
         "dribbleBall": IdealTime(robot, "dribble_time", lambda geometry: geometry.dribble.time),
@@ -59,9 +59,9 @@ def ideal_times(robot: Robot) -> dict[str, IdealTime]:
 
 
 def plain_times(robot: Robot) -> dict[str, IdealTime]:
-    """Return by action the time of turning, driving and turning again, what one knows of any such robot.
+    """Return by action the time to turn, drive straight and turn again at the robot's limits.
 
-    Only without the ball the drive may go backward. A shot turns toward the goal and drives.
+    The drive may go backward unless the ball is held. For a shot: turn toward the goal and drive.
     """
 
     def either_way(geometry: Geometry) -> FloatArray:
@@ -80,12 +80,12 @@ def _turn_and_drive(geometry: Geometry) -> FloatArray:
 
 
 class BoostedTime:
-    """Predicts durations with histogram gradient boosting over all features: accurate, but no readable model.
+    """Predicts durations with histogram gradient boosting over all features; not a readable model.
 
     Parameters
     ----------
     robot : Robot
-        Limits, and where a ball is held.
+        Its limits, and the position of its hold.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -95,8 +95,8 @@ class BoostedTime:
         self._boosting = HistGradientBoostingRegressor(max_iter=250, learning_rate=0.08, random_state=0)
 
     def fit(self, rows: pd.DataFrame) -> BoostedTime:
-        """Learn from the rows, of one action, of an experience table; a start counts as START_WEIGHT rows."""
-        # Samples of 1 Hz beside the starts: more of the same episodes cost time and tell little.
+        """Fit to the rows of one action of a table of experience; starts have the weight START_WEIGHT."""
+        # Samples at 1 Hz: more of the same episodes take time and add little.
         sampled = np.isclose(rows["t"] % 1.0, 0.0, atol=0.01)
         good = rows[rows["success"] & sampled]
         table = feature_table(direct_of(good), self.robot, self.names)

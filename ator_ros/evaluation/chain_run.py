@@ -1,4 +1,4 @@
-"""Executing a chain in the simulator, tick by tick, with the executor that the node uses."""
+"""Execution of a chain in the simulator, with the chain executor that the node uses."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 
 TIME_LIMIT = 30.0
-"""Time in s that a chain may take; a failed chain counts as if it had taken that long."""
+"""Time limit of a chain in s, which is also the duration of a failed chain."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChainRun:
-    """How one execution of a chain went.
+    """The result of one execution of a chain.
 
     Attributes
     ----------
     duration : float
-        In s; `TIME_LIMIT` for a chain that failed.
+        In s; `TIME_LIMIT` if the chain failed.
     success : bool
-        Every action ended well, and the ball is where the plan wanted it.
+        Whether every action succeeded and, by the true state, the ball is held or in the goal as planned.
     reason : str
         A sentence on how it ended.
     actions : tuple of float
-        Durations of the actions in s, as far as it came.
+        Durations in s of the actions that ended.
     error : float
-        Distance in m between the last goal and what should have come there; NaN for a shot.
+        Final distance in m from the last goal, of the axle or the hold; NaN for a shot.
     path : tuple of (x, y, ball x, ball y)
         In m at 10 Hz, NaN without a ball; empty unless asked for.
     """
@@ -60,26 +60,26 @@ def run_chain(
     fetches: int = 0,
     latency: float = 0.0,
 ) -> ChainRun:
-    """Execute `chain` from `start` in a world of its own.
+    """Execute `chain` from `start` in a new simulation.
 
     Parameters
     ----------
     robot : Robot
         Shape, limits, ball and field.
     library : TopLibrary
-        Gives the actions.
+        TOPs and actions.
     start : World
         Robot and ball at the start.
     chain : TopChain
-        What to execute.
+        The chain to execute.
     keep_path : bool
-        Also log where robot and ball were.
+        Whether to log the positions of robot and ball.
     observe : callable, optional
-        What the executor is told of the state, once a tick; by default the truth.
+        Returns the state that the executor observes, once per tick; by default the true state.
     fetches : int
-        How many times a lost ball may be fetched again.
+        Number of times that a lost object may be fetched again.
     latency : float
-        By how much in s the executor looks ahead of what it observes, see `Foresight`.
+        Time in s by which observed states are predicted forward, see `Foresight`.
     """
     foresight = Foresight(robot, latency)
     path: list[tuple[float, float, float, float]] = []
@@ -97,7 +97,7 @@ def run_chain(
                 place = (math.nan, math.nan) if ball is None else (ball.x, ball.y)
                 path.append((world.robot.pose.x, world.robot.pose.y, *place))
             seen = world if observe is None else observe(world)
-            if seen.time == last:  # no word of anything newer yet
+            if seen.time == last:  # nothing newer was observed
                 simulation.tick()
                 continue
             last = seen.time
@@ -130,7 +130,7 @@ def _judge(
 
 
 def _outcome(simulation: PioneerSimulation, chain: TopChain, world: World) -> tuple[bool, str, float]:
-    """Return whether the chain has done what it is for, what is wrong otherwise, and the final error in m."""
+    """Return whether the chain achieved its purpose, a sentence for the case that not, and the error in m."""
     robot, last = simulation.robot, chain.calls[-1]
     if last.top.action == "shoot":
         ball = ball_of(coast(simulation, world))

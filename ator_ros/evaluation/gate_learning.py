@@ -1,4 +1,4 @@
-"""Learning the gate from executed situations, two ways, compared by cross-validation (paper, section 5)."""
+"""Learning two kinds of gate from executed situations, with cross-validation (paper, section 5)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ LearnedGate = ThresholdGate | TreeGate
 GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
 HARM = 3.0
-"""What a run made worse by more than 2 % weighs, in s, beside the time it loses."""
+"""Penalty in s for a run that becomes more than 2 % slower, besides the lost time."""
 KEPT = 0.97
-"""Least share of the ungated gain that a threshold keeps, of headings alone and of headings and speeds."""
+"""Least share of the ungated gain that a threshold must keep, with and without refined speeds."""
 FOLDS = 10
 TREE_DEPTH = 3
 TREE_LEAF = 10
@@ -33,13 +33,13 @@ class GateExamples:
     Attributes
     ----------
     features : ndarray, shape (n, len(FEATURES))
-        What the gate decides from.
+        Features of the gate.
     naive, refined : ndarray, shape (n,)
         Durations in s.
     situation : ndarray of int, shape (n,)
-        Which examples are of the same situation.
+        Index of the situation of each example.
     kind : ndarray of int, shape (n,)
-        0 where the heading alone was refined, 1 where the arrival speed was too.
+        0: the heading was refined; 1: heading and arrival speed.
     """
 
     features: FloatArray
@@ -49,13 +49,13 @@ class GateExamples:
     kind: NDArray[np.int64]
 
     def part(self, rows: NDArray[Any]) -> GateExamples:
-        """Return some of the examples."""
+        """Return the examples that `rows` selects."""
         columns = (self.features, self.naive, self.refined, self.situation, self.kind)
         return GateExamples(*(column[rows] for column in columns))
 
 
 def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
-    """Return the examples, with and without arrival speed, of records as `evaluate_trial` makes them."""
+    """Return the examples in records of `evaluate_trial`, with and without refined arrival speed."""
     rows, naive, refined, situation, kinds = [], [], [], [], []
     for record in records:
         for kind, (policy, key) in enumerate((("refined", "features"), ("refined_speed", "features_speed"))):
@@ -71,7 +71,7 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
 
 
 def fit_threshold(examples: GateExamples) -> ThresholdGate:
-    """Return the threshold that harms least, of those that keep nearly all of the gain."""
+    """Return the threshold with the fewest slower runs among those that keep `KEPT` of the gain."""
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
     refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
@@ -81,7 +81,7 @@ def fit_threshold(examples: GateExamples) -> ThresholdGate:
 
 
 def fit_tree(examples: GateExamples) -> TreeGate:
-    """Return the decision tree that tells Higher, Equal and Lower apart, as the paper's does."""
+    """Return the decision tree that classifies Higher, Equal and Lower, as in the paper."""
     tree = DecisionTreeClassifier(max_depth=TREE_DEPTH, min_samples_leaf=TREE_LEAF, random_state=0)
     tree.fit(examples.features, labels(examples.refined, examples.naive))
     nodes, names = tree.tree_, list(FEATURES)
@@ -96,7 +96,7 @@ def fit_tree(examples: GateExamples) -> TreeGate:
 
 
 def decisions(gate: LearnedGate, examples: GateExamples) -> NDArray[np.bool_]:
-    """Return for each example whether the gate refines."""
+    """Return whether the gate refines, for each example."""
     return np.array([gate.decide(dict(zip(FEATURES, row, strict=True)))[0] for row in examples.features])
 
 
@@ -110,7 +110,7 @@ def _worse(examples: GateExamples, refine: NDArray[np.bool_]) -> int:
 
 
 def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
-    """Return the share of the ungated gain that is kept, of the kind of refinement that keeps least."""
+    """Return the kept share of the ungated gain; of both kinds of refinement the smaller share."""
     shares = []
     for kind in np.unique(examples.kind):
         of_kind = examples.kind == kind
@@ -124,7 +124,7 @@ def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
 
 
 def compare_gates(examples: GateExamples) -> dict[str, dict[str, float]]:
-    """Judge both kinds of gate on situations that they were not fitted to.
+    """Evaluate both kinds of gate by cross-validation over situations.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""How robot-soccer teams estimate time without learning: linear in distance and turns.
+"""Linear models of duration in distance and turns, as robot-soccer teams use them without learning.
 
-Each model takes the place of the learned ones in the same search, with the coefficients its team chose by
-hand and with coefficients refitted to our robot's experience.
+Each model replaces the learned ones in the same search, with the coefficients that its team chose by hand
+and with coefficients refitted to our robot's experience.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def linear_terms(
     hold : float
         Distance in m between the axle and a held ball.
     aims : bool
-        The goal has a heading; otherwise its position is where the axle shall come.
+        Whether the goal has a heading; otherwise its position is that of the axle.
     """
     offset = np.asarray(direct["hold"]) * hold * aims
     dx = direct["xg"] - offset * np.cos(direct["yawg"]) - direct["x"]
@@ -100,14 +100,14 @@ def booster(action: str, robot: Robot) -> LinearTime:
 
 
 def refit(model: LinearTime, action: str, starts: pd.DataFrame) -> LinearTime:
-    """Fit the coefficients of `model` to observed durations; turns that it weighs alike stay alike.
+    """Fit the coefficients of `model` to observed durations; equal weights of both turns stay equal.
 
     Parameters
     ----------
     model : LinearTime
-        Gives the form.
+        Determines which terms have a weight, and which weights are equal.
     action : str
-        What was executed.
+        Name of the executed action.
     starts : pandas.DataFrame
         One row per successful episode: direct variables at the start, and the duration in s.
     """

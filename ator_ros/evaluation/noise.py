@@ -1,4 +1,4 @@
-"""How often chains succeed with the sensors of a real robot, against the truth in the same situations."""
+"""Success rates of chains with realistic sensors, compared with true states in the same situations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ator_ros.world.tracking import ObjectTracker
 
 TRUTH = "truth"
 POINTS = 3.0
-"""By how many points the success rate may be below that with the truth."""
+"""Percentage points by which the success rate may be below that with true states."""
 _LATE = SensorConfig(latency=0.1)
 _RESAMPLES = 5000
 _MOST_REASONS = 8
@@ -32,18 +32,18 @@ _MOST_REASONS = 8
 
 @dataclass(frozen=True, slots=True)
 class SensingCondition:
-    """What the executor is told of the world.
+    """How the executor observes the world.
 
     Attributes
     ----------
     sensors : SensorConfig
-        How the sensors err.
+        Errors of the sensors.
     tracked : bool
-        Whether a filter makes the most of the ball's sights, as in the node.
+        Whether sightings of the ball are filtered, as in the node.
     fetches : int
-        How many times a lost ball may be fetched again.
+        Number of times that a lost object may be fetched again.
     foreseen : float
-        By how much in s the executor looks ahead of what it is told.
+        Time in s by which the executor predicts observed states forward.
     """
 
     sensors: SensorConfig = field(default_factory=SensorConfig)
@@ -52,7 +52,7 @@ class SensingCondition:
     foreseen: float = 0.0
 
 
-#: Each error alone, states that come late, then all errors; a new condition is a new row.
+#: Single errors, late states, all errors; a new condition is a new row.
 CONDITIONS: Mapping[str, SensingCondition] = MappingProxyType(
     {
         TRUTH: SensingCondition(),
@@ -78,7 +78,7 @@ CONDITIONS: Mapping[str, SensingCondition] = MappingProxyType(
 
 @dataclass(frozen=True)
 class NoiseTask:
-    """One situation under some conditions: seed, number, chain, policy, tools."""
+    """One situation under some conditions: seed, index, chain, policy, conditions, source of the tools."""
 
     seed: int
     index: int
@@ -90,13 +90,13 @@ class NoiseTask:
 
 @cache
 def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return what is the same for all situations, made once per process."""
+    """Return toolset and library, made once per process."""
     tools = make_toolset(source)
     return tools, make_library(tools.robot, source)
 
 
 def execute(task: NoiseTask) -> dict[str, ChainRun]:
-    """Execute the chain of one situation under each condition, chosen once by the policy from the truth."""
+    """Execute one situation under each condition; the policy chooses the chain from the true state."""
     tools, library = _tools(task.source)
     trial = random_trial(tools.domain, task.chain, library, seed=task.seed, index=task.index)
     chain = POLICIES[task.policy](tools, trial).chain
@@ -119,7 +119,7 @@ def execute(task: NoiseTask) -> dict[str, ChainRun]:
 
 
 def summarise(results: Sequence[Mapping[str, ChainRun]]) -> list[dict[str, Any]]:
-    """Sum up the runs of many situations, a row for each condition.
+    """Return statistics of the runs of many situations, one row per condition.
 
     Returns
     -------

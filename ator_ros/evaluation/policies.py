@@ -1,4 +1,4 @@
-"""The policies that are compared: each chooses the open variables of a trial's chain."""
+"""The policies to compare: each chooses the open variables of a trial's chain."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ Models = Mapping[str, PredictsPerformance]
 
 @dataclass(frozen=True)
 class Toolset:
-    """What the policies choose with.
+    """The models and settings from which policies choose.
 
     Attributes
     ----------
     domain : Domain
-        Whose situations and chains.
+        Source of situations and chains.
     robot : Robot
         Sizes and limits.
     models : mapping
@@ -41,7 +41,7 @@ class Toolset:
     gate : Gate
         The gate of the gated policies.
     calibration : Calibration
-        What predictions of the learned models miss.
+        Corrections of the learned models' predictions.
     """
 
     domain: Domain
@@ -56,7 +56,7 @@ class Toolset:
         return Refiner(self.robot, self.models[models], gate, calibration=self.calibration)
 
     def predict(self, world: World, chain: TopChain) -> ChainPrediction:
-        """Return what the learned models predict of a chain as it is, corrected by the calibration."""
+        """Return the learned models' prediction of a chain as it is, corrected by the calibration."""
         models = self.models["learned"]
         prediction = predict_chain(world, chain, models, self.robot)
         calibration = self.calibration.matching(models)
@@ -65,7 +65,7 @@ class Toolset:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A chain that is ready to be executed, how it came about, and the refinement that led to it, if any."""
+    """A chain to execute, the refinement that led to it, if any, and whether models chose it."""
 
     chain: TopChain
     refinement: Refinement | None = None
@@ -81,13 +81,13 @@ def naive(tools: Toolset, trial: Trial) -> Choice:
 
 
 def bearing(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the heading in which each subgoal is seen from the place before it."""
+    """Choose the bearing of each subgoal from the preceding position as its heading."""
     places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls)]
     return Choice(with_headings(trial.chain, _bearings(places[:-1])))
 
 
 def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the heading in which the next goal is seen from each subgoal, as most soccer teams do."""
+    """Choose the bearing of the next goal from each subgoal as its heading, as most soccer teams do."""
     places = [call.goal.pose for call in trial.chain.calls]
     return Choice(with_headings(trial.chain, _bearings(places)))
 
@@ -106,9 +106,9 @@ def refining(models: str = "learned", *, gated: bool = False, speed: bool = Fals
     models : str
         Name of the set of models in the toolset.
     gated : bool
-        Leave the chain alone where the gate says so.
+        Whether the gate decides if the chain is refined.
     speed : bool
-        Also refine the arrival speeds.
+        Whether arrival speeds are refined, too.
     """
 
     def choose(tools: Toolset, trial: Trial) -> Choice:
@@ -135,7 +135,7 @@ MODEL_SETS = (
     "ideal_time",
     "hist_gradient_boosting",
 )
-"""Sets of models that take the place of the learned ones, each in the policy of its name."""
+"""Sets of models that replace the learned ones, each in the policy of its name."""
 
 #: A new policy is a new row. The oracle is no policy: it needs executions.
 POLICIES: Mapping[str, Policy] = MappingProxyType(

@@ -1,4 +1,4 @@
-"""The physical limit beside the actions: durations over those of the time-optimal motion."""
+"""Durations of the actions relative to those of time-optimal motion."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ator_ros.files import UnreadableError, read_json, write_text
 
 
 def over_time_optimal(kind: str, outcomes: Sequence[Outcome], folder: Path) -> dict[str, Any]:
-    """Compare with the times of the time-optimal motion between the same poses, where there are any.
+    """Compare durations with those of time-optimal motion between the same poses, if they are known.
 
     Parameters
     ----------
     kind : str
-        What was driven; part of the files' names.
+        Kind of motion; part of the files' names.
     outcomes : sequence of Outcome
         Of n situations.
     folder : Path
         Holds ``pairs_KIND.json``, the n pairs of poses (m, m, rad), and ``optimal_KIND.json``, the n times in
         s that ``benchmarks/time_optimal.py`` prints for them (null: not solved). Without times the pairs are
-        written there. Times of other pairs than these are left out and left alone, with a warning.
+        written there. Times of other pairs are neither used nor changed; a warning says so.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A whole evaluation: in parallel, resumable, the same whatever the number of workers."""
+"""A whole evaluation: parallel, resumable, with results that do not depend on the number of workers."""
 
 from __future__ import annotations
 
@@ -32,31 +32,32 @@ def run_situations(
     backend: str = "loky",
     progress: Progress | None = None,
 ) -> list[Record]:
-    """Evaluate situations 0 to `situations` - 1, except those whose results `folder` has already.
+    """Evaluate situations 0 to `situations` - 1, except those whose results are already in `folder`.
 
     Parameters
     ----------
     settings : Settings
-        What the results depend on.
+        Everything that the results depend on.
     situations : int
-        How many.
+        Number of situations.
     folder : Path
-        Where partial results are kept.
+        Folder of partial results.
     jobs, backend
         As for `ator_ros.experience.parallel.run_tasks`.
     progress : callable
-        Wraps the records as they come; also given how many were there and how many there will be.
+        Called with the iterable of new records, the number of records there are, and the number there will
+        be; returns an iterable of the same records.
 
     Raises
     ------
     EvaluationError
-        The folder holds results of other settings, or the disk is full; what was done is kept.
+        The folder contains results of other settings, or the disk is full; finished situations are kept.
     OSError
         The folder cannot be written, or has no room for the results.
     BackendError
         The parallel backend cannot be used.
     """
-    if not folder.exists():  # nothing is made where there is no room
+    if not folder.exists():  # check the room before the folder is made
         there = next(parent for parent in folder.absolute().parents if parent.exists())
         with reserved(there, _room_for(situations)):
             pass
@@ -79,12 +80,12 @@ def run_situations(
 
 
 def _room_for(situations: int) -> int:
-    """Return the bytes that results take: at the end the report needs as much as the partial results."""
+    """Return the size of the results in bytes: the final report takes as much as the partial results."""
     return _SPARE + 2 * _RECORD_BYTES * situations
 
 
 def describe(settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
-    """Return what goes into `evaluation.json` beside the runs."""
+    """Return the contents of `evaluation.json` except the runs."""
     summary: dict[str, Any] = {
         "situations": len(records),
         "seed": settings.seed,
@@ -106,7 +107,7 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
 
 
 def _portable(settings: dict[str, Any]) -> dict[str, Any]:
-    """Leave out the folders of this machine."""
+    """Return settings without the folders of this machine."""
     source = settings["source"]
     source["models"] = Path(source["models"]).name
     source["experience"] = [Path(table).name for table in source["experience"]]
@@ -130,7 +131,7 @@ def table_text(summary: Mapping[str, Any]) -> str:
 
 
 def prediction_text(summary: Mapping[str, Any]) -> str:
-    """Return how predictions differ from what was executed as a table for a terminal; empty without any."""
+    """Return the errors of predictions as a table for a terminal; empty without predictions."""
     rows = [(name, row["prediction"]) for name, row in summary.items() if has_predictions(row)]
     if not rows:
         return ""
@@ -145,5 +146,5 @@ def prediction_text(summary: Mapping[str, Any]) -> str:
 
 
 def has_predictions(row: Any) -> bool:
-    """Return whether a row of the summary has errors of predictions."""
+    """Return whether a row of the summary contains errors of predictions."""
     return isinstance(row, Mapping) and row.get("prediction", {}).get("chains", 0) > 0

@@ -1,4 +1,4 @@
-"""One situation of the experiment: every policy chooses, every different chain is executed once."""
+"""Evaluation of one situation: every policy chooses a chain, and each distinct chain is executed once."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 
 Record = dict[str, Any]
-"""What is kept of one situation; see `evaluate_trial`."""
+"""The result of one situation; see `evaluate_trial`."""
 
 
 @dataclass(frozen=True)
@@ -29,20 +29,20 @@ class Settings:
     Attributes
     ----------
     seed : int
-        Of the situations.
+        Seed of the situations.
     chain : str
-        Which chain, of the domain.
+        Name of one of the domain's chains.
     policies : tuple of str
         Names of `POLICIES`.
     oracle : int
-        How many headings of the first subgoal the oracle executes, evenly spaced from the naive one; 0: no
-        oracle.
+        Number of evenly spaced headings of the first subgoal that the oracle executes, starting with the
+        naive one; 0: no oracle.
     oracle_margin : float or None
-        The oracle leaves out what is predicted to take so many s longer than its best; None: nothing.
+        Headings predicted to take this much longer than the best (s) are not executed; None: all run.
     oracle_speeds : tuple of float
-        Arrival speeds in m/s that the oracle of heading and speed executes at each heading.
+        Arrival speeds in m/s that the oracle of heading and speed executes for each heading.
     source : ToolsetSource
-        Where robot, actions, models and gate come from.
+        Source of robot, actions, models and gate.
     """
 
     seed: int
@@ -55,7 +55,7 @@ class Settings:
 
 
 class Executions:
-    """Executes chains from one start, each different one once."""
+    """Executes chains from one start, each distinct one once."""
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
@@ -74,13 +74,13 @@ class Executions:
 
     @property
     def count(self) -> int:
-        """How many different chains were executed."""
+        """Number of distinct chains executed."""
         return len(self._runs)
 
 
 @cache
 def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return what is the same for all situations, made once per process."""
+    """Return toolset and library, made once per process."""
     tools = make_toolset(source)
     return tools, make_library(tools.robot, source)
 
@@ -94,8 +94,8 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "index"; "start": robot x, y, yaw, ball x, y, goal x, y, yaw (m, rad); "policies": by name "duration"
         (s), "success", "reason", "error" (m), "chosen": heading and speed of each intermediate subgoal,
         "actions": durations of the actions (s), "predicted": duration of the chain (s); "features" and
-        "features_speed": what the gate decides from; "oracle": "headings" (rad), "durations" (s), "best" (s)
-        and "success"; "oracle_speed": "best" and "success"; "executed": how many chains were.
+        "features_speed": features of the gate; "oracle": "headings" (rad), "durations" (s), "best" (s)
+        and "success"; "oracle_speed": "best" and "success"; "executed": number of chains executed.
     """
     settings, index = task
     tools, library = _tools(settings.source)
@@ -141,7 +141,7 @@ def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) 
 
 
 def _predicted(tools: Toolset, trial: Trial, choice: Choice) -> ChainPrediction | None:
-    """Return what is predicted of the chosen chain; None for one that was chosen without a model."""
+    """Return the prediction of the chosen chain; None if it was chosen without a model."""
     refinement = choice.refinement
     if refinement is not None:
         return refinement.after if refinement.refined else refinement.before
@@ -151,7 +151,7 @@ def _predicted(tools: Toolset, trial: Trial, choice: Choice) -> ChainPrediction 
 def _oracle(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, start: TopChain
 ) -> dict[str, Record]:
-    """Execute evenly spaced headings of the first subgoal, the others as predicted best for each."""
+    """Execute evenly spaced headings of the first subgoal, each with the predicted best of later ones."""
     naive_heading = start.calls[0].goal.pose.yaw
     steps = (2.0 * math.pi * k / settings.oracle for k in range(settings.oracle))
     headings = [wrap_angle(naive_heading + step) for step in steps]
@@ -180,7 +180,7 @@ def _oracle(
 def _executed(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chains: Sequence[TopChain]
 ) -> list[ChainRun | None]:
-    """Execute the chains that are predicted to come within the oracle's margin of the best of them."""
+    """Execute the chains whose predicted duration is within the oracle's margin of the least."""
     costs = [predicted_cost(tools, trial, chain) for chain in chains]
     margin = settings.oracle_margin
     bound = math.inf if margin is None else min(costs) + margin
@@ -188,7 +188,7 @@ def _executed(
 
 
 def predicted_cost(tools: Toolset, trial: Trial, chain: TopChain) -> float:
-    """Return the duration in s that the learned models predict for a chain as it is."""
+    """Return the cost that the learned models predict for a chain as it is: its duration in s."""
     return predict_chain(trial.world, chain, tools.models["learned"], tools.robot).cost
 
 

@@ -1,4 +1,4 @@
-"""Table 1 and its kin from the records of an evaluation (paper, section 5)."""
+"""The statistics of Table 1 and others from the records of an evaluation (paper, section 5)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ EQUAL = 0.02
 RESAMPLES = 5000
 LABELS = ("Higher", "Equal", "Lower")
 OURS = ("refined", "gated", "refined_speed", "gated_speed")
-"""Policies that the others are compared with in pairs of runs."""
+"""Policies to which the others are compared in paired runs."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class Outcomes:
     Attributes
     ----------
     duration : dict of ndarray, shape (n,)
-        In s by policy, a failed chain at the time limit; "oracle" and "oracle_speed" among them where
-        executed.
+        In s by policy, with the time limit for a failed chain; includes "oracle" and "oracle_speed" if they
+        were executed.
     success : dict of ndarray of bool, shape (n,)
         By policy.
     """
@@ -37,7 +37,7 @@ class Outcomes:
 
 
 def outcomes(records: Sequence[Mapping[str, Any]]) -> Outcomes:
-    """Return the outcomes of records as `evaluate_trial` makes them."""
+    """Return the outcomes in records of `evaluate_trial`."""
     duration: dict[str, FloatArray] = {}
     success: dict[str, NDArray[np.bool_]] = {}
     for name in records[0]["policies"]:
@@ -142,13 +142,13 @@ def mean_interval(values: FloatArray) -> list[float]:
 
 
 def prediction_errors(records: Sequence[Mapping[str, Any]], policy: str) -> dict[str, Any]:
-    """Return how a policy's predicted chain durations differ from the actual ones, of chains that succeeded.
+    """Return the errors of a policy's predicted chain durations, over the chains that succeeded.
 
     Returns
     -------
     dict
-        chains: how many; mean_error_s: predicted minus actual in the mean, mean_error_ci95: its interval;
-        mae_s, rmse_s: mean absolute and root mean square error. Without chains only their number.
+        chains: their number; mean_error_s: mean of predicted minus actual; mean_error_ci95: its interval;
+        mae_s, rmse_s: mean absolute and root mean square error. Without chains only `chains`.
     """
     rows = [record["policies"][policy] for record in records]
     known = [row for row in rows if row["success"] and "predicted" in row]

@@ -1,4 +1,4 @@
-"""The results of an evaluation on disk: partial results that can be resumed, and the finished JSON file."""
+"""Files of an evaluation: resumable partial results, and the final JSON file."""
 
 from __future__ import annotations
 

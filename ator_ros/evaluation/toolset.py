@@ -1,4 +1,4 @@
-"""What the policies choose with, read from the shipped models and, where given, a table of experience."""
+"""Toolsets of policies, read from model files and, if given, tables of experience."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ BASELINES = "baselines.json"
 
 @dataclass(frozen=True, kw_only=True)
 class ToolsetSource:
-    """Where robot, actions, models and gate come from.
+    """Source of robot, actions, models and gate.
 
     Attributes
     ----------
     domain : str
         Name of the domain.
     action_set : str
-        Which of its action sets.
+        Name of one of its action sets.
     models : str
-        Folder of the models, laid out as the shipped models/; empty: that one.
+        Folder of the models, with the layout of the shipped models/; empty: the shipped folder.
     experience : tuple of str
-        Tables that the models with gradient boosting are fitted to; empty: there are none.
+        Tables to which gradient boosting is fitted; empty: no such models.
     """
 
     domain: str = DEFAULT
@@ -66,7 +66,7 @@ class ToolsetSource:
         return sha.hexdigest()[:16]
 
     def digests(self, chain: str) -> dict[str, str]:
-        """Return the digests of the robot and of the learned models that the actions of a chain have.
+        """Return the digests of the robot and of the learned models of a chain's actions.
 
         Raises
         ------
@@ -79,13 +79,13 @@ class ToolsetSource:
         return {"robot": robot.digest(), **models}
 
     def _actions(self, chain: str, robot: Robot) -> list[str]:
-        """Return the actions of a chain, one for each step."""
+        """Return the action of each step of a chain."""
         trial = random_trial(find_domain(self.domain), chain, make_library(robot, self), seed=0, index=0)
         return [call.top.action for call in trial.chain.calls]
 
 
 def read_rows(tables: Iterable[Path | str]) -> dict[str, pd.DataFrame]:
-    """Read tables of experience; give the rows of each action in them.
+    """Read tables of experience; return their rows by action.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def read_rows(tables: Iterable[Path | str]) -> dict[str, pd.DataFrame]:
 
 
 def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the policies that can be run with what there is, and the others with what they lack."""
+    """Return the policies that can run with the files there are, and what each of the others lacks."""
     missing: dict[str, str] = {}
     if not (source.folder() / BASELINES).exists():
         why = f"{source.folder() / BASELINES} is not there; the tool `gate` makes it"
@@ -111,17 +111,17 @@ def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str
 
 
 def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
-    """Return the TOP library with the actions of the source."""
+    """Return the TOP library with the source's action set."""
     return find_domain(source.domain).library(robot, source.action_set)
 
 
 def make_toolset(source: ToolsetSource) -> Toolset:
-    """Read models and gate, and fit what is fitted anew.
+    """Read models and gate, and fit gradient boosting.
 
     Raises
     ------
     ModelFileError, RefinementError, ExperienceError, EvaluationError
-        A file that is there cannot be used; the message names it.
+        An existing file cannot be used; the message names it.
     """
     domain, robot, folder = find_domain(source.domain), load_robot(), source.folder()
     actions = list(domain.actions(source.action_set))

@@ -14,7 +14,7 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 
-#: What the seeds of the experiments are for; no range is used for anything else.
+#: Purposes of the seeds; no range is used for anything else.
 SEEDS: Mapping[str, str] = MappingProxyType(
     {
         "1xx": "training episodes",
@@ -33,7 +33,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One situation of an experiment: the state at the start and the plan, its first heading left open."""
+    """One situation of an evaluation: index, initial state, and plan with open variables."""
 
     index: int
     world: World
@@ -41,18 +41,18 @@ class Trial:
 
 
 def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, index: int) -> Trial:
-    """Draw situation number `index` of the experiment with this seed: it depends on nothing else.
+    """Draw situation `index` of the evaluation with this seed; nothing else has an influence.
 
     Parameters
     ----------
     domain : Domain
-        Whose situations.
+        Source of the situation.
     chain : str
-        Which of its chains.
+        Name of one of its chains.
     library : TopLibrary
-        Where the chain's TOPs come from.
+        Robot, and TOPs of the chain.
     seed, index : int
-        Of the experiment, and of the situation in it.
+        Seed of the evaluation, and index of the situation.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
     return Trial(index, *domain.chains[chain](library.robot, library, rng))

@@ -1,1 +1,1 @@
-"""Execution: one state machine that runs a chain, and what watches over it. Without ROS, without a clock."""
+"""Execution of chains, and the checks of base, area and inputs meanwhile. No ROS, no clock."""

@@ -42,17 +42,17 @@ class ChainExecutor:
     Parameters
     ----------
     library : TopLibrary
-        Gives the actions.
+        TOPs and actions.
     chain : TopChain
-        What to execute; each pre-condition is checked when its turn comes.
+        The chain to execute; each pre-condition is checked before its step starts.
     time_limit : float
-        Time in s that each step may take, however often its goal moves with an object.
+        Time in s that each step may take, including all changes of its goal.
     predict : callable, optional
-        Predicts the performance of a step, from the world in which it starts, the chain, and its number (from
-        0), for the record.
+        Predicts the performance of a step for its record, given the world in which it starts, the chain, and
+        its index (from 0).
     fetches : int
-        How many times an object may be fetched again when it is lost; then the chain goes on from the last
-        step before that fetches it.
+        Number of times that a lost object may be fetched again; the chain then goes on from the latest step
+        that fetches it.
     """
 
     def __init__(
@@ -78,9 +78,9 @@ class ChainExecutor:
         self._run = self._new_run(chain, 0)
 
     def step(self, world: World) -> ChainStep:
-        """Return the command of this tick; an action that ends hands over to the next in the same tick.
+        """Return the command of this tick; after an action ends, the next one begins in the same tick.
 
-        In one tick at most one action begins, since each plans.
+        At most one action begins per tick, because each plans.
         """
         if self._began is None:
             self._began = world.time
@@ -94,7 +94,7 @@ class ChainExecutor:
             following = self._after(world, step.status)
             if following is None:
                 self._over = True
-                return self._told(world, Step(STOP, step.status, step.message))
+                return self._chain_step(world, Step(STOP, step.status, step.message))
             self._enter(*following)
             if self._run.stopping:
                 step = Step(STOP, Status.RUNNING, STOPPING)
@@ -102,39 +102,38 @@ class ChainExecutor:
                 step = Step(step.command, Status.RUNNING, step.message)
             else:
                 step = self._follow(world)
-        return self._told(world, step)
+        return self._chain_step(world, step)
 
     def break_off(self, world: World, why: str) -> None:
-        """Record the action that is under way, if there is one, as broken off in the state `world`."""
+        """Record the action under way, if any, as broken off in the state `world`."""
         if self._run.begun and not self._over:
             self.records.append(self._run.record(world, Step(STOP, Status.RUNNING, why)))
         self._over = True
 
     @property
     def chain(self) -> TopChain:
-        """The chain as it is executed; the goals of approaches move with their objects."""
+        """The chain with its present goals: goals that lie at an object move with it."""
         return self._chain
 
     @property
     def index(self) -> int:
-        """The step of the chain that is being executed, from 0."""
+        """Index of the step being executed, from 0."""
         return self._index
 
     def head_for(self, world: World, chain: TopChain) -> bool:
-        """Go on with other goals from the present step on, without a stop.
+        """Replace the goals of the present step and of later ones, without a stop.
 
         Parameters
         ----------
         world : World
             The present state.
         chain : TopChain
-            The same TOPs as in `chain`.
+            The same TOPs with other goals.
 
         Returns
         -------
         bool
-            False, and nothing has changed: there is no way from here to the present step's new goal, or none
-            that is found at once.
+            False if no way to the present step's new goal is found at once; then nothing has changed.
         """
         if chain.calls[self._index] != self._run.call:
             run = self._changed_run(chain, standing_first=self._run.stopping)
@@ -147,11 +146,11 @@ class ChainExecutor:
     def _begins(self, world: World, run: StepRun) -> bool:
         """Begin `run` while the robot drives; return whether its way is known."""
         self._planned = world.time
-        self._run.defer_planning(world.time)  # where it goes on after all: one search in a tick
+        self._run.defer_planning(world.time)  # it may go on after all: one search per tick
         return run.begin(world) is None and not run.planning
 
     def _follow(self, world: World) -> Step | None:
-        """Move the goal with an object that has left it; return a stop where no way leads on."""
+        """Move the goal with an object that has left it; return a stop if the robot must stand first."""
         robot, call = self._library.robot, self._run.call
         name = followed(call.top)
         if name is None or (self._run.begun and is_at_front(world, robot, name)):
@@ -167,7 +166,7 @@ class ChainExecutor:
         return Step(STOP, Status.RUNNING, STOPPING)
 
     def _is_blocked(self, world: World) -> bool:
-        """Return whether the object that is followed lies where the robot can only stop."""
+        """Return whether the followed object lies so close ahead that the robot can only stop."""
         name = followed(self._run.call.top)
         return name is not None and is_in_the_way(world, self._library.robot, name)
 
@@ -177,7 +176,7 @@ class ChainExecutor:
         self._run = run
 
     def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
-        """Return the step that follows, and whether the robot shall stand first; None at the chain's end."""
+        """Return the next step and whether the robot must stand first; None at the end of the chain."""
         if status is Status.SUCCEEDED:
             return (self._index + 1, False) if self._index + 1 < len(self._chain) else None
         fetching = self._fetching_step(world)
@@ -187,7 +186,7 @@ class ChainExecutor:
         return fetching, True
 
     def _fetching_step(self, world: World) -> int | None:
-        """Return the step to go back to for an object that is lost; None where none is to be fetched."""
+        """Return the step that fetches a lost object again; None if none is lost or may be fetched."""
         top = self._run.call.top
         name = held_first(top) or (fetched(top) if self._run.begun else None)
         if name is None or self.fetched >= self._fetches or not is_lost(world, self._library.robot, name):
@@ -200,7 +199,7 @@ class ChainExecutor:
         self._run = self._new_run(self._chain, index, standing_first=standing_first)
 
     def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:
-        """Return a run of the present step with the goal in `chain`; its time goes on."""
+        """Return a run of the present step with its goal in `chain`; its time limit goes on."""
         return self._new_run(chain, self._index, standing_first=standing_first, since=self._run.since)
 
     def _new_run(
@@ -217,6 +216,6 @@ class ChainExecutor:
             since=since,
         )
 
-    def _told(self, world: World, step: Step) -> ChainStep:
+    def _chain_step(self, world: World, step: Step) -> ChainStep:
         assert self._began is not None
         return ChainStep(step.command, step.status, self._index, step.message, world.time - self._began)

@@ -1,4 +1,4 @@
-"""Between the execution of a goal and the base: foresight, and a watch on how it moves (without ROS)."""
+"""Between execution and base: compensation of latency, and detection of a base that does not obey."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ator_ros.world.state import Command, RobotState, World
 
 
 class Driving:
-    """Carries late states on, and ends a goal whose base does not move as it was commanded to.
+    """Predicts late states forward, and ends a goal if the base does not move as commanded.
 
     Parameters
     ----------
     robot : Robot
-        Limits and lags of the base.
+        Limits and lag of the base.
     latency : float
         See `Foresight`.
     """
@@ -25,20 +25,21 @@ class Driving:
         self._foresight = Foresight(robot, latency)
 
     def reset(self) -> None:
-        """Forget everything, as time begins anew."""
+        """Forget all states and commands because time was reset."""
         self._foresight.reset()
         self._watch.reset()
 
     def begin(self, *, preempts: bool) -> None:
-        """Begin to watch, for a goal: before it, anybody may have steered or pushed the base.
+        """Begin to watch the base for a new goal.
 
-        Where it `preempts` another, only we have steered, and commands may still be on their way.
+        Motion before the goal is ignored, as others may have moved the base. A goal that `preempts` another
+        continues its watch: its commands may still be under way.
         """
         if not preempts:
             self._watch.reset()
 
     def sent(self, time: float, command: Command) -> None:
-        """Note a command that leaves as the answer to a state of `time` (s)."""
+        """Record a command sent in response to the state of `time` (s)."""
         self._watch.sent(time, command)
         self._foresight.sent(time, command)
 
@@ -47,14 +48,14 @@ class Driving:
         return self._foresight.punctual(robot, command, took)
 
     def ahead(self, world: World, execution: Execution | None, now: float) -> World:
-        """Return the world in which the answer to `world` will move the base.
+        """Return the world at the time when the command for `world` takes effect.
 
         Parameters
         ----------
         world : World
-            The state as the sensors tell it.
+            The measured state.
         execution : Execution or None
-            What is executed; it ends where the base misbehaves.
+            The execution to end if the base does not obey.
         now : float
             Real time in s.
         """

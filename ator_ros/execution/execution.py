@@ -1,4 +1,4 @@
-"""The execution of one goal: refine, execute, stop (without ROS; both clocks are passed in)."""
+"""The execution of one goal: wait, refine, execute, stop. Both clocks are passed in."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ class Execution:
     Parameters
     ----------
     library : TopLibrary
-        Gives the actions.
+        TOPs and actions.
     chain : TopChain
-        What to execute.
+        The chain to execute.
     refining : Refining
-        What is asked of refinement; the start waits for the first answer.
+        Questions to refinement; the chain starts after the first answer.
     now : float
-        The real time in s, as everywhere here: the state has a clock of its own.
+        Real time in s, in all methods; states carry a time of their own.
     predictor, deadlines, fence
-        Predict what happens; say when to give up waiting, and where the robot may drive.
+        Predictions of chains, times after which waiting ends, area in which the robot may drive.
     fetches : int
-        How many times a lost object may be fetched again.
+        Number of times that a lost object may be fetched again.
     """
 
     def __init__(
@@ -76,31 +76,31 @@ class Execution:
 
     @property
     def step(self) -> int:
-        """The step of the chain that is executed, from 0."""
+        """Index of the step being executed, from 0."""
         return 0 if self._executor is None else self._executor.index
 
     @property
     def fetched(self) -> int:
-        """How many times a lost object was fetched again."""
+        """Number of times that a lost object was fetched again."""
         return 0 if self._executor is None else self._executor.fetched
 
     @property
     def top(self) -> Top:
-        """The TOP of that step."""
+        """The TOP of the step being executed."""
         return self.chain.calls[self.step].top
 
     @property
     def predicted(self) -> ChainPrediction | None:
-        """What was predicted of the chain; computed when it is asked for, after the command is on its way."""
+        """The prediction of the chain; computed on first use, so that it does not delay the first command."""
         return None if self._prediction is None else self._prediction()
 
     @property
     def question(self) -> Question | None:
-        """What is to be asked of refinement now."""
+        """The open question to refinement; None if there is none."""
         return self.refining.question if self.phase in (Phase.REFINING, Phase.EXECUTING) else None
 
     def predicted_remaining(self, now: float) -> float:
-        """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if not known."""
+        """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
         if self.ending is not None:
             return 0.0
         if self.predicted is None or self.start is None:
@@ -109,17 +109,17 @@ class Execution:
         return remaining(self.predicted, self.step, now - began)
 
     def silent(self, now: float) -> bool:
-        """Return whether no odometry has come for half its deadline: the robot should stand until then."""
+        """Return whether odometry has been missing for half its deadline, so that the robot should stand."""
         return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.silence
 
     def tick(self, world: World, now: float, *, overdue: frozenset[str] = frozenset()) -> Command:
-        """Take a newer state of the world and return the command for it.
+        """Process a newer state of the world and return the command for it.
 
-        Where an object is overdue, a step that needs it pauses; it ends when twice in a row the object is not
-        known, or when it is to begin without it.
+        A step pauses while an object that it needs is overdue. The goal ends if that object is unknown in two
+        states in a row, or when a step that needs it begins.
         """
         self._heard, self._seen = now, world
-        # Planning takes time, for which a simulation waits that has heard from us.
+        # The first command, to stand, makes a simulation wait for the next one, which takes planning.
         if self.phase is Phase.WAITING and self._begin(world, now) and is_standing(world.robot):
             return STOP
         if self.phase is Phase.EXECUTING:
@@ -131,11 +131,11 @@ class Execution:
         return STOP
 
     def listening(self, now: float) -> None:
-        """Listen again from `now` on: odometry that came while a tick was computed is not overdue."""
+        """Restart the deadline of odometry at `now`: messages that came during a tick were not missing."""
         self._heard = now
 
     def watch(self, now: float) -> None:
-        """Look whether something is overdue."""
+        """Check all deadlines at `now`."""
         if self.phase is Phase.WAITING and now - self._accepted > self._deadlines.start:
             self._give_up_waiting()
         if self.question is not None and now - self.question.asked > self._deadlines.refinement:
@@ -143,27 +143,27 @@ class Execution:
         if self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom:
             reason = f"odom is missing: expected newer odometry within {self._deadlines.odom:g} s, got none"
             self.end(Ending.INPUT_LOST, reason)
-            self.phase = Phase.ENDED  # nothing will tell when the robot stands
+            self.phase = Phase.ENDED  # no state will show when the robot stands
 
     def end(self, ending: Ending, reason: str) -> None:
-        """End for some reason, of which the first counts; an action that is under way leaves its record."""
+        """End the goal, once: later reasons are ignored. An action under way is recorded as broken off."""
         if self.ending is not None:
             return
         if self._executor is not None and self._seen is not None:
             self._executor.break_off(self._seen, reason)
             self._keep_records(self._executor, self._seen, ending)
         self.ending, self.reason, self.phase = ending, reason, Phase.STOPPING
-        if math.isinf(self._heard):  # then odometry that never came counts as missing since the acceptance
+        if math.isinf(self._heard):  # odometry never came: its deadline counts from the acceptance
             self._heard = self._accepted
 
     def misbehaved(self, reason: str) -> None:
-        """End because the base does not follow its commands, also where only its standing is awaited."""
+        """End because the base does not follow its commands, even if only its standstill is awaited."""
         if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
             self.ending, self.reason = Ending.BASE_FAULT, reason
         self.end(Ending.BASE_FAULT, reason)
 
     def refined_to(self, chain: TopChain, refined: bool, reason: str) -> None:
-        """Take the answer to `question`; when the robot drives, with the next state.
+        """Accept the answer to `question`; while the robot drives, the next tick applies it.
 
         An unrefined answer may differ from the question: naive values replace its placeholders.
         """
@@ -173,11 +173,11 @@ class Execution:
             self._start_with(chain, refined, reason)
         elif refined:
             self._answer = chain, reason
-        else:  # the chain under way has no placeholders left
+        else:  # the chain being executed has no placeholders left
             self._go_on(reason, changed=False)
 
     def unrefined(self, why: str) -> None:
-        """Go on with the chain as it is, since there is no good answer to `question`."""
+        """Go on with the chain as it is because `question` has no valid answer."""
         sent = "" if self.phase is Phase.EXECUTING else "executed as sent, "
         self._go_on(f"{sent}refinement failed: {why}", changed=False)
 
@@ -198,7 +198,7 @@ class Execution:
             self._go_on(reason, changed=refined and self.chain != planned)
 
     def _take_answer(self, world: World, executor: ChainExecutor) -> None:
-        """Head for other goals from where the robot is, if that is still possible."""
+        """Switch to the refined goals from the present state, if that is still possible."""
         answer, question, robot, self._answer = self._answer, self.question, self._library.robot, None
         if answer is None or question is None:
             return
@@ -216,10 +216,7 @@ class Execution:
             self.unrefined("there is no way from here to the refined subgoal")
 
     def _begin(self, world: World, now: float) -> bool:
-        """Start with the first state in which the chain can be judged: with the objects that it needs.
-
-        Says whether the chain is to be executed now.
-        """
+        """Start once all objects that the chain needs are known; return whether it is executed now."""
         self.start = world
         missing = missing_in(self.chain.calls, world)
         if missing is not None:
@@ -239,15 +236,14 @@ class Execution:
         limit = f"expected one within {self._deadlines.start:g} s of the goal, got none"
         if self.start is None:
             self.end(Ending.INPUT_LOST, f"odom is missing: {limit}")
-            self.phase = Phase.ENDED  # nothing will tell when the robot stands
+            self.phase = Phase.ENDED  # no state will show when the robot stands
         else:
             name, top = missing_in(self.chain.calls, self.start) or ("", "")
             self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}")
 
     def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command:
         if self._executor is None:
-            # Later than the first state when refinement has taken its time.
-            self.start = world
+            self.start = world  # later than the first state if refinement took time
             self._prediction = functools.cache(functools.partial(self._predictor.chain, world, self.chain))
             self._executor = ChainExecutor(
                 self._library,
@@ -257,7 +253,7 @@ class Execution:
                 fetches=self._fetches,
             )
         blind, self._blind = self._blind, missing_object(self.top, world)
-        # Once it may happen: after a long tick, odometry may be read before an object long on its way.
+        # One state may lack an object: after a long tick odometry may be read before the object's message.
         if self._blind and blind:
             return self._end_without(self._blind)
         silent = self._blind or next((name for name in objects_in(self.top) if name in overdue), None)
@@ -279,7 +275,7 @@ class Execution:
         if step.status is Status.RUNNING:
             self.refining.ask_again(world, self.chain, now, step=self.step)
             return step.command
-        missing = missing_object(self.top, world)  # for the step that was just handed over to
+        missing = missing_object(self.top, world)  # of the step that has just begun
         if missing is not None:
             return self._end_without(missing)
         if step.status is Status.SUCCEEDED:
@@ -290,7 +286,7 @@ class Execution:
         return self._stop(Ending.FAILED, step.message)
 
     def _keep_records(self, executor: ChainExecutor, world: World, broken_off: Ending) -> None:
-        """Keep the records of the actions that have ended in the state `world`."""
+        """Keep the records of the actions that ended in the state `world`."""
         new = executor.records[len(self.records) :]
         self.records += [(record, world, _ENDINGS.get(record.outcome, broken_off)) for record in new]
 

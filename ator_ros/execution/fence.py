@@ -1,4 +1,4 @@
-"""The area in which the robot may drive (without ROS)."""
+"""The area in which the robot may drive."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_
 from ator_ros.world.state import RobotState, World
 
 _DOUBT = 0.3
-"""Time in s for which an object must lead out: its velocity may be false until its positions tell."""
+"""Time in s for which an object must lead out; until then its velocity may be wrong, see `VelocityCheck`."""
 _ROUNDING = 1e-9
 _OFF_THE_WAY = 0.05
-"""Distance in m by which an action may miss its goal and its way."""
+"""Distance in m by which an action may miss its goal or its path."""
 _PERIOD = 0.05
-"""Time in s between two commands where a goal is judged before anything is known of odometry's rate."""
+"""Assumed time in s between two commands, for goals that are judged before odometry's rate is known."""
 
 
 def room_inside(robot: Robot) -> float:
-    """Return the distance in m from the edge at which a goal must lie so that `FenceWatch` does not end it.
+    """Return the least distance in m of a goal from the edge, so that `FenceWatch` does not end it.
 
-    It is the tolerance of a position, and what the robot drives at full speed until it follows a command.
+    It is the sum of the position tolerance and of the way that the robot drives at full speed until it
+    follows a command.
     """
     return _OFF_THE_WAY + robot.limits.v * (_PERIOD + robot.motor_time_constant)
 
@@ -49,12 +50,12 @@ class Fence:
 
     @classmethod
     def of(cls, edges: Sequence[float]) -> Fence:
-        """Return the fence with these least x and y and greatest x and y in m.
+        """Return the fence with the edges x_min, y_min, x_max, y_max in m.
 
         Raises
         ------
         ValueError
-            They are not four finite numbers in that order.
+            They are not four finite numbers, or a least one is not below the greatest.
         """
         if len(edges) != 4 or not all(map(math.isfinite, edges)):
             raise ValueError(f"expected four finite numbers in m, got {list(edges)}")
@@ -64,11 +65,11 @@ class Fence:
         return fence
 
     def outside(self, x: float, y: float) -> float:
-        """Return the distance in m from a place to the area; 0 inside."""
+        """Return the distance in m from (x, y) in m to the area; 0 inside."""
         return math.hypot(max(self.x_min - x, 0.0, x - self.x_max), max(self.y_min - y, 0.0, y - self.y_max))
 
     def violation(self, chain: TopChain, robot: Robot) -> str | None:
-        """Return in words which step of a chain leads out of the area; None where none does."""
+        """Return a sentence on the first step of a chain that leads out of the area; None if none does."""
         for number, call in enumerate(chain.calls):
             if self.leads_out(call, robot):
                 (x, y, _), speed = call.goal.robot_pose(robot), call.goal.speed
@@ -81,19 +82,19 @@ class Fence:
         return None
 
     def leads_out(self, call: TopCall, robot: Robot) -> bool:
-        """Return whether a step would bring the robot, or the object that it holds then, out of the area.
+        """Return whether the goal of a step puts the robot, or the object that it holds, out of the area.
 
-        The robot must come to stand `room_inside` the edge, also where it arrives at speed. What is shot may
-        lie anywhere.
+        The robot must come to rest `room_inside` the edge, also after an arrival at speed. Steps whose
+        post-condition does not move the robot to the goal, such as a shot, never lead out.
         """
-        if not {term.variable for term in call.top.post.terms} & {"robot.x", "hold.x"}:
+        if not call.top.arrives:
             return False
         goal = call.goal
         held_out = goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0
         return held_out or not self._has_room(goal, robot)
 
     def _has_room(self, goal: Goal, robot: Robot) -> bool:
-        """Return whether the robot can arrive at `goal`, and stop from its speed, far enough inside."""
+        """Return whether the robot can arrive at `goal` and stop from its speed `room_inside` the edge."""
         x, y, yaw = goal.robot_pose(robot)
         way = max(stopping_way(goal.speed), goal.speed**2 / (2.0 * robot.limits.brake))
         room = room_inside(robot)
@@ -102,24 +103,24 @@ class Fence:
         return all(inner.outside(*place) <= _ROUNDING for place in places)
 
     def __str__(self) -> str:
-        """Return the area in words."""
+        """Return the area as text."""
         return f"fence (x from {self.x_min:g} to {self.x_max:g} m, y from {self.y_min:g} to {self.y_max:g} m)"
 
 
 class FenceWatch:
-    """Looks, during one goal, whether the robot is about to leave the area.
+    """Detects, during one goal, that the robot is about to leave the area.
 
-    A robot that starts outside may drive in: never farther away than it was, plus twice its own reach, in
-    which it can turn round. Once inside it must stay there.
+    A robot that starts outside may drive in. It must not get farther away than its start plus twice its
+    reach, which is the room to turn round. Once inside, it must stay inside.
 
     Parameters
     ----------
     fence : Fence
         The area.
     robot : Robot
-        Limits, with which the robot brakes, and lag of its motors.
+        Its limits and the lag of its motors.
     longest_gap : float
-        Time in s between two states after which the robot is commanded to stand anyway.
+        Greatest time in s between two states; after it the robot is commanded to stand anyway.
     """
 
     def __init__(self, fence: Fence, robot: Robot, longest_gap: float) -> None:
@@ -130,11 +131,11 @@ class FenceWatch:
 
     @property
     def pausing(self) -> bool:
-        """Whether the object that is followed leads out, so that the robot should rather stand."""
+        """Whether the robot should stand because the followed object leads out."""
         return self._leads_out_since < math.inf
 
     def fault(self, world: World, call: TopCall) -> str | None:
-        """Take a state in which `call` is executed; return in words why the goal must end, or None."""
+        """Process a state in which `call` is executed; return why the goal must end, or None."""
         return self._leaving(world) or self._following(world, call)
 
     def _leaving(self, world: World) -> str | None:
@@ -153,20 +154,20 @@ class FenceWatch:
         )
 
     def _reaction(self, time: float) -> float:
-        """Return the time in s from this state until a command that answers the next one is followed."""
+        """Return the time in s from this state until the base follows the command for the next one."""
         period = 0.0 if self._time is None else min(time - self._time, self._longest_gap)
         self._time = time
         return period + self._robot.motor_time_constant
 
     def _outside(self, robot: RobotState, way: float, *, bend: bool = False) -> float:
-        """Return how far outside in m the robot is `way` m on, straight ahead or in the bend it drives."""
+        """Return the distance in m to the area after `way` m, straight ahead or along the present arc."""
         turned = clip(way * robot.w / robot.v, math.pi) if bend and robot.v != 0.0 else 0.0
         chord = way * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
         yaw = robot.pose.yaw + turned / 2.0
         return self._fence.outside(robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw))
 
     def _following(self, world: World, call: TopCall) -> str | None:
-        """Return why not to follow an object, once it has led out for long enough to be believed."""
+        """Return why the followed object must not be followed, once it has led out for `_DOUBT` s."""
         resting = at_rest(world, self._robot)
         name = followed(call.top)
         if name is None or is_at_front(world, self._robot, name) or not has_left(resting, call, self._robot):

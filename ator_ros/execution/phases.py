@@ -1,4 +1,4 @@
-"""How far a goal of execute_chain has come, how it may end, and how long it waits (without ROS)."""
+"""Phases, endings and deadlines of the execution of a goal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 
 WATCH_PERIOD = 0.05
-"""Real time in s between two looks for deadlines that have passed."""
+"""Real time in s between two checks of the deadlines."""
 
 
 class Ending(enum.Enum):
@@ -25,7 +25,7 @@ class Ending(enum.Enum):
 
 
 class Phase(enum.Enum):
-    """Where the execution of a goal stands."""
+    """Phase of the execution of a goal."""
 
     WAITING = "waiting for the first state"
     REFINING = "waiting for refinement"
@@ -36,7 +36,7 @@ class Phase(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Deadlines:
-    """When to give up waiting.
+    """Times after which waiting ends.
 
     Attributes
     ----------
@@ -47,8 +47,7 @@ class Deadlines:
     refinement : float
         Real time in s that refinement may take.
     action : float
-        Time in s on the odometry's clock that one action may take, however often its goal
-        moves with an object.
+        Time in s on odometry's clock that one step may take, including all changes of its goal.
     """
 
     start: float = 2.0
@@ -58,10 +57,10 @@ class Deadlines:
 
     @property
     def silence(self) -> float:
-        """Real time in s without newer odometry after which the robot should stand until it comes."""
+        """Real time in s without newer odometry after which the robot should stand."""
         return self.odom / 2.0
 
     @property
     def longest_gap(self) -> float:
-        """Time in s after which a robot without newer odometry is commanded to stand at the latest."""
+        """Greatest real time in s from the last odometry until the robot is commanded to stand."""
         return self.silence + WATCH_PERIOD

@@ -1,4 +1,4 @@
-"""What the performance models say of a chain that is executed as it is (without ROS)."""
+"""Predictions of chains that are executed as they are."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Predictor:
     models : mapping
         Action name to performance model; chains with other actions are not predicted.
     calibration : Calibration, optional
-        What the models' predictions miss.
+        Corrections of the models' predictions.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Predictor:
     def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float] | None:
         """Predict one step (from 0) of `chain` from the state `world`; None where it has no model.
 
-        The whole chain tells whether the step's heading was chosen: other steps may bind it.
+        The whole chain decides whether the step's heading is free: other steps may bind it.
         """
         part = TopChain((chain.calls[step],))
         if part.calls[0].top.action not in self._models:

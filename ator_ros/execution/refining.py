@@ -1,4 +1,4 @@
-"""What a goal asks of refinement, before its chain starts and again when an object has moved."""
+"""The questions of a goal to refinement: before its chain starts, and again when an object has moved."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Question:
     chain : TopChain
         The steps that are not done.
     step : int
-        Number of the first of them, from 0.
+        Index of the first of them in the goal's chain, from 0.
     asked : float
-        Real time in s.
+        Real time of the question in s.
     """
 
     world: World
@@ -41,25 +41,25 @@ class Question:
 
 
 class Refining:
-    """The questions of one goal, one at a time, and the sentence on what became of them.
+    """The questions of one goal, one at a time, and a sentence on their results.
 
     Attributes
     ----------
     question : Question or None
-        The one that is open.
+        The open question.
     refined : bool
-        Whether the chain was changed.
+        Whether an answer changed the chain.
     again : int
-        How many times it was changed after its start.
+        Number of changes after the chain's start.
 
     Parameters
     ----------
     robot : Robot
-        Sizes, and how objects roll.
+        Its sizes, and the deceleration of rolling objects.
     wanted : bool
-        Whether the goal asks for refinement at all.
+        Whether the goal asks for refinement.
     again_after : float
-        Distance in m by which an object must have moved to ask again; 0: never.
+        Distance in m that an object must have moved before refinement is asked again; 0: never again.
     """
 
     def __init__(self, robot: Robot, *, wanted: bool, again_after: float) -> None:
@@ -74,7 +74,7 @@ class Refining:
 
     @property
     def reason(self) -> str:
-        """What became of the first question, of the last that changed the chain, and of one since then."""
+        """Results of the first question, of the last that changed the chain, and of the last since then."""
         unanswered = _UNANSWERED if self.wanted else _NOT_ASKED
         return (self._first or unanswered) + self._changed + self._left
 
@@ -84,7 +84,7 @@ class Refining:
         self.question = Question(world, TopChain(chain.calls[step:]), step, now)
 
     def ask_again(self, world: World, chain: TopChain, now: float, *, step: int) -> None:
-        """Ask when the object that is approached lies elsewhere than it did for the question before."""
+        """Ask if the followed object has moved `again_after` since the last question."""
         if not (self.wanted and self._again_after) or self.question is not None:
             return
         name = followed(chain.calls[step].top)
@@ -98,7 +98,7 @@ class Refining:
             self.ask(resting, chain, now, step=step)
 
     def close(self, why: str, *, changed: bool, elapsed: float) -> None:
-        """Note why the chain that was asked about was changed or left alone, `elapsed` s after its start."""
+        """Close the question, `elapsed` s after the chain's start, with the reason for its result."""
         self.question, why = None, why or "no reason given"
         self.refined = self.refined or changed
         if self._first is None:
@@ -114,9 +114,9 @@ class Refining:
 def refined_chain(
     chain: TopChain, question: Question, answer: TopChain, world: World, robot: Robot
 ) -> TopChain:
-    """Return `chain` with what `answer` changes of the chain in question.
+    """Return `chain` with the changes that `answer` makes to the chain of `question`.
 
-    The rest stays as it is now: an object that is driven to may have moved on since the question.
+    All other goals stay as they are in `chain`: they may have moved with an object since the question.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Doing everything once before it counts: no first goal waits for tables to be computed (without ROS)."""
+"""Warm-up: compute all tables and compile all code before the first goal."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import held_first
 from ator_ros.world.state import ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})
@@ -30,17 +31,16 @@ def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
         TopCall(library["goToBall"], Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD), OPEN),
         TopCall(library["dribbleBall"], Goal(Pose(2.0, 1.0, 0.0), 0.0, Point.HOLD)),
     )
-    with contextlib.suppress(RefinementError):  # then the first request says why
+    with contextlib.suppress(RefinementError):  # the first request reports it
         refiner.refine(AWAY, TopChain(calls))
 
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
-    """Plan and predict each TOP of `library`, where that is easy, and beside a post, where much is tried."""
+    """Plan and predict each TOP of `library` in the open and beside a goal post, where the search is long."""
     x, y = robot.field.goal_centre()
     post = Pose(x - 0.3, y + robot.field.goal_width / 2.0 + 0.2, 0.5)
     for top in library.values():
-        held = any(term.variable == "hold.x" for term in top.pre.terms)
-        if held:
+        if held_first(top) is not None:
             starts = (_holding(robot, Pose(x - 2.0, y, 0.2)), _holding(robot, post))
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
         else:
@@ -57,7 +57,7 @@ def _holding(robot: Robot, pose: Pose) -> World:
 
 
 def _planned(action: Action, world: World, goal: Goal) -> bool:
-    """Search to the end; False where there is no plan, as an action from outside may need something else."""
+    """Search to the end; return whether there is a plan. Actions from outside may need other situations."""
     try:
         action.start(world, goal)
     except ActionError:

@@ -1,4 +1,4 @@
-"""One step of a chain while it is executed, and what is recorded of it."""
+"""The execution of one step of a chain, and its record."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ator_ros.world.state import STOP, RobotState, World
 Predict = Callable[[World], Any]
 
 STOPPING = "stopping, to go on from there"
-"""What is said of a step that waits until the robot stands."""
-_STANDING_V = 0.02
-_STANDING_W = 0.05
+"""Message of a step that waits until the robot stands."""
+_STANDING_V = 0.02  # m/s
+_STANDING_W = 0.05  # rad/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +34,12 @@ class ActionRecord:
     start : World
         Situation in which the action started.
     goal : Goal
-        What it was to reach.
+        Its goal.
     duration : float
         Time it took in s.
     outcome : Status
-        SUCCEEDED, FAILED, or RUNNING where it was broken off: another goal took over, since an object had
-        moved, or the chain was ended.
+        SUCCEEDED, FAILED, or RUNNING if it was broken off: its goal was replaced because an object had
+        moved, or the chain ended.
     reason : str
         A sentence on how it ended.
     position_error, heading_error : float
@@ -47,7 +47,7 @@ class ActionRecord:
     predicted : object
         What the performance model predicted at the start; None without one.
     lost : str or None
-        The object that it should have held, where it failed because that was not in front any more.
+        The object whose loss made it fail; None if it did not fail, or not for that reason.
     """
 
     index: int
@@ -70,19 +70,19 @@ class StepRun:
     Parameters
     ----------
     library : TopLibrary
-        Gives the action.
+        TOPs and actions.
     index : int
-        Of the step, from 0.
+        Index of the step, from 0.
     call : TopCall
-        What to execute.
+        The step to execute.
     time_limit : float
-        Time in s that it may take, stopping first included.
+        Time in s that it may take, including the stop before it.
     predict : callable, optional
         Predicts the performance of the step from the world in which it starts.
     standing_first : bool
-        Whether the robot shall stand before it starts.
+        Whether the robot must stand before the action starts.
     since : float, optional
-        Time in s from which the limit counts, where it replaces a run with another goal.
+        Time in s from which the limit counts, if this run replaces one with another goal.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class StepRun:
 
     @property
     def planning(self) -> bool:
-        """Whether its action has started, and has not found its way yet."""
+        """Whether its action has started and is still planning."""
         return self._action is not None and self._action.planning
 
     def defer_planning(self, time: float) -> None:
@@ -121,7 +121,7 @@ class StepRun:
             self._action.defer_planning(time)
 
     def begin(self, world: World) -> str | None:
-        """Start the action; give a sentence where that is impossible."""
+        """Start the action; return the reason if that is impossible."""
         call, robot = self.call, self._library.robot
         seen = at_rest(world, robot) if followed(call.top) else world
         violations = call.top.pre.violations(state_of(seen, robot), goal_variables(call.goal))
@@ -137,7 +137,7 @@ class StepRun:
         return None
 
     def step(self, world: World) -> Step:
-        """Return the command of this tick; the action starts when its turn has come."""
+        """Return the command of this tick; start the action if it has not started."""
         self.since = world.time if self.since is None else self.since
         step = self._next(world)
         if step.status is Status.RUNNING and world.time - self.since > self._time_limit:
@@ -155,7 +155,7 @@ class StepRun:
         return self._confirmed(world, self._action.step(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:
-        """Believe in success only when the post-condition holds."""
+        """Return `step`, or a failure if the action succeeded without its post-condition."""
         if step.status is not Status.SUCCEEDED:
             return step
         top, goal = self.call.top, goal_variables(self.call.goal)
@@ -165,7 +165,7 @@ class StepRun:
         return Step(STOP, Status.FAILED, f"post-condition of {top.name}: {'; '.join(violations)}")
 
     def record(self, world: World, step: Step) -> ActionRecord:
-        """Return the record of this step, whose last tick was `step`, in the state `world`."""
+        """Return the record of this step, which ended with `step` in the state `world`."""
         call, start, robot = self.call, self._start or world, self._library.robot
         pose, goal = world.robot.pose, call.goal.robot_pose(robot)
         return ActionRecord(
@@ -184,11 +184,11 @@ class StepRun:
         )
 
     def _lost(self, world: World) -> str | None:
-        """Return the object that this step holds, or should have started with, if it is not in front."""
+        """Return the object that this step should hold and does not; None if there is none."""
         name = kept(self.call.top) if self.begun else held_first(self.call.top)
         return name if name is not None and is_lost(world, self._library.robot, name) else None
 
 
 def is_standing(robot: RobotState) -> bool:
-    """Return whether the robot stands."""
+    """Return whether the robot counts as standing: slower than 0.02 m/s and 0.05 rad/s."""
     return abs(robot.v) < _STANDING_V and abs(robot.w) < _STANDING_W

@@ -58,11 +58,12 @@ class Diagnostics:
     node : Node
         Whose health.
     health : callable
-        Gives the present `Health`.
+        Returns the present `Health`.
     topics : mapping, optional
-        What the node listens to, type by name: who publishes something else there is told, and logged once.
+        Types of the topics that the node listens to, by name. Publishers of other types are reported, and
+        logged once.
     states : collection, optional
-        Those of them that only one node may publish: where there are more, that is told likewise.
+        Those topics that only one node may publish; several publishers are reported likewise.
     """
 
     def __init__(

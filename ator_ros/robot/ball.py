@@ -8,7 +8,7 @@ from typing import Protocol
 from ator_ros.world.state import ObjectState
 
 BALL = "ball"
-"""Its name, in conditions too."""
+"""Name of the ball among the objects of a world and in conditions."""
 
 
 class _WithObjects(Protocol):
@@ -17,10 +17,10 @@ class _WithObjects(Protocol):
 
 
 def ball_of(world: _WithObjects) -> ObjectState | None:
-    """Return the ball of a world or of a situation, None where there is none."""
+    """Return the ball of a world or of a situation; None if there is none."""
     return world.objects.get(BALL)
 
 
 def objects_of(ball: ObjectState | None) -> dict[str, ObjectState]:
-    """Return the objects of a world with at most a ball."""
+    """Return the objects of a world that contains `ball`, or nothing."""
     return {} if ball is None else {BALL: ball}

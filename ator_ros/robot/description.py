@@ -21,7 +21,7 @@ from ator_ros.world.state import Field, ObjectState, World
 
 T = TypeVar("T")
 _STANDING = 1e-3  # m/s up to which a ball counts as standing
-# PyYAML lets out whatever dates, tagged values and deep nesting make Python raise.
+# What PyYAML raises on malformed dates, tagged values and deep nesting.
 _UNREADABLE = (
     OSError,
     ValueError,
@@ -34,7 +34,7 @@ _UNREADABLE = (
 
 
 _LARGEST = 100_000  # bytes of a description; ours has 2 kB
-# What a robot of this kind can have: learned features, tables of turns and the physics rely on it.
+# Plausible ranges: learned features, tables of turns and the physics rely on them.
 _LENGTH = (0.001, 10.0)
 _BOUNDS: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("mass", "wheel_torque"), (0.001, 10_000.0)),
@@ -71,14 +71,14 @@ class Limits:
         return Limits(*(factor * getattr(self, field.name) for field in dataclasses.fields(self)))
 
     def within(self, other: Limits) -> Limits:
-        """Return the smaller of both limits, each of the five by itself."""
+        """Return the smaller of both limits in each of the five values."""
         names = (field.name for field in dataclasses.fields(self))
         return Limits(*(min(getattr(self, name), getattr(other, name)) for name in names))
 
 
 @dataclass(frozen=True, slots=True)
 class Ball:
-    """The ball: radius in m, mass in kg, deceleration when it rolls freely in m/s^2."""
+    """The ball: radius in m, mass in kg, deceleration in m/s^2 when it rolls freely, restitution."""
 
     radius: float
     mass: float
@@ -86,7 +86,7 @@ class Ball:
     restitution: float
 
     def at_rest(self, ball: ObjectState) -> ObjectState:
-        """Return the ball where it will have rolled out, if nothing stops it before."""
+        """Return the state in which the ball comes to rest if nothing stops it before."""
         if ball.speed < _STANDING:
             return ball
         seconds = ball.speed / (2.0 * self.rolling_deceleration)
@@ -98,7 +98,7 @@ class Robot:
     """A differential-drive robot whose front holds a ball between two fins.
 
     Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `limits` holds
-    for the base, `dribble_limits` for what a control program may ask with the ball in front.
+    for the base, `dribble_limits` for commands with the ball in front.
     """
 
     name: str
@@ -133,7 +133,7 @@ class Robot:
         return pose.ahead(self.hold)
 
     def hold_offset(self, world: World, name: str) -> float:
-        """Return the distance in m from an object to where the robot holds one; infinite if it is unknown."""
+        """Return the distance in m from an object to the hold; infinite if the object is unknown."""
         there = world.objects.get(name)
         if there is None:
             return math.inf
@@ -145,7 +145,7 @@ class Robot:
         return ball.ahead(-self.hold)
 
     def digest(self) -> str:
-        """Return a short digest of everything in this description, to be kept with what was learned."""
+        """Return a short digest of the whole description, stored with everything that is learned."""
         text = json.dumps(dataclasses.asdict(self), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -161,7 +161,7 @@ def load_robot(path: Path | str | None = None) -> Robot:
     Raises
     ------
     ConfigError
-        The file cannot be read, or a field is missing, unknown, or not a number that a robot can have.
+        The file cannot be read, or a field is missing, unknown or out of its range.
     """
     file = Path(path) if path is not None else resource_path("config", "pioneer.yaml")
     try:

@@ -1,4 +1,4 @@
-"""The state in which a command will find the robot, where word of its state takes time."""
+"""Compensation of latency: the state at the time when a command takes effect."""
 
 from __future__ import annotations
 
@@ -10,25 +10,24 @@ from ator_ros.robot.description import Limits, Robot
 from ator_ros.robot.ramp import ramped
 from ator_ros.world.state import STOP, Command, RobotState, World
 
-_STEP = 0.01  # s of a step of what is foreseen
-_HOLDS = 0.5  # s after which a command counts no more: somebody else may steer
+_STEP = 0.01  # s of a step of the prediction
+_HOLDS = 0.5  # s after which a command is forgotten: others may steer
 _ROUNDING = 1e-6  # s
-_PROMPT = 0.02  # s that an answer may take and still count as given at once
+_PROMPT = 0.02  # s within which a command counts as computed at once
 
 
 class Foresight:
-    """Carries a late state on to the moment at which its answer moves the base.
+    """Predicts a late state forward to the time when the command for it moves the base.
 
-    What the robot does meanwhile is known: it follows the commands that are on their way. So the delay is
-    out of the control loop (Smith's predictor), and plans that brake as hard as the base can stay possible.
+    Until then the robot follows the commands already sent, which are known. This takes the delay out of the
+    control loop (Smith predictor), so that plans may brake as hard as the base can.
 
     Parameters
     ----------
     robot : Robot
-        Limits, within which the base follows commands.
+        Its limits, within which the base follows commands.
     latency : float
-        Time in s from the moment that a state tells of until the command that answers it moves the base; 0:
-        states are taken as they are.
+        Time in s from the stamp of a state until the command for it moves the base; 0: no prediction.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
@@ -38,30 +37,30 @@ class Foresight:
         self._held_back = False
 
     def reset(self) -> None:
-        """Forget all commands, as time begins anew."""
+        """Forget all commands because time was reset."""
         self._sent.clear()
         self._held_back = False
 
     def sent(self, time: float, command: Command) -> None:
-        """Note a command that leaves as the answer to a state of `time` (s); of several the last counts."""
+        """Record a command sent for the state of `time` (s); a later one for the same state replaces it."""
         self._forget(time)
         while self._sent and self._sent[-1][0] >= time:
             self._sent.pop()
         self._sent.append((time, command))
 
     def punctual(self, robot: RobotState, command: Command, took: float) -> Command:
-        """Return the answer to send to a robot in this foreseen state, where `command` took so long (s).
+        """Return the command to send for `command`, which took `took` s to compute, in the predicted state.
 
-        A robot that stands is not started by an answer that leaves late, as where planning has taken
-        its time: it would be foreseen to drive before it does. Its plan starts with the next state instead,
-        whatever that one's answer takes: on a computer that is always late it starts all the same.
+        A robot at rest is not started by a late command, as after long planning: it would be predicted to
+        drive before it does. It starts with the command for the next state instead, even if that is late
+        too, so that it also starts on a computer that is always late.
         """
         late = self._latency > 0.0 and robot.is_still and took > _PROMPT
         self._held_back = late and not self._held_back
         return STOP if self._held_back else command
 
     def ahead(self, world: World) -> World:
-        """Return the world as it will be when the answer to `world` moves the base, with the time then."""
+        """Return the world, with its time, when the command for `world` moves the base."""
         if self._latency == 0.0:
             return world
         self._forget(world.time)
@@ -81,7 +80,7 @@ class Foresight:
 
 
 def _driven(robot: RobotState, command: Command | None, duration: float, limits: Limits) -> RobotState:
-    """Return the robot after `duration` s in which it follows `command`; without one it keeps its speed."""
+    """Return the robot after following `command` for `duration` s; None: it keeps its velocity."""
     (x, y, yaw), speeds = robot.pose, Command(robot.v, robot.w)
     steps = math.ceil(duration / _STEP - _ROUNDING)
     dt = duration / steps

@@ -1,4 +1,4 @@
-"""How a base follows velocity commands: within its limits, but a stop is a stop."""
+"""How a base follows velocity commands: within its limits, except that a stop brakes harder."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from ator_ros.robot.description import Limits
 from ator_ros.world.state import STOP, Command
 
 _STOP_FORWARD = Command(v=4.0, w=12.0)
-"""Of a stop, in m/s² and rad/s²; from 4.5 m/s² on the robot's rear lifts."""
+"""Decelerations of a stop in m/s² and rad/s²; from 4.5 m/s² on the robot's rear lifts."""
 _STOP_BACKWARD = Command(v=5.0, w=12.0)
-"""Of a stop while driving backward: nothing lifts, but turning wheels slip and need the time."""
+"""Decelerations of a stop from backward driving, where nothing lifts; turning wheels slip and need time."""
 
 
 def ramped(speeds: Command, target: Command, dt: float, limits: Limits) -> Command:
-    """Return the speeds after `dt` s in which the base goes from `speeds` toward those of a command."""
+    """Return the velocities after `dt` s of a base that changes from `speeds` toward `target`."""
     if target == STOP:
         most = _STOP_BACKWARD if speeds.v < 0.0 else _STOP_FORWARD
     else:
@@ -24,10 +24,10 @@ def ramped(speeds: Command, target: Command, dt: float, limits: Limits) -> Comma
 
 
 def stopping_way(v: float) -> float:
-    """Return the way in m, with the sign of `v` (m/s), until the base stands once it is told to stop."""
+    """Return the signed stopping distance in m at `v` (m/s) after a command to stop."""
     return v * abs(v) / (2.0 * (_STOP_BACKWARD if v < 0.0 else _STOP_FORWARD).v)
 
 
 def clip(value: float, bound: float) -> float:
-    """Return `value`, brought into [-bound, bound]."""
+    """Return `value` clipped to [-bound, bound]."""
     return max(-bound, min(bound, value))

@@ -1,4 +1,4 @@
-"""What commands have in common: options, expected errors told in one line, Ctrl-C."""
+"""What commands have in common: options, one-line reports of expected errors, Ctrl-C."""
 
 from __future__ import annotations
 

@@ -57,8 +57,7 @@ def _collect(found: dict[Variable, str], condition: Condition, state: _State, st
 
 def _after(top: Top, state: _State, step: int) -> _State:
     """Return the state after a step, as `ator_ros.tops.chain.projected` does, in terms of goal variables."""
-    arrives = any(term.variable in ("robot.x", "hold.x") for term in top.post.terms)
-    arrival = _arrival(top.point, step) if arrives else {}
+    arrival = _arrival(top.point, step) if top.arrives else {}
     after = {**state, **arrival}
     others = (term for term in top.post.terms if term.variable not in arrival)
     return after | {term.variable: _value(term.target, after, step) for term in others}

@@ -86,13 +86,13 @@ class TopChain:
 
 
 def projected(world: World, call: TopCall, robot: Robot) -> World:
-    """Return the world in which the post-condition of `call` has come to hold."""
+    """Return the world after `call`, in which its post-condition holds; placed objects are at rest."""
     variables = {term.variable for term in call.top.post.terms}
-    goal = goal_variables(call.goal)
-    if variables & {"robot.x", "hold.x"}:
+    if call.top.arrives:
         world = arrived(world, call.goal, robot)
-    state = call.top.post.apply(state_of(world, robot), goal)
+    state = call.top.post.apply(state_of(world, robot), goal_variables(call.goal))
     for name in sorted(call.top.post.objects()):
-        if f"{name}.x" in variables:
-            world = world.with_object(name, ObjectState(state[f"{name}.x"], state[f"{name}.y"]))
+        x, y = state.get(f"{name}.x"), state.get(f"{name}.y")
+        if variables & {f"{name}.x", f"{name}.y"} and x is not None and y is not None:
+            world = world.with_object(name, ObjectState(x, y))
     return world

@@ -1,4 +1,4 @@
-"""Objects in TOPs: which are needed, followed, held, all read from the conditions."""
+"""The roles of objects in TOPs (needed, followed, held), read from their conditions."""
 
 from __future__ import annotations
 
@@ -9,100 +9,112 @@ from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall
-from ator_ros.tops.conditions import Condition
+from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.state import goal_variables, state_of
 from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
 _TOUCHING = 0.08
+"""Distance in m from the hold, beyond the length of the fins, within which an object counts as touched."""
 _ROOM = 0.06
+"""Clearance in m between the robot and an object that it can pass."""
 _LOST = 0.12
+"""Distance in m from the hold beyond which an object counts as lost."""
 
 
 def objects_in(top: Top) -> list[str]:
-    """Return the names of the objects that the conditions of a TOP speak of, sorted."""
+    """Return the names of the objects in the conditions of a TOP, sorted."""
     return sorted(top.pre.objects() | top.post.objects())
 
 
 def missing_object(top: Top, world: World) -> str | None:
-    """Return the first object that a TOP needs and that is not known; None where all are."""
+    """Return the first object that a TOP needs and the world lacks; None if there is none."""
     return next((name for name in objects_in(top) if name not in world.objects), None)
 
 
 def missing_in(calls: Iterable[TopCall], world: World) -> tuple[str, str] | None:
-    """Return the first object that is not known and the TOP that needs it; None where all are known."""
+    """Return the first object that the world lacks, and the TOP that needs it; None if there is none."""
     pairs = ((missing_object(call.top, world), call.top.name) for call in calls)
     return next(((name, top) for name, top in pairs if name is not None), None)
 
 
 def held_first(top: Top) -> str | None:
-    """Return the object with which in front of the robot a TOP starts."""
-    return _held(top.pre)
+    """Return the object that the robot holds when a TOP starts; None if there is none."""
+    return _at(top.pre, "hold")
 
 
 def held_last(top: Top) -> str | None:
-    """Return the object with which in front of the robot a TOP ends."""
-    return _held(top.post)
+    """Return the object that the robot holds when a TOP ends; None if there is none."""
+    return _at(top.post, "hold")
 
 
 def kept(top: Top) -> str | None:
-    """Return the object that a TOP has in front of the robot at its start and at its end."""
+    """Return the object that the robot holds when a TOP starts and when it ends; None if there is none."""
     return held_first(top) if held_first(top) == held_last(top) else None
 
 
 def followed(top: Top) -> str | None:
-    """Return the object at which a TOP's goal lies, so that it moves when the object does."""
-    return next((name for name in top.pre.objects() if _relates(top.pre, name, "goal")), None)
+    """Return the object that a TOP's pre-condition puts at its goal, which moves with it; None if none."""
+    return _at(top.pre, "goal")
 
 
 def fetched(top: Top) -> str | None:
-    """Return the object that a TOP drives to, and ends with in front of the robot."""
+    """Return the object that a TOP drives to and then holds; None if there is none."""
     return followed(top) if followed(top) == held_last(top) else None
 
 
-def _held(condition: Condition) -> str | None:
-    return next((name for name in sorted(condition.objects()) if _relates(condition, name, "hold")), None)
+def _at(condition: Condition, place: str) -> str | None:
+    """Return the first object, by name, whose x and y a condition relates to those of `place`."""
+    related = {_pair(term) for term in condition.terms}
+    names = sorted(condition.objects())
+    return next((name for name in names if related >= _position_pairs(name, place)), None)
 
 
-def _relates(condition: Condition, name: str, other: str) -> bool:
-    """Return whether a condition says that an object's position is near `other`'s, either way round."""
-    said = {frozenset((term.variable, str(term.target))) for term in condition.terms}
-    return {frozenset((f"{name}.{axis}", f"{other}.{axis}")) for axis in "xy"} <= said
+def _pair(term: Term) -> frozenset[str]:
+    """Return both sides of a term: "a near b" and "b near a" are the same."""
+    return frozenset((term.variable, str(term.target)))
+
+
+def _position_pairs(name: str, place: str) -> set[frozenset[str]]:
+    return {frozenset((f"{name}.{axis}", f"{place}.{axis}")) for axis in "xy"}
 
 
 def at_rest(world: World, robot: Robot) -> World:
-    """Return the world with all objects where they will have rolled out, if nothing stops them before."""
+    """Return the world with each object where it comes to rest if nothing stops it before."""
     objects = {name: robot.ball.at_rest(state) for name, state in world.objects.items()}
     return dataclasses.replace(world, objects=objects)
 
 
 def has_left(world: World, call: TopCall, robot: Robot) -> bool:
-    """Return whether the object followed is farther from the goal of `call` than its pre-condition allows."""
-    state, goal, name = state_of(world, robot), goal_variables(call.goal), followed(call.top)
-    terms = (term for term in call.top.pre.terms if f"{name}." in f"{term.variable} {term.target}")
+    """Return whether the followed object is farther from the goal of `call` than its pre-condition allows."""
+    name = followed(call.top)
+    if name is None:
+        return False
+    state, goal, pairs = state_of(world, robot), goal_variables(call.goal), _position_pairs(name, "goal")
+    terms = (term for term in call.top.pre.terms if _pair(term) in pairs)
     return any((term.error(state, goal) or 0.0) > term.tolerance for term in terms)
 
 
 def at_object(goal: Goal, world: World, name: str) -> Goal:
-    """Return a goal with the position of an object, where it is known."""
+    """Return a goal with its position replaced by an object's; the same goal if the object is unknown."""
     there = world.objects.get(name)
     return goal if there is None else dataclasses.replace(goal, pose=goal.pose._replace(x=there.x, y=there.y))
 
 
 def is_lost(world: World, robot: Robot, name: str) -> bool:
-    """Return whether an object that was in front of the robot is known, and there no more."""
+    """Return whether the position of an object that should be held is known, and not at the hold."""
     return name in world.objects and robot.hold_offset(world, name) > _LOST
 
 
 def is_at_front(world: World, robot: Robot, name: str) -> bool:
-    """Return whether the robot's front touches an object, or nearly: what moves it then is the robot."""
+    """Return whether the robot's front touches an object, or nearly: then the robot itself moves it."""
     return robot.hold_offset(world, name) < robot.fin_length + _TOUCHING
 
 
 def is_in_the_way(world: World, robot: Robot, name: str) -> bool:
-    """Return whether the robot, braking as actions do, cannot stop before an object, or drive round it.
+    """Return whether an object lies so close ahead that the robot can neither stop before it nor pass it.
 
-    Planning from there would take long and find nothing.
+    The robot brakes with `limits.brake`. A search for a way from there would take long and find none.
     """
     there, v = world.objects.get(name), world.robot.v
     if there is None or v <= 0.0:

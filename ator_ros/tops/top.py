@@ -31,3 +31,8 @@ class Top:
     pre: Condition
     post: Condition
     point: Point = Point.AXLE
+
+    @property
+    def arrives(self) -> bool:
+        """Whether the robot ends at the goal: the post-condition places its axle or its hold."""
+        return any(term.variable in ("robot.x", "hold.x") for term in self.post.terms)

@@ -1,1 +1,1 @@
-"""The world: what is known of robot and objects, and how it is inferred from what is heard."""
+"""The estimated state of robot and objects, and its estimation from messages."""

@@ -1,4 +1,4 @@
-"""Odometry and objects, which come as messages of their own, joined to the state of the world."""
+"""Joins odometry and sightings of objects, which arrive in separate messages, to one state."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from ator_ros.world.sightings import JUMP, Sightings, StampError
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _FASTEST = 1000.0
-"""Simulated seconds in a real one that are believed besides: simulations run at a few hundred."""
+"""Greatest plausible ratio of simulated to real time; simulations run at a few hundred."""
 _LONGEST = 1.0
-"""Real s of a silence in which simulated time is believed to have passed so fast."""
+"""Longest real time in s without odometry to which that ratio applies."""
 
 
 class ClockJumpError(ValueError):
-    """Odometry whose clock has jumped, as after a reset; the message gives both times.
+    """Odometry whose clock has jumped, as after a reset; the message contains both times.
 
     Attributes
     ----------
     back : bool
-        Whether it went back.
+        Whether time went back.
     """
 
     def __init__(self, message: str, *, back: bool) -> None:
@@ -28,12 +28,12 @@ class ClockJumpError(ValueError):
 
 
 class Inputs:
-    """The newest state of the robot, with the objects at the same time.
+    """The newest state of the robot, with the states of the objects at the same time.
 
     Parameters
     ----------
     objects : mapping of str to Sightings
-        What is heard of each object, by its name.
+        The sightings of each object by its name.
     """
 
     def __init__(self, objects: Mapping[str, Sightings]) -> None:
@@ -43,37 +43,44 @@ class Inputs:
         self._came = 0.0
 
     def _forget(self) -> None:
-        """Forget the objects, as time begins anew."""
+        """Forget all objects because time was reset."""
         for sightings in self._objects.values():
             sightings.forget()
 
     @property
     def overdue(self) -> frozenset[str]:
-        """The objects of which nothing has come for so long that the robot should rather stand."""
+        """Names of the objects that have been missing for so long that the robot should stand."""
         now = self._time
         return frozenset(name for name, item in self._objects.items() if now is None or item.overdue(now))
 
     @property
     def time(self) -> float | None:
-        """Stamp of the newest odometry in s; None when there was none."""
+        """Stamp of the newest odometry in s; None before the first."""
         return self._time
 
     def object(self, name: str, time: float, there: ObjectState) -> str | None:
-        """Take a sight of an object; see `Sightings.add`."""
+        """Process a sighting of an object; see `Sightings.add`."""
         return self._objects[name].add(time, there, self._time)
 
     def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
-        """Take the robot's state with its stamp in s; return the world, or None if no time has passed.
+        """Process odometry; return the world at its stamp, or None if the stamp has not advanced.
 
-        `now` is the real time in s: between messages that come late, the stamps may advance far.
+        Parameters
+        ----------
+        time : float
+            Stamp in s.
+        robot : RobotState
+            State of the robot.
+        now : float
+            Real time in s, which limits by how much the stamp may have advanced.
 
         Raises
         ------
         StampError
-            The stamp is far ahead of the one before: the message is ignored, unless the next one confirms it.
+            The stamp is far ahead of the last one: the message is ignored. The next one may confirm it.
         ClockJumpError
-            The stamp is older than the one before, or the second one far ahead. What was known is forgotten:
-            the next stamp counts.
+            The stamp is older than the last one, or confirms a clock far ahead. All objects are forgotten;
+            the new clock counts.
         """
         last, most = self._time, JUMP + _FASTEST * min(now - self._came, _LONGEST)
         self._came = now
@@ -84,7 +91,7 @@ class Inputs:
         return None if time == last else World(time, robot, objects)
 
     def _check_stamp(self, time: float, last: float | None, most: float) -> None:
-        """Make sure that odometry's clock goes on from `last`, by at most `most` s."""
+        """Check that odometry's clock has advanced from `last` by at most `most` s."""
         if last is None or 0.0 <= time - last <= most:
             return
         confirmed = self._ahead is not None and 0.0 <= time - self._ahead <= most

@@ -1,4 +1,4 @@
-"""Whether the velocity that is told of an object agrees with where it is seen."""
+"""Check of an object's reported velocity against its positions."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from collections import deque
 from ator_ros.world.state import ObjectState
 
 _BASELINE = 0.2
-"""Time in s over which positions tell a velocity; so long a kick is believed before they do."""
+"""Time in s over which velocities are derived from positions; a jump is believed as long."""
 _FORGET = 1.0
-"""Time in s without a sight, or without a contradiction, after which the past counts no more."""
+"""Time in s without a sighting, or without a contradiction, after which earlier ones are forgotten."""
 _SLACK = 0.3
-"""Difference in m/s that stamps, and cameras' own filters, may make at any speed."""
+"""Difference in m/s that errors of stamps and filters in cameras explain at any speed."""
 _SHARE = 0.1
-"""Difference that they may make besides, as a share of the speed."""
+"""Further difference that they explain, as a share of the speed."""
 _PUSH = 1.0
-"""Acceleration in m/s^2 that a rolling object may have."""
+"""Acceleration in m/s^2 of an object that rolls freely or is pushed."""
 _SIGMAS = 4.0
 _ROUNDING = 1e-6
 
 
 class VelocityCheck:
-    """Replaces a velocity that contradicts the object's own positions.
+    """Replaces velocities that contradict an object's positions.
 
-    A velocity that jumps is believed for 0.2 s, as after a kick; then the positions must have followed. Where
-    they have not, the velocity is derived from them if they are steady. If they are not, as where an object
-    was placed elsewhere, the slower of both is believed.
+    A velocity that jumps, as after a kick, is believed for 0.2 s; by then the positions must agree. If they
+    do not, the velocity is derived from them if they are steady; otherwise, as after an object was placed
+    elsewhere, the slower of both velocities is used.
 
     Parameters
     ----------
     name : str
         Name of the object.
     noise : float
-        Standard deviation of a sight's coordinates in m.
+        Standard deviation of the coordinates of a sighting in m.
     velocity_noise : float
-        Standard deviation of its velocity components in m/s.
+        Standard deviation of the components of its velocity in m/s.
     """
 
     def __init__(self, name: str, noise: float, velocity_noise: float) -> None:
@@ -43,20 +43,20 @@ class VelocityCheck:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the object, and what was said of it."""
+        """Forget all sightings and remarks."""
         self._sights: deque[tuple[float, float, float]] = deque()
         self._doubted = self._contradicted = -math.inf
         self._said = False
 
     def check(self, time: float, there: ObjectState) -> tuple[ObjectState, str | None]:
-        """Take a sight of the object at `time` s.
+        """Process a sighting at `time` (s).
 
         Returns
         -------
         there : ObjectState
-            The sight, with a velocity that can be believed.
+            The sighting with a plausible velocity.
         remark : str or None
-            What was wrong with its velocity; once for each time that it was wrong without a pause of 1 s.
+            What was wrong with its velocity, once per period of contradictions without a pause of 1 s.
         """
         if self._sights and not 0.0 <= time - self._sights[-1][0] <= _FORGET:
             self._sights.clear()
@@ -80,7 +80,7 @@ class VelocityCheck:
         return believed, self._remark(there, seen)
 
     def _is_steady(self, baseline: float) -> bool:
-        """Return whether both halves of the positions tell the same velocity."""
+        """Return whether the velocities over both halves of the positions agree."""
         if len(self._sights) < 3:
             return False
         middle = len(self._sights) // 2
@@ -89,21 +89,21 @@ class VelocityCheck:
         return math.dist(first, second) <= most
 
     def _between(self, first: int, last: int) -> tuple[float, float]:
-        """Return the mean velocity in m/s between two sights."""
+        """Return the mean velocity in m/s between two sightings."""
         (t0, x0, y0), (t1, x1, y1) = self._sights[first], self._sights[last]
         elapsed = max(t1 - t0, _ROUNDING)
         return (x1 - x0) / elapsed, (y1 - y0) / elapsed
 
     def _tolerance(self, baseline: float, *speeds: float) -> float:
-        """Return the difference in m/s of two velocities that noise, time and pushes explain."""
+        """Return the difference of two velocities in m/s that noise, errors of stamps and pushes explain."""
         noise = _SIGMAS * math.hypot(math.sqrt(2.0) * self._noise / baseline, self._velocity_noise)
         return _SLACK + _SHARE * max(speeds) + _PUSH * baseline + noise
 
-    def _remark(self, told: ObjectState, seen: ObjectState) -> str | None:
+    def _remark(self, reported: ObjectState, seen: ObjectState) -> str | None:
         if self._said:
             return None
         self._said = True
         return (
             f"{self._name}.twist.twist.linear: expected about ({seen.vx:.2f}, {seen.vy:.2f}) m/s, as its "
-            f"positions tell, got ({told.vx:.2f}, {told.vy:.2f}) m/s: not trusted"
+            f"positions tell, got ({reported.vx:.2f}, {reported.vy:.2f}) m/s: not trusted"
         )

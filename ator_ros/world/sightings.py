@@ -1,4 +1,4 @@
-"""What is heard of one object: its sights in the order of their coming, with stamps that may lie."""
+"""Sightings of one object in order of arrival, with stamps that may be wrong."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from ator_ros.world.tracking import ObjectTracker
 _KEPT = 256
 _ROUNDING = 1e-6
 JUMP = 20.0
-"""Time in s between two stamps that is another clock's, if it came at once."""
+"""Difference in s of two stamps that means different clocks, unless as much time has passed."""
 _STALE = 1.0
-"""Time in s for which all sights must be old before their clock is blamed: after a reset some are."""
+"""Time in s for which all stamps must be old to mean another clock; after a reset some are old."""
 
 
 class StampError(ValueError):
-    """A message whose stamp cannot be right, and which is ignored; the message says by how much it is off."""
+    """An implausible stamp, whose message is ignored; the error says by how much it is off."""
 
 
 class Sightings:
-    """The recent sights of one object.
+    """The recent sightings of one object.
 
     Parameters
     ----------
     name : str
         Name of the object.
     timeout : float
-        Time in s, of the messages' stamps, after which the object counts as unknown; after half of it without
-        any message of it, one is overdue.
+        Age in s, by the stamps, beyond which a sighting is not used. After half of it without a message the
+        object is overdue.
     tracker : ObjectTracker
-        Makes the most of noisy sights.
+        Filters the sightings.
     """
 
     def __init__(self, name: str, timeout: float, tracker: ObjectTracker) -> None:
@@ -42,38 +42,38 @@ class Sightings:
         self.forget()
 
     def forget(self) -> None:
-        """Forget the object, as time begins anew."""
+        """Forget the object because time was reset."""
         self._sights.clear()
         self._heard, self._stale_since = -math.inf, math.inf
         self._tracker.reset()
         self._velocity.reset()
 
     def overdue(self, now: float) -> bool:
-        """Return whether at `now`, odometry's newest stamp, nothing has come for half the timeout."""
+        """Return whether no message has arrived for half the timeout until `now`, odometry's newest stamp."""
         return now - self._heard > self._timeout / 2.0 - _ROUNDING
 
     def add(self, time: float, there: ObjectState, now: float | None) -> str | None:
-        """Take a sight with its stamp in s, which may be old: a camera is late, and yet alive.
+        """Process a sighting. Its stamp may be old: a late camera still works.
 
         Parameters
         ----------
         time : float
-            Its stamp.
+            Stamp of the sighting in s.
         there : ObjectState
-            Where the object was seen.
+            The object as seen.
         now : float or None
-            Odometry's newest stamp; None before there is one.
+            Odometry's newest stamp in s; None before the first.
 
         Returns
         -------
         str or None
-            That its velocity contradicts its positions, and is not trusted; once for each such spell.
+            A warning that the velocity contradicts the positions and is not used, once per period of that.
 
         Raises
         ------
         StampError
-            The stamp is ahead of odometry by more than twice the timeout, or all have long been behind. By
-            less it may be ahead, as odometry may have paused; the sight is used when that has come.
+            The stamp is ahead of odometry by more than twice the timeout, or stamps have been far behind for
+            a while. A stamp less far ahead is accepted: odometry may have paused, and will catch up.
         """
         if now is not None:
             self._check_stamp(time, now)
@@ -101,12 +101,12 @@ class Sightings:
             )
 
     def at(self, time: float) -> ObjectState | None:
-        """Return the newest sight that is not newer than odometry's `time`, carried on to it by its velocity.
+        """Return the newest sighting not after odometry's `time`, extrapolated to it; None if there is none.
 
-        Two topics have no common order, and only the newest message of each is kept for a node that was
-        busy: where the only recent sight is a little newer than odometry, it is carried back.
+        Messages of two topics arrive in any order, and a busy node gets only the newest of each. If the only
+        recent sighting is a little newer than odometry, it is extrapolated backward.
         """
-        # A sight that came before odometry of its time was heard at that time.
+        # A sighting that arrived before odometry of its stamp counts as heard at its stamp.
         self._heard = max([self._heard, *(stamp for stamp, _ in self._sights if stamp <= time)])
         while self._sights and self._sights[0][0] < time - self._timeout:
             self._sights.popleft()

@@ -1,4 +1,4 @@
-"""What the robot knows of the world at one moment."""
+"""The estimated state of the world at one time."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class RobotState:
 
     @property
     def is_still(self) -> bool:
-        """Whether it has not begun to move; who brakes counts as standing earlier, see `is_standing`."""
+        """Whether the robot is at rest: at most 0.003 m/s and 0.006 rad/s, stricter than `is_standing`."""
         return abs(self.v) <= 0.003 and abs(self.w) <= 0.006
 
 
@@ -58,20 +58,20 @@ class ObjectState:
         return math.hypot(self.vx, self.vy)
 
     def after(self, seconds: float) -> ObjectState:
-        """Return the object carried on by its velocity (back, where `seconds` is negative)."""
+        """Return the state extrapolated at constant velocity; `seconds` may be negative."""
         return dataclasses.replace(self, x=self.x + seconds * self.vx, y=self.y + seconds * self.vy)
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """The estimated state: time in s, robot, and the objects that are known, by name."""
+    """The estimated state: time in s, robot, and the known objects by name."""
 
     time: float
     robot: RobotState
     objects: Mapping[str, ObjectState] = field(default_factory=dict, hash=False)
 
     def with_object(self, name: str, state: ObjectState) -> World:
-        """Return the world with one object as it is now."""
+        """Return the world with one object added or replaced."""
         return dataclasses.replace(self, objects={**self.objects, name: state})
 
 

@@ -1,4 +1,4 @@
-"""An object's state from noisy sights of it: a Kalman filter for one that rolls and is pushed."""
+"""A Kalman filter for the state of an object that rolls and is pushed."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from ator_ros.geometry import FloatArray
 from ator_ros.world.state import ObjectState, World
 
 _PUSH = 1.0
-"""Standard deviation in m/s^2 of a moving object's acceleration; a resting one has a tenth of it."""
+"""Standard deviation in m/s^2 of the acceleration of a moving object; a tenth of it applies at rest."""
 _SURPRISE = 5.0
-"""A sight this many standard deviations off is a new start: the object was kicked, or placed elsewhere."""
+"""A sighting this many standard deviations off restarts the filter: a kick, or another place."""
 _FORGET = 1.0
-"""Time in s without a sight after which the past counts no more."""
+"""Time in s without a sighting after which the filter restarts."""
 
 
 class ObjectTracker:
-    """Believes in a steady object more than in one sight of it; one that is suddenly elsewhere is believed.
+    """Filters the sightings of one object; restarts where they jump.
 
-    Both coordinates have the same covariance, since they are seen and pushed alike.
+    Both coordinates share one covariance, because noise and pushes are the same for both.
 
     Parameters
     ----------
     noise : float
-        Standard deviation of a sight's coordinates in m; 0 takes every sight as it is.
+        Standard deviation of the coordinates of a sighting in m; 0: sightings are not filtered.
     velocity_noise : float
-        Standard deviation of a sight's velocity components in m/s; above 0 where `noise` is.
+        Standard deviation of the components of its velocity in m/s; above 0 if `noise` is.
     """
 
     def __init__(self, noise: float, velocity_noise: float) -> None:
@@ -43,9 +43,9 @@ class ObjectTracker:
         self._covariance = self._seen
 
     def update(self, time: float, there: ObjectState) -> ObjectState:
-        """Take a sight of the object at `time` s; return it as it is believed to be.
+        """Process a sighting at `time` (s); return the filtered state.
 
-        A repeated time is no new sight, unless the object is suddenly elsewhere.
+        A sighting with the time of the last one is ignored, unless it jumps.
         """
         if self._exact:
             return there
@@ -60,7 +60,7 @@ class ObjectTracker:
         return ObjectState(x, y, vx, vy)
 
     def observe(self, world: World, name: str) -> World:
-        """Return `world` with the object `name` as it is believed to be."""
+        """Return `world` with the filtered state of the object `name`."""
         there = world.objects.get(name)
         if there is None:
             self.reset()
@@ -83,7 +83,7 @@ class ObjectTracker:
         return np.array([[1.0, elapsed], [0.0, 1.0]])
 
     def _predicted(self, elapsed: float) -> FloatArray:
-        """Return the covariance after `elapsed` s, in which the object may have been pushed."""
+        """Return the covariance predicted after `elapsed` s with random pushes."""
         moves = math.hypot(*self._state[1]) > 3.0 * math.sqrt(self._seen[1, 1])
         motion = self._motion(elapsed)
         push = np.array([elapsed**2 / 2.0, elapsed]) * (_PUSH if moves else 0.1 * _PUSH)

@@ -1,4 +1,4 @@
-"""Where the goals' walls are, for whoever must not drive into them."""
+"""Distances of the robot to the walls of the goals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ator_ros.world.state import Field
 
 
 def touches_goals(poses: FloatArray, robot: Robot) -> bool:
-    """Return whether any pose comes nearer to a goal's walls than the robot's reach.
+    """Return whether the robot, at any of the poses, may touch the wall of a goal.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Driving along the curve: which side of the goal, how fast, and what the base is told."""
+"""Driving along the curve: choice of the side, speeds, and commands."""
 
 from __future__ import annotations
 

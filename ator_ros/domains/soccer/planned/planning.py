@@ -1,4 +1,4 @@
-"""Planning in portions, so that no tick takes long: what does not fit into one goes on in the next."""
+"""Planning in slices, so that no tick takes long: a search that does not fit into one goes on in the next."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from ator_ros.world.state import World
 Found = TypeVar("Found")
 
 Planning: TypeAlias = Generator[int | Manoeuvre, None, Found]
-"""Work in portions: yields what each one will cost in points; returns what was found.
+"""Work in portions: yields the cost of the next portion in points; returns the result.
 
-A manoeuvre that is yielded is good enough for a robot in motion, which had better not wait for the rest.
+It may also yield a manoeuvre that is good enough for a robot in motion, which should not wait for the rest.
 
 A point is 90 µs or less, mostly 60 µs. Points are counted, not measured, so that every computer plans alike.
 """
 
 SLICE = 320
-"""Points in a tick: a portion that would cost more than is left of them waits for the next one."""
+"""Points per tick: a portion that costs more than is left of them waits for the next tick."""
 _MOVED = 0.01  # m
 _TURNED = 0.02  # rad
 
 
 class Search:
-    """A plan in the making.
+    """A search for a manoeuvre, over several ticks if need be.
 
     Parameters
     ----------
     world : World
-        The state that is planned from.
+        The state from which the robot starts.
     opening : Opening
-        What comes before the manoeuvre.
+        The motion before the manoeuvre.
     planning : Planning
         Finds the manoeuvre.
     standing : bool
-        Whether the robot stands, whatever noise odometry has, and so can wait for the best manoeuvre.
+        Whether the robot stands (up to the noise of odometry), and so can wait for the best manoeuvre.
     """
 
     def __init__(
@@ -50,14 +50,14 @@ class Search:
         self._due: int | None = None  # points of the portion that comes next
 
     def advance(self, time: float, paid: list[int] | None = None) -> Manoeuvre | None:
-        """Search for a slice, once at each `time` (s); None where there is no result yet.
+        """Search for one slice, at most once per `time` (s); return the manoeuvre, None if not found yet.
 
-        The points of each portion are added to `paid`.
+        The points of each portion are appended to `paid`.
 
         Raises
         ------
         ActionError
-            There is no way.
+            No manoeuvre exists.
         """
         if time == self._advanced:
             return None
@@ -75,7 +75,7 @@ class Search:
         return None if self._standing else self._good
 
     def _cost_of_next(self) -> int:
-        """Do the portion that was paid for; return what the next one costs."""
+        """Run the next portion; return the cost of the one after it in points."""
         while isinstance(portion := next(self._planning), Manoeuvre):
             self._good = portion
         return portion

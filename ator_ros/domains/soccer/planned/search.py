@@ -1,4 +1,4 @@
-"""The search for the fastest manoeuvre between two poses: every combination of two sides, all at once."""
+"""The search for the fastest manoeuvre between two poses, over all combinations of two sides."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ator_ros.geometry import FloatArray, Pose
 
 _Parts: TypeAlias = tuple[FloatArray, FloatArray]
 RANK_POINTS = 4
-"""What it costs at least to rank what was found, in points of planning; see `planning`."""
+"""Least cost of ranking candidates in points; see `planning`."""
 _BRACKETS_A_POINT = 50_000
 _CANDIDATES_A_POINT = 800
 _ROUNDING = 1e-9  # s
@@ -152,10 +152,10 @@ def _exit_parts(ways: Ways, turn: float) -> _ExitParts:
 def _tried(
     ways: Ways, turn: float, lane: FloatArray, parts: _ExitParts, longest: float, least_drive: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], int, int] | None:
-    """Return the entries, the exits and the range of grid points that may do in up to `longest` s.
+    """Return the entries, exits and grid range in which manoeuvres of up to `longest` s can lie.
 
     `lane`, shape (grid,), is how far the goal lies ahead in the drive's direction in m, `least_drive` the
-    shortest drive in m. None where all take longer, or have a shorter one.
+    shortest drive in m. None if there can be no such manoeuvre.
     """
     low, high = parts.low, parts.low + parts.along.shape[1]
     entries, exits = np.arange(len(ways.entry_sides)), np.arange(len(ways.exit_sides))

@@ -1,0 +1,67 @@
+"""The roles of objects in TOPs with more objects than a ball."""
+
+from __future__ import annotations
+
+import pytest
+
+from ator_ros.actions.base import Goal
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import load_robot
+from ator_ros.tops.chain import TopCall, projected
+from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.objects import fetched, followed, has_left, held_first, held_last, kept, missing_object
+from ator_ros.tops.top import Top
+from ator_ros.world.state import ObjectState, RobotState, World
+
+ROBOT = load_robot()
+
+
+def near(first: str, second: str) -> Condition:
+    return Condition(tuple(Term(f"{first}.{axis}", f"{second}.{axis}", 0.1) for axis in "xy"))
+
+
+def both(*conditions: Condition) -> Condition:
+    return Condition(tuple(term for condition in conditions for term in condition.terms))
+
+
+def world(**places: tuple[float, float]) -> World:
+    objects = {name: ObjectState(*place) for name, place in places.items()}
+    return World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), objects)
+
+
+def test_a_role_that_two_objects_could_have_goes_to_the_first_by_name() -> None:
+    names = ("cup", "box", "tray", "ball", "can")
+    top = Top("fetch", "drive", both(*(near(name, "goal") for name in names)), near("hold", "ball"))
+    assert followed(top) == fetched(top) == "ball"
+
+
+@pytest.mark.parametrize("condition", [near("cup", "hold"), near("hold", "cup")])
+def test_an_object_is_held_whichever_side_of_a_term_it_is_on(condition: Condition) -> None:
+    top = Top("carry", "carry", condition, near("hold", "cup"))
+    assert held_first(top) == held_last(top) == kept(top) == "cup"
+    assert followed(top) is None
+
+
+def test_only_the_followed_object_leaves_a_goal() -> None:
+    # "ball" is part of the name of another object; what moves it is no matter of the goal.
+    pre = both(near("ball", "goal"), near("football", "box"), Condition((Term("ball.vx", 0.0, 0.1),)))
+    call = TopCall(Top("fetch", "drive", pre, Condition()), Goal(Pose(1.0, 0.0, 0.0)))
+    there = world(ball=(1.0, 0.0), football=(3.0, 0.0), box=(-3.0, 0.0))
+    assert not has_left(there, call, ROBOT)
+    assert not has_left(there.with_object("ball", ObjectState(1.0, 0.0, vx=2.0)), call, ROBOT)
+    assert has_left(there.with_object("ball", ObjectState(1.0, 0.2)), call, ROBOT)
+
+
+def test_a_region_of_one_coordinate_places_an_object_that_is_known() -> None:
+    top = Top("push", "push", Condition(), Condition((Term("cup.y", "goal.y", 0.1),)))
+    call = TopCall(top, Goal(Pose(1.0, 2.0, 0.0)))
+    after = projected(world(cup=(0.5, 0.0)), call, ROBOT)
+    assert after.objects == {"cup": ObjectState(0.5, 2.0)}
+    assert after.robot == world().robot
+    assert projected(world(), call, ROBOT).objects == {}
+
+
+def test_the_first_unknown_object_is_named() -> None:
+    top = Top("carry", "carry", near("cup", "hold"), near("cup", "tray"))
+    assert missing_object(top, world(cup=(0.0, 0.0))) == "tray"
+    assert missing_object(top, world(cup=(0.0, 0.0), tray=(1.0, 1.0))) is None
