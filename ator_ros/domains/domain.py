@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
+from pathlib import Path
 
 import numpy as np
 
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.performance.training import CANDIDATES
+from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -78,6 +80,12 @@ class Domain:
                     f"domain {self.name}: action set {action_set!r}: expected the actions {missing} of its "
                     f"TOPs, it has {sorted(names)}"
                 )
+
+    @property
+    def shipped_models(self) -> Path:
+        """The folder of the models that are used where no other is named: a domain never uses another's."""
+        models = resource_path("models")
+        return models if self.name == DEFAULT else models / self.name
 
     def actions(self, action_set: str = DEFAULT_SET) -> dict[str, ActionSpec]:
         """Return the specifications of a set by the names of the actions.

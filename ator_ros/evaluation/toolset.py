@@ -20,7 +20,6 @@ from ator_ros.refinement.calibration import model_digest
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.gate_file import load_gate
-from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tops.library import TopLibrary
 
@@ -51,7 +50,7 @@ class ToolsetSource:
 
     def folder(self) -> Path:
         """Return the folder of the model files."""
-        top = Path(self.models) if self.models else resource_path("models")
+        top = Path(self.models) if self.models else find_domain(self.domain).shipped_models
         return top / model_path("gate", self.action_set).parent
 
     def digest(self, policies: Iterable[str], chain: str) -> str:

@@ -76,7 +76,7 @@ class ExecutorNode(Node):
         domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         folder = self._settings["models"]
-        self._models = {name: read_models(self, robot, name, folder) for name in domain.action_sets}
+        self._models = {name: read_models(self, robot, name, folder, domain) for name in domain.action_sets}
         self._predictors = {
             name: Predictor(robot, read.models, read.calibration) for name, read in self._models.items()
         }

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rclpy.node import Node
 
+from ator_ros.domains.domain import Domain
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import (
     ModelFileError,
@@ -21,7 +22,6 @@ from ator_ros.performance.model_file import (
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 
 
@@ -53,7 +53,7 @@ class ModelSet:
     calibration: Calibration = field(default_factory=Calibration)
 
 
-def read_models(node: Node, robot: Robot, action_set: str, folder: str) -> ModelSet:
+def read_models(node: Node, robot: Robot, action_set: str, folder: str, domain: Domain) -> ModelSet:
     """Read the models of an action set; what is wrong or missing is logged once.
 
     Parameters
@@ -65,11 +65,13 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str) -> Model
     action_set : str
         Name of the set.
     folder : str
-        Of all sets; empty: those that are shipped.
+        Of all sets; empty: those that are shipped with the domain.
+    domain : Domain
+        Whose actions they predict.
     """
     log = node.get_logger()
     try:
-        place = Path(folder or resource_path("models"))
+        place = Path(folder) if folder else domain.shipped_models
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", RobotMismatchWarning)
             models = load_models(robot, action_set=action_set, folder=place)

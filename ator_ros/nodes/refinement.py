@@ -11,6 +11,7 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.domains.domain import Domain
 from ator_ros.execution.rehearsal import rehearse_refinement
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
@@ -38,7 +39,6 @@ from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices
-from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 
 PARAMETERS = (
@@ -88,7 +88,7 @@ class RefinementNode(Node):
         robot = robot_of(self._settings)
         domain = domain_of(self._settings)
         for name in domain.action_sets:
-            self._load(robot, domain.library(robot, name))
+            self._load(domain, domain.library(robot, name))
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
@@ -106,11 +106,13 @@ class RefinementNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(f"refining chains of the action sets {', '.join(self._refiners) or '(none)'}")
 
-    def _load(self, robot: Robot, library: TopLibrary) -> None:
+    def _load(self, domain: Domain, library: TopLibrary) -> None:
         """Read models and gate of one action set; without models its chains are refused, with the reason."""
-        action_set = library.action_set
+        action_set, robot = library.action_set, library.robot
         self._libraries[action_set] = library
-        self._models[action_set] = read = read_models(self, robot, action_set, self._settings["models"])
+        self._models[action_set] = read = read_models(
+            self, robot, action_set, self._settings["models"], domain
+        )
         if read.models:
             gate = self._load_gate(read.folder / model_path("gate", action_set), action_set)
             self._refiners[action_set] = Refiner(robot, read.models, gate, calibration=read.calibration)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experience_rows import made_up_experience
+from experience_rows import made_up_model
 from ros_client import Client
 
 from ator_interfaces.msg import ObjectState, TopCall
@@ -12,7 +12,6 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.performance.model_file import save_model
-from ator_ros.performance.training import train
 from ator_ros.robot.description import load_robot
 
 
@@ -20,7 +19,7 @@ def save_small_models(folder: Path) -> None:
     """Write small performance models, learned from made-up experience."""
     robot = load_robot()
     for action in ("goToPose", "dribbleBall", "shoot"):
-        save_model(folder / f"{action}.json", train(action, made_up_experience(action), robot))
+        save_model(folder / f"{action}.json", made_up_model(action, robot))
 
 
 def call(top: str, pose: Pose, *, opened: tuple[str, ...] = ()) -> TopCall:
