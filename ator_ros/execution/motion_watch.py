@@ -6,6 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from ator_ros.execution.spans import LONGEST_GAP, ROUNDING, Span, Stretch
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.ramp import ramped
@@ -14,9 +15,6 @@ from ator_ros.world.state import STOP, Command, RobotState
 _TENTH = 0.1
 _QUARTER = 0.25
 _WINDOW = 0.1  # s over which the motion of the pose is judged
-_LONGEST_GAP = 0.1  # s between two states that counts: what happened in a longer one is not known
-_SHORTEST_WAIT = 0.1  # real s: commands need some, in which simulated time may run far ahead
-_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,16 +91,21 @@ class MotionWatch:
         self._sent: deque[tuple[float, Command]] = deque()
         self._last: tuple[float, RobotState] | None = None
         self._heard = -math.inf
+        self._answered: float | None = None
         self._expected = STOP
-        self._unanswered = _Stretch()
-        self._weak = _Stretch()
-        self._unasked = _Stretch()
-        self._frozen = _Stretch()
+        self._unanswered = Stretch()
+        self._weak = Stretch()
+        self._unasked = Stretch()
+        self._frozen = Stretch()
         self._poses: deque[tuple[float, RobotState]] = deque()
         self._bands: tuple[_Band, _Band] | None = None
 
-    def sent(self, time: float, command: Command) -> None:
-        """Note a command that was sent as the answer to a state of `time` (s)."""
+    def sent(self, time: float, command: Command, now: float = -math.inf) -> None:
+        """Note a command that was sent as the answer to a state of `time` (s).
+
+        `now` is the real time in s at which it was sent, where that may be later than the state was heard.
+        """
+        self._answered = now if self._answered is None else self._answered
         acts = time + self._latency
         while self._sent and self._sent[-1][0] >= acts:
             self._sent.pop()
@@ -118,40 +121,39 @@ class MotionWatch:
         """
         last, self._last = self._last, (time, robot)
         heard, self._heard = self._heard, now
+        answered, self._answered = self._answered, None
         if last is None or self._bands is None or time <= last[0]:
             self._bands = _Band.around(robot.v), _Band.around(robot.w)
             return None
         before, elapsed = last[1], time - last[0]
-        dt = min(elapsed, _LONGEST_GAP)
+        dt = min(elapsed, LONGEST_GAP)
         command = self._weakest(last[0], time)
-        by_pose = self._speed_by_pose(before, robot, elapsed)
         return (
-            self._contradiction(time, robot, _Span(dt, heard, now))
-            or self._silence(before, robot, by_pose, command, _Span(elapsed, heard, now))
-            or self._excess(time, robot, elapsed, _Span(dt, heard, now))
+            self._contradiction(time, robot, Span(dt, heard, now))
+            or self._silence(before, robot, command, Span(elapsed, heard, now).since(answered))
+            or self._excess(time, robot, elapsed, Span(dt, heard, now))
         )
 
-    def _contradiction(self, time: float, robot: RobotState, span: _Span) -> str | None:
+    def _contradiction(self, time: float, robot: RobotState, span: Span) -> str | None:
         """Return the fault where the pose stands, though odometry says that it moves.
 
         The pose is compared with one some messages ago: between two that come soon after each other jitter
         looks like motion.
         """
         self._poses.append((time, robot))
-        while len(self._poses) > 1 and self._poses[1][0] <= time - _WINDOW + _ROUNDING:
+        while len(self._poses) > 1 and self._poses[1][0] <= time - _WINDOW + ROUNDING:
             self._poses.popleft()
         then, before = self._poses[0]
         states, count = [state for _, state in self._poses], len(self._poses)
-        said = self._wheel(sum(state.v for state in states) / count, sum(state.w for state in states) / count)
+        mean = self._wheel(sum(state.v for state in states) / count, sum(state.w for state in states) / count)
+        said = min(mean, *(self._wheel(state.v, state.w) for state in states))  # blocked wheels say 0
         by_pose = self._speed_by_pose(before, robot, time - then) if time > then else math.inf
         frozen = said >= self.bounds.asked and by_pose < _TENTH * said
         if not self._frozen.lasts(frozen, span, self.bounds.frozen - _WINDOW):
             return None
         return _frozen_pose(robot, _WINDOW + self._frozen.seconds)
 
-    def _silence(
-        self, before: RobotState, robot: RobotState, by_pose: float, command: Command, span: _Span
-    ) -> str | None:
+    def _silence(self, before: RobotState, robot: RobotState, command: Command, span: Span) -> str | None:
         """Return the fault where the base does not answer commands, or hardly does.
 
         A base whose velocity changes answers them, though it may be passing through zero: a weak one stands
@@ -161,12 +163,12 @@ class MotionWatch:
         self._expected = ramped(self._expected, command, dt, self._limits)
         wanted = self._wheel(self._expected.v, self._expected.w)
         asked = self._wheel(command.v, command.w) >= self.bounds.asked
-        shown = min(self._wheel(robot.v, robot.w), by_pose)
+        shown = self._shown(before, robot, span)
         changed = self._wheel(robot.v - before.v, robot.w - before.w)
         gained = _QUARTER * self._wheel(self._limits.a * dt, self._limits.aw * dt)
         steady = asked and changed < gained
         weak = steady and wanted >= _QUARTER * self._limits.v and shown < _QUARTER * wanted
-        weak = weak and dt <= _LONGEST_GAP + _ROUNDING  # the mean over more lags behind too far
+        weak = weak and not span.long  # the mean over more lags behind too far
         too_weak = self._weak.lasts(weak, span, self.bounds.patience)
         if not self._unanswered.lasts(steady and shown < _TENTH * wanted, span, self.bounds.patience):
             return self._weak_base(shown, wanted) if too_weak else None
@@ -178,6 +180,16 @@ class MotionWatch:
             "frozen odometry"
         )
 
+    def _shown(self, before: RobotState, robot: RobotState, span: Span) -> float:
+        """Return the speed in m/s of the faster wheel that odometry shows, both by pose and by velocity.
+
+        In a long gap a base that hears nothing stands by itself, after it has moved: either is an answer.
+        """
+        told = self._wheel(robot.v, robot.w)
+        if not span.long:
+            return min(told, self._speed_by_pose(before, robot, span.elapsed))
+        return max(told, self._speed_by_pose(before, robot, min(span.elapsed, self.bounds.patience)))
+
     def _weak_base(self, shown: float, wanted: float) -> str:
         return (
             f"the base hardly moves: its wheels were commanded to {wanted:.2f} m/s, odometry has shown less "
@@ -185,7 +197,7 @@ class MotionWatch:
             "or odometry that shows too little"
         )
 
-    def _excess(self, time: float, robot: RobotState, elapsed: float, span: _Span) -> str | None:
+    def _excess(self, time: float, robot: RobotState, elapsed: float, span: Span) -> str | None:
         """Return the fault where the base moves beyond all commands, coasting included."""
         assert self._bands is not None
         commands = self._recent(time - elapsed)
@@ -206,8 +218,8 @@ class MotionWatch:
 
         Between messages that are far apart the robot is commanded to stand.
         """
-        at_first = next((sent for acts, sent in reversed(self._sent) if acts <= since + _ROUNDING), STOP)
-        later = [sent for acts, sent in self._sent if since + _ROUNDING < acts <= time]
+        at_first = next((sent for acts, sent in reversed(self._sent) if acts <= since + ROUNDING), STOP)
+        later = [sent for acts, sent in self._sent if since + ROUNDING < acts <= time]
         return min([at_first, *later], key=lambda command: self._wheel(command.v, command.w))
 
     def _recent(self, time: float) -> list[Command]:
@@ -232,31 +244,6 @@ def _frozen_pose(robot: RobotState, seconds: float) -> str:
         f"odometry is frozen: it says that the robot moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
         f"but its pose has stood still for {seconds:.2f} s"
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Span:
-    """The time between two states: s that count by the stamps, and when both came, in real time."""
-
-    seconds: float
-    began: float
-    ended: float
-
-
-class _Stretch:
-    """How long something has been so without a break, by the stamps and in real time."""
-
-    def __init__(self) -> None:
-        self.seconds, self._since = 0.0, math.inf
-
-    def lasts(self, so: bool, span: _Span, longest: float) -> bool:
-        """Count a span more, or begin anew; return whether it has lasted as long as it may."""
-        if not so:
-            self.seconds, self._since = 0.0, math.inf
-            return False
-        self._since = min(self._since, span.began)
-        self.seconds += span.seconds
-        return self.seconds >= longest - _ROUNDING and span.ended - self._since >= _SHORTEST_WAIT - _ROUNDING
 
 
 class _Band:
