@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
+from typing import cast
 
 import numpy as np
 
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.performance.training import CANDIDATES
+from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -19,6 +21,8 @@ from ator_ros.world.state import World
 GROUP = "ator_ros.domains"
 """Entry points of this group name the domains that are installed, ours and those of others."""
 DEFAULT = "soccer"
+_ACTION_SET = "default"
+_LONGEST_REASON = 200
 
 ChainSampler = Callable[[Robot, TopLibrary, np.random.Generator], tuple[World, TopChain]]
 
@@ -87,14 +91,32 @@ def find_domain(name: str = DEFAULT) -> Domain:
     Raises
     ------
     DomainError
-        No entry point of the group `ator_ros.domains` has this name, or it is not a `Domain`.
+        No entry point of the group `ator_ros.domains` has this name, it cannot be loaded, or it is not a
+        `Domain` whose action sets have all actions that its TOPs name.
     """
     found = {entry.name: entry for entry in entry_points(group=GROUP)}
     if name not in found:
-        raise DomainError(f"domain: expected one of {sorted(found)}, got {name!r}")
-    domain = found[name].load()
+        raise DomainError(f"domain: expected one of {sorted(found)}, got {quoted(name)}")
+    try:
+        domain = found[name].load()
+        problem = _problem(domain)
+    except Exception as error:  # code of others, which may raise anything
+        problem = f"it raised {type(error).__name__}: {printable(str(error), _LONGEST_REASON)}"
+        raise DomainError(f"domain {name}: {found[name].value} cannot be used: {problem}") from error
+    if problem:
+        raise DomainError(f"domain {name}: expected {found[name].value} to be {problem}")
+    return cast("Domain", domain)
+
+
+def _problem(domain: object) -> str:
+    """Return what a domain was expected to be, and what it is; empty where nothing is wrong with it."""
     if not isinstance(domain, Domain):
-        raise DomainError(
-            f"domain {name}: expected {found[name].value} to be a Domain, got {type(domain).__name__}"
-        )
-    return domain
+        return f"a Domain, got {type(domain).__name__}"
+    if _ACTION_SET not in domain.action_sets:
+        return f"a Domain with the action set {_ACTION_SET!r}, got {sorted(domain.action_sets)}"
+    named = {top.action for top in domain.tops}
+    for action_set in domain.action_sets:
+        known = set(domain.actions(action_set))
+        if named - known:
+            return f"a Domain whose set {action_set!r} has the actions {sorted(named)}, got {sorted(known)}"
+    return ""
