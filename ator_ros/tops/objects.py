@@ -52,7 +52,7 @@ def kept(top: Top) -> str | None:
 
 def followed(top: Top) -> str | None:
     """Return the object at which a TOP's goal lies, so that it moves when the object does."""
-    return next((name for name in top.pre.objects() if _relates(top.pre, name, "goal")), None)
+    return _related(top.pre, "goal")
 
 
 def fetched(top: Top) -> str | None:
@@ -61,13 +61,18 @@ def fetched(top: Top) -> str | None:
 
 
 def _held(condition: Condition) -> str | None:
-    return next((name for name in sorted(condition.objects()) if _relates(condition, name, "hold")), None)
+    return _related(condition, "hold")
 
 
-def _relates(condition: Condition, name: str, other: str) -> bool:
-    """Return whether a condition says that an object's position is near `other`'s, either way round."""
+def _related(condition: Condition, other: str) -> str | None:
+    """Return the object whose position is near `other`'s by a condition, the first in order of names."""
     said = {frozenset((term.variable, str(term.target))) for term in condition.terms}
-    return {frozenset((f"{name}.{axis}", f"{other}.{axis}")) for axis in "xy"} <= said
+    near = (
+        name
+        for name in sorted(condition.objects())
+        if {frozenset((f"{name}.{axis}", f"{other}.{axis}")) for axis in "xy"} <= said
+    )
+    return next(near, None)
 
 
 def at_rest(world: World, robot: Robot) -> World:
@@ -79,7 +84,7 @@ def at_rest(world: World, robot: Robot) -> World:
 def has_left(world: World, call: TopCall, robot: Robot) -> bool:
     """Return whether the object followed is farther from the goal of `call` than its pre-condition allows."""
     state, goal, name = state_of(world, robot), goal_variables(call.goal), followed(call.top)
-    terms = (term for term in call.top.pre.terms if f"{name}." in f"{term.variable} {term.target}")
+    terms = (term for term in call.top.pre.terms if name in Condition((term,)).objects())
     return any((term.error(state, goal) or 0.0) > term.tolerance for term in terms)
 
 
