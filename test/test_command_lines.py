@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.tools import collect
+from ator_ros.tools import collect, evaluate
 from ator_ros.tools.command_line import whole
 
 NUMBERS = {
@@ -89,3 +89,11 @@ def test_a_table_that_train_would_not_know_is_refused(
 def test_whole_numbers_within_bounds_are_read() -> None:
     assert whole(1, 3)("3") == 3
     assert whole()("0") == 0
+
+
+def test_a_domain_that_is_not_installed_is_told_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("ator_ros.domains.domain.entry_points", lambda **_: [])
+    assert evaluate.main(["--situations=1", f"--out={tmp_path / 'out'}", "--jobs=1"]) == 1
+    assert capsys.readouterr().err == "evaluate: domain: expected one of [], got 'soccer'\n"

@@ -15,6 +15,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from ator_ros.domains.domain import DomainError
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Record, Settings
@@ -35,6 +36,7 @@ _SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 _EXPECTED = (
     BackendError,
     ConfigError,
+    DomainError,
     EvaluationError,
     ExperienceError,
     ModelFileError,
