@@ -89,3 +89,16 @@ def test_a_table_that_train_would_not_know_is_refused(
 def test_whole_numbers_within_bounds_are_read() -> None:
     assert whole(1, 3)("3") == 3
     assert whole()("0") == 0
+
+
+@pytest.mark.parametrize("command", ["collect", "evaluate", "gate", "train"])
+def test_a_domain_that_is_not_installed_is_told_in_one_line(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tool = importlib.import_module(f"ator_ros.tools.{command}")
+    with pytest.raises(SystemExit) as ended:
+        tool.main(["--domain=chess"])
+    assert ended.value.code == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith(f"{command}: error: domain: expected an entry point of ator_ros.domains, one of [")
+    assert told.endswith("got 'chess'")

@@ -292,3 +292,41 @@ def test_rare_odometry_does_not_accuse_a_late_base() -> None:
                 late = time + step / rate / 100.0 > 0.1
                 v = min(0.5, v + 0.5 * ROBOT.limits.a / rate / 100.0) if late else 0.0
                 x += v / rate / 100.0
+
+
+STANDING = RobotState(Pose(0.0, 0.0, 0.0))
+
+
+def test_a_command_that_left_late_counts_from_then() -> None:
+    """The executor was busy: its answer to a state meets a base that knows nothing of it yet."""
+    watch = MotionWatch(ROBOT, 0.0)
+    assert watch.fault(0.0, STANDING, 0.0) is None
+    watch.sent(0.0, Command(0.09, 0.0), 0.29)
+    assert watch.fault(0.30, STANDING, 0.3) is None
+    for tick in range(7, 13):  # which does not excuse one that stands for good
+        watch.sent(TICK * (tick - 1), Command(0.09, 0.0), TICK * (tick - 1))
+        said = watch.fault(TICK * tick, STANDING, TICK * tick)
+    assert "the base does not move" in (said or "")
+
+
+def test_a_base_that_stood_by_itself_for_want_of_commands_is_not_accused() -> None:
+    watch = MotionWatch(ROBOT, 0.0)
+    assert watch.fault(0.0, STANDING, 0.0) is None
+    watch.sent(0.0, Command(0.09, 0.0), 0.0)
+    assert watch.fault(1.2, RobotState(Pose(0.04, 0.0, 0.0)), 1.2) is None
+    watch.sent(1.2, Command(0.5, 0.0), 1.2)
+    assert watch.fault(2.4, RobotState(Pose(0.0401, 0.0, 0.0), 0.2), 2.4) is None  # it has just begun
+
+
+@pytest.mark.parametrize("rate", [4, 5, 20])
+def test_wheels_that_are_blocked_at_once_are_not_called_frozen_odometry(rate: int) -> None:
+    watch, said, tick = MotionWatch(ROBOT, 0.0), None, 0
+    while said is None:
+        time = tick / rate
+        moved = min(time, 1.0)
+        state = RobotState(Pose(moved, 0.0, 0.0), 1.0 if time <= 1.0 else 0.0)
+        said = watch.fault(time, state, time)
+        watch.sent(time, Command(1.0, 0.0), time)
+        tick += 1
+        assert time <= 1.75
+    assert "the base does not move" in said

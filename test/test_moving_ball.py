@@ -15,7 +15,9 @@ from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.objects import fetched, followed, held_first, kept, objects_in
+from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.objects import fetched, followed, has_left, held_first, kept, objects_in
+from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -94,6 +96,25 @@ def test_what_a_top_does_with_the_ball_follows_from_its_conditions() -> None:
     assert those(held_first) == {"dribbleBall", "shoot"}
     assert those(kept) == {"dribbleBall"}
     assert those(followed) == those(fetched) == {"goToBall"}
+
+
+def at_goal(*names: str) -> Top:
+    """Return a TOP that starts with objects at its goal."""
+    terms = (Term(f"{name}.{axis}", f"goal.{axis}", 0.1) for name in names for axis in "xy")
+    return Top("visit", "goToPose", Condition(tuple(terms)), Condition())
+
+
+@pytest.mark.parametrize("name", list("abcdefgh"))
+def test_of_two_objects_at_a_goal_the_first_by_name_is_followed(name: str) -> None:
+    assert followed(at_goal("z" + name, name)) == name
+
+
+def test_an_object_whose_name_ends_like_the_one_that_is_followed_has_not_left_for_it() -> None:
+    pushed, step = ObjectState(3.0, 0.0), TopCall(at_goal("ball", "football"), Goal(Pose(0.0, 0.0, 0.0)))
+    world = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)), {"ball": ObjectState(0.0, 0.0), "football": pushed})
+    assert followed(step.top) == "ball"
+    assert not has_left(world, step, ROBOT)
+    assert has_left(world.with_object("ball", pushed), step, ROBOT)
 
 
 def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:

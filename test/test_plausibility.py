@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
@@ -98,3 +99,13 @@ def test_a_ball_that_was_long_gone_or_repeats_its_stamp_begins_anew() -> None:
     assert check.check(5.0, kicked) == (kicked, None)
     assert check.check(5.0, kicked) == (kicked, None)
     assert math.isfinite(check.check(5.0 + 1e-9, kicked)[0].vx)
+
+
+def test_sights_whose_stamps_stand_take_no_more_and_more_memory() -> None:
+    check = VelocityCheck("ball", 0.0, 0.0)
+    tracemalloc.start()
+    for _ in range(10_000):  # a simulation that is paused for eight minutes
+        check.check(float("1.5"), ObjectState(0.5, 0.0))
+    used, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert used < 100_000

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.robot.description import Robot
@@ -38,9 +40,9 @@ class Driving:
         if not preempts:
             self._watch.reset()
 
-    def sent(self, time: float, command: Command) -> None:
-        """Record a command sent in response to the state of `time` (s)."""
-        self._watch.sent(time, command)
+    def sent(self, time: float, command: Command, now: float = -math.inf) -> None:
+        """Record a command sent in response to the state of `time` (s); see `MotionWatch.sent`."""
+        self._watch.sent(time, command, now)
         self._foresight.sent(time, command)
 
     def punctual(self, robot: RobotState, command: Command, took: float) -> Command:

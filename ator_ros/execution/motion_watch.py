@@ -1,4 +1,4 @@
-"""Detection of a base that does not move as commanded, from odometry. Both clocks are passed in."""
+"""Whether the base moves as it is commanded to, by odometry (without ROS; both clocks are passed in)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from ator_ros.execution.spans import LONGEST_GAP, ROUNDING, Span, Stretch
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.ramp import ramped
@@ -13,10 +14,7 @@ from ator_ros.world.state import STOP, Command, RobotState
 
 _TENTH = 0.1
 _QUARTER = 0.25
-_WINDOW = 0.1  # s over which the motion of the pose is measured
-_LONGEST_GAP = 0.1  # s of the time between two states that count: more is not observed
-_SHORTEST_WAIT = 0.1  # real s that commands need at least, however fast simulated time runs
-_ROUNDING = 1e-6
+_WINDOW = 0.1  # s over which the motion of the pose is judged
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,17 +24,17 @@ class Thresholds:
     Attributes
     ----------
     asked : float
-        Speed of the faster wheel in m/s from which the base must follow a command: 4 % of the greatest
-        speed, above the dead zone of a base.
+        Speed of the faster wheel in m/s from which a command must be answered: 4 % of the greatest speed. The
+        dead zone of a base lies below.
     patience : float
-        Time in s for which the base may not move, or move without a command: 0.2 s plus three time constants
-        of the motors. Together with the time to brake it is below half a second.
+        Time in s without an answer, or with motion that nobody asked for: 0.2 s and three time constants of
+        the motors. With the time that it takes to brake it stays below half a second.
     frozen : float
         Time in s in which the pose may contradict the velocity: three messages at 20 Hz.
     v, w : float
         Speeds in m/s and rad/s by which the base may exceed the commands: a tenth of the limits.
     brake, aw : float
-        Decelerations in m/s^2 and rad/s^2 that any base must reach: half of the limits.
+        Decelerations in m/s^2 and rad/s^2 that a slow base must reach: half of the limits.
     """
 
     asked: float
@@ -63,25 +61,23 @@ class Thresholds:
 
 
 class MotionWatch:
-    """Compares odometry with the commands sent.
+    """Compares what odometry tells with the commands that were sent.
 
-    Four contradictions are faults:
+    Four contradictions are faults: a pose that stands while the velocity says that it moves (frozen
+    odometry), commands without any motion (blocked wheels, or odometry that froze while the robot stood),
+    less than a quarter of the motion (odometry that shows too little, or a base so weak: they look alike),
+    and motion beyond all commands (a base that somebody else steers, or nobody).
 
-    * the pose does not change although the velocity is not zero: odometry is frozen;
-    * there is no motion although it is commanded: the wheels are blocked, or odometry froze at standstill;
-    * there is less than a quarter of the commanded motion: the base is weak, or odometry shows too little;
-    * the base moves faster than any command.
-
-    If odometry is so slow that the robot is commanded to stand between two messages (below 6.7 Hz with the
-    default `odom_timeout`), a base that reacts late looks like odometry that froze at standstill. Such frozen
-    odometry is not always detected then; the robot moves by centimetres meanwhile.
+    Where odometry comes so rarely that the robot is commanded to stand between two messages, as with the
+    default `odom_timeout` below 6.7 Hz, a base that is late stands as still as odometry that is frozen: only
+    some of the latter is then noticed, while the robot moves by centimetres.
 
     Parameters
     ----------
     robot : Robot
-        Its limits, track and lag of the motors.
+        Limits, track and lag of the motors.
     latency : float
-        Time in s from the stamp of a state until the command for it moves the base.
+        Time in s from the stamp of a state until the command that answers it moves the base.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
@@ -91,83 +87,88 @@ class MotionWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all states and commands, as when a goal begins: earlier commands are unknown."""
+        """Forget the past, as when a goal begins: nobody knows what the base was commanded to before."""
         self._sent: deque[tuple[float, Command]] = deque()
         self._last: tuple[float, RobotState] | None = None
         self._heard = -math.inf
+        self._answered: float | None = None
         self._expected = STOP
-        self._unanswered = _Stretch()
-        self._weak = _Stretch()
-        self._unasked = _Stretch()
-        self._frozen = _Stretch()
+        self._unanswered = Stretch()
+        self._weak = Stretch()
+        self._unasked = Stretch()
+        self._frozen = Stretch()
         self._poses: deque[tuple[float, RobotState]] = deque()
         self._bands: tuple[_Band, _Band] | None = None
 
-    def sent(self, time: float, command: Command) -> None:
-        """Record a command sent in response to the state of `time` (s)."""
+    def sent(self, time: float, command: Command, now: float = -math.inf) -> None:
+        """Note a command that was sent as the answer to a state of `time` (s).
+
+        `now` is the real time in s at which it was sent, where that may be later than the state was heard.
+        """
+        self._answered = now if self._answered is None else self._answered
         acts = time + self._latency
         while self._sent and self._sent[-1][0] >= acts:
             self._sent.pop()
         self._sent.append((acts, command))
 
     def fault(self, time: float, robot: RobotState, now: float) -> str | None:
-        """Process a state from odometry with its stamp `time` (s), received at the real time `now` (s).
+        """Take a state of the robot as odometry tells it, at `time` s by its stamp and `now` s of real time.
 
         Returns
         -------
         str or None
-            A sentence on the fault; None if the base moves as commanded.
+            What is wrong, in words; None where the base moves as it is commanded to.
         """
         last, self._last = self._last, (time, robot)
         heard, self._heard = self._heard, now
+        answered, self._answered = self._answered, None
         if last is None or self._bands is None or time <= last[0]:
             self._bands = _Band.around(robot.v), _Band.around(robot.w)
             return None
         before, elapsed = last[1], time - last[0]
-        dt = min(elapsed, _LONGEST_GAP)
+        dt = min(elapsed, LONGEST_GAP)
         command = self._weakest(last[0], time)
-        by_pose = self._speed_by_pose(before, robot, elapsed)
         return (
-            self._contradiction(time, robot, _Span(dt, heard, now))
-            or self._silence(before, robot, by_pose, command, _Span(elapsed, heard, now))
-            or self._excess(time, robot, elapsed, _Span(dt, heard, now))
+            self._contradiction(time, robot, Span(dt, heard, now))
+            or self._silence(before, robot, command, Span(elapsed, heard, now).since(answered))
+            or self._excess(time, robot, elapsed, Span(dt, heard, now))
         )
 
-    def _contradiction(self, time: float, robot: RobotState, span: _Span) -> str | None:
-        """Return the fault if the pose does not change although the velocity is not zero.
+    def _contradiction(self, time: float, robot: RobotState, span: Span) -> str | None:
+        """Return the fault where the pose stands, though odometry says that it moves.
 
-        Poses are compared over `_WINDOW` s: between two successive messages jitter looks like motion.
+        The pose is compared with one some messages ago: between two that come soon after each other jitter
+        looks like motion.
         """
         self._poses.append((time, robot))
-        while len(self._poses) > 1 and self._poses[1][0] <= time - _WINDOW + _ROUNDING:
+        while len(self._poses) > 1 and self._poses[1][0] <= time - _WINDOW + ROUNDING:
             self._poses.popleft()
         then, before = self._poses[0]
         states, count = [state for _, state in self._poses], len(self._poses)
-        said = self._wheel(sum(state.v for state in states) / count, sum(state.w for state in states) / count)
+        mean = self._wheel(sum(state.v for state in states) / count, sum(state.w for state in states) / count)
+        said = min(mean, *(self._wheel(state.v, state.w) for state in states))  # blocked wheels say 0
         by_pose = self._speed_by_pose(before, robot, time - then) if time > then else math.inf
         frozen = said >= self.bounds.asked and by_pose < _TENTH * said
         if not self._frozen.lasts(frozen, span, self.bounds.frozen - _WINDOW):
             return None
         return _frozen_pose(robot, _WINDOW + self._frozen.seconds)
 
-    def _silence(
-        self, before: RobotState, robot: RobotState, by_pose: float, command: Command, span: _Span
-    ) -> str | None:
-        """Return the fault if the base does not follow commands, or hardly does.
+    def _silence(self, before: RobotState, robot: RobotState, command: Command, span: Span) -> str | None:
+        """Return the fault where the base does not answer commands, or hardly does.
 
-        A base whose velocity changes follows them, even near zero: a weak one is nearly still for a while
-        when it changes from backward to forward.
+        A base whose velocity changes answers them, though it may be passing through zero: a weak one stands
+        nearly still for a while when it goes from backward to forward.
         """
         dt = span.seconds
         self._expected = ramped(self._expected, command, dt, self._limits)
         wanted = self._wheel(self._expected.v, self._expected.w)
         asked = self._wheel(command.v, command.w) >= self.bounds.asked
-        shown = min(self._wheel(robot.v, robot.w), by_pose)
+        shown = self._shown(before, robot, span)
         changed = self._wheel(robot.v - before.v, robot.w - before.w)
         gained = _QUARTER * self._wheel(self._limits.a * dt, self._limits.aw * dt)
         steady = asked and changed < gained
         weak = steady and wanted >= _QUARTER * self._limits.v and shown < _QUARTER * wanted
-        weak = weak and dt <= _LONGEST_GAP + _ROUNDING  # over longer gaps the ramp lags behind too far
+        weak = weak and not span.long  # the mean over more lags behind too far
         too_weak = self._weak.lasts(weak, span, self.bounds.patience)
         if not self._unanswered.lasts(steady and shown < _TENTH * wanted, span, self.bounds.patience):
             return self._weak_base(shown, wanted) if too_weak else None
@@ -179,6 +180,16 @@ class MotionWatch:
             "frozen odometry"
         )
 
+    def _shown(self, before: RobotState, robot: RobotState, span: Span) -> float:
+        """Return the speed in m/s of the faster wheel that odometry shows, both by pose and by velocity.
+
+        In a long gap a base that hears nothing stands by itself, after it has moved: either is an answer.
+        """
+        told = self._wheel(robot.v, robot.w)
+        if not span.long:
+            return min(told, self._speed_by_pose(before, robot, span.elapsed))
+        return max(told, self._speed_by_pose(before, robot, min(span.elapsed, self.bounds.patience)))
+
     def _weak_base(self, shown: float, wanted: float) -> str:
         return (
             f"the base hardly moves: its wheels were commanded to {wanted:.2f} m/s, odometry has shown less "
@@ -186,8 +197,8 @@ class MotionWatch:
             "or odometry that shows too little"
         )
 
-    def _excess(self, time: float, robot: RobotState, elapsed: float, span: _Span) -> str | None:
-        """Return the fault if the base moves faster than all commands, including coasting."""
+    def _excess(self, time: float, robot: RobotState, elapsed: float, span: Span) -> str | None:
+        """Return the fault where the base moves beyond all commands, coasting included."""
         assert self._bands is not None
         commands = self._recent(time - elapsed)
         v, w = self._bands
@@ -203,28 +214,28 @@ class MotionWatch:
         )
 
     def _weakest(self, since: float, time: float) -> Command:
-        """Return the slowest command in effect between two times in s.
+        """Return the slowest command that moved the base between two times in s.
 
-        It may be a command to stand, sent between two messages that are far apart.
+        Between messages that are far apart the robot is commanded to stand.
         """
-        at_first = next((sent for acts, sent in reversed(self._sent) if acts <= since + _ROUNDING), STOP)
-        later = [sent for acts, sent in self._sent if since + _ROUNDING < acts <= time]
+        at_first = next((sent for acts, sent in reversed(self._sent) if acts <= since + ROUNDING), STOP)
+        later = [sent for acts, sent in self._sent if since + ROUNDING < acts <= time]
         return min([at_first, *later], key=lambda command: self._wheel(command.v, command.w))
 
     def _recent(self, time: float) -> list[Command]:
-        """Return the commands, oldest first, that may still act at `time` (s); forget older ones."""
+        """Return the commands, the oldest first, that `time` s may still show, and forget older ones."""
         while len(self._sent) > 1 and self._sent[1][0] < time - self.bounds.patience:
             self._sent.popleft()
         return [command for _, command in self._sent]
 
     def _speed_by_pose(self, before: RobotState, robot: RobotState, elapsed: float) -> float:
-        """Return the speed in m/s of the faster wheel, from the difference of two poses."""
+        """Return the speed in m/s of the faster wheel, as the difference of two poses tells it."""
         way = before.pose.distance(robot.pose)
         turn = wrap_angle(robot.pose.yaw - before.pose.yaw)
         return self._wheel(way / elapsed, turn / elapsed)
 
     def _wheel(self, v: float, w: float) -> float:
-        """Return the absolute speed in m/s of the faster wheel."""
+        """Return the speed in m/s of the faster wheel, without its sign."""
         return abs(v) + abs(w) * self._arm
 
 
@@ -235,47 +246,22 @@ def _frozen_pose(robot: RobotState, seconds: float) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Span:
-    """The time between two states: seconds that count by the stamps; real times in s of both arrivals."""
-
-    seconds: float
-    began: float
-    ended: float
-
-
-class _Stretch:
-    """How long a condition has held without a break, by the stamps and in real time."""
-
-    def __init__(self) -> None:
-        self.seconds, self._since = 0.0, math.inf
-
-    def lasts(self, so: bool, span: _Span, longest: float) -> bool:
-        """Add a span in which the condition held or not; return whether it has held for `longest` s."""
-        if not so:
-            self.seconds, self._since = 0.0, math.inf
-            return False
-        self._since = min(self._since, span.began)
-        self.seconds += span.seconds
-        return self.seconds >= longest - _ROUNDING and span.ended - self._since >= _SHORTEST_WAIT - _ROUNDING
-
-
 class _Band:
-    """The speeds that commands explain: from 0 to the commands, widened while the base still brakes."""
+    """The speeds that the commands explain: between 0 and the commands, or where the base still brakes."""
 
     def __init__(self, low: float, high: float) -> None:
         self._low, self._high = low, high
 
     @classmethod
     def around(cls, speed: float) -> _Band:
-        """Return the band of a base first seen at `speed`."""
+        """Return the band of a base that was found at `speed`."""
         return cls(min(0.0, speed), max(0.0, speed))
 
     def follow(self, targets: list[float], braked: float) -> None:
-        """Update the band from the commands in effect and the speed change that braking has had time for."""
+        """Take the commands that may still show, and by how much speeds beyond them have had to fall."""
         self._low = min(0.0, *targets, self._low + braked)
         self._high = max(0.0, *targets, self._high - braked)
 
     def beyond(self, speed: float, margin: float) -> bool:
-        """Return whether `speed` lies outside the band by more than `margin`."""
+        """Return whether `speed` lies outside by more than `margin`."""
         return speed < self._low - margin or speed > self._high + margin

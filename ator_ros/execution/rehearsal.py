@@ -14,7 +14,8 @@ from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import held_first
+from ator_ros.tops.objects import held_first, objects_in
+from ator_ros.tops.top import Top
 from ator_ros.world.state import ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})
@@ -41,19 +42,28 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     post = Pose(x - 0.3, y + robot.field.goal_width / 2.0 + 0.2, 0.5)
     for top in library.values():
         if held_first(top) is not None:
-            starts = (_holding(robot, Pose(x - 2.0, y, 0.2)), _holding(robot, post))
+            starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, post, top))
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
         else:
-            starts, goals = (AWAY, AWAY), (Pose(0.0, 0.0, 0.0), post._replace(yaw=2.5))
+            starts, goals = (_away(top),) * 2, (Pose(0.0, 0.0, 0.0), post._replace(yaw=2.5))
         for world, goal in zip(starts, goals, strict=True):
             call = TopCall(top, Goal(goal, 0.0, top.point))
             if _planned(library.action(top), world, call.goal):
                 predictor.chain(world, TopChain((call,)))
 
 
-def _holding(robot: Robot, pose: Pose) -> World:
+def _away(top: Top) -> World:
+    """Return a world in which all objects that a TOP speaks of lie away from the robot."""
+    return dataclasses.replace(AWAY, objects=_all_at(AWAY.objects[BALL], top))
+
+
+def _holding(robot: Robot, pose: Pose, top: Top) -> World:
     hold = robot.hold_point(pose)
-    return World(0.0, RobotState(pose), {BALL: ObjectState(hold.x, hold.y)})
+    return World(0.0, RobotState(pose), _all_at(ObjectState(hold.x, hold.y), top))
+
+
+def _all_at(there: ObjectState, top: Top) -> dict[str, ObjectState]:
+    return dict.fromkeys((BALL, *objects_in(top)), there)
 
 
 def _planned(action: Action, world: World, goal: Goal) -> bool:

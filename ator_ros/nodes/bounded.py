@@ -112,8 +112,8 @@ def _sequences(kind: Any) -> tuple[_Sequence, ...]:
     layout = _layout(kind)
     return tuple(
         found
-        for name, slot in zip(layout.names, kind.SLOT_TYPES, strict=True)
-        for found in _in_field(kind, slot, getattr(layout, name).offset)
+        for number, slot in enumerate(kind.SLOT_TYPES)
+        for found in _in_field(kind, slot, getattr(layout, f"field_{number}").offset)
     )
 
 
@@ -134,15 +134,10 @@ def _in_field(kind: Any, slot: Any, offset: int) -> Iterator[_Sequence]:
 
 @cache
 def _layout(kind: Any) -> Any:
-    """Return the C structure of a message; `names` are those of its fields."""
-    names = tuple(kind.get_fields_and_field_types())
-    fields = [(name, _c_type(kind, slot)) for name, slot in zip(names, kind.SLOT_TYPES, strict=True)]
+    """Return the C structure of a message; its fields are numbered, as their own names may mean something."""
+    fields = [(f"field_{number}", _c_type(kind, slot)) for number, slot in enumerate(kind.SLOT_TYPES)]
     # C has no structures without fields: rosidl adds a byte.
-    return type(
-        kind.__name__,
-        (ctypes.Structure,),
-        {"_fields_": fields or [("nothing", ctypes.c_uint8)], "names": names},
-    )
+    return type(kind.__name__, (ctypes.Structure,), {"_fields_": fields or [("nothing", ctypes.c_uint8)]})
 
 
 def _c_type(kind: Any, slot: Any) -> Any:

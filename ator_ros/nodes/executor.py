@@ -246,8 +246,9 @@ class ExecutorNode(Node):
     def _send(self, command: Command, *, answers: bool = False) -> None:
         """Send a command, which counts as sent now, or with the newest state where it answers that."""
         if self._inputs.time is not None:
-            after = 0.0 if answers else time.monotonic() - self._heard
-            self._driving.sent(self._inputs.time + after, command)
+            now = time.monotonic()
+            after = 0.0 if answers else now - self._heard
+            self._driving.sent(self._inputs.time + after, command, now)
         twist = conversions.twist_of(command)
         if not self._settings["stamped_commands"]:
             self._commands.publish(twist)

@@ -19,6 +19,8 @@ _PUSH = 1.0
 """Acceleration in m/s^2 of an object that rolls freely or is pushed."""
 _SIGMAS = 4.0
 _ROUNDING = 1e-6
+_KEPT = 256
+"""Sights kept at most: while stamps stand, as those of a paused simulation, sights go on coming."""
 
 
 class VelocityCheck:
@@ -44,7 +46,7 @@ class VelocityCheck:
 
     def reset(self) -> None:
         """Forget all sightings and remarks."""
-        self._sights: deque[tuple[float, float, float]] = deque()
+        self._sights: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
         self._doubted = self._contradicted = -math.inf
         self._said = False
 

@@ -12,6 +12,7 @@ import pytest
 from chain_client import ChainClient
 from nav_msgs.msg import Odometry
 from process import Process
+from rcl_interfaces.srv import GetParameters
 from rclpy.serialization import deserialize_message, serialize_message
 from ros_client import Client
 
@@ -153,6 +154,12 @@ def test_whatever_has_no_long_sequences_is_taken_as_it_is() -> None:
     answer = RefineSubgoal.Response(accepted=True, free=[msg.FreeVariable(name="yaw")] * 60, curves=[curve])
     for message in (worst_request(), sent, result, answer, Odometry(child_frame_id="x" * 300)):
         assert deserialize_message(serialize_message(message), bounded(type(message), MOST_ITEMS)) == message
+
+
+def test_fields_of_any_name_are_cut() -> None:
+    sent = GetParameters.Request(names=["x"] * (MOST_ITEMS + 1))  # ctypes.Structure is no place for that name
+    taken = deserialize_message(serialize_message(sent), bounded(GetParameters.Request, MOST_ITEMS))
+    assert taken.names == ["x"] * MOST_ITEMS
 
 
 @pytest.mark.node

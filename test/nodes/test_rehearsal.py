@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import pytest
 
+from ator_ros.actions.base import Action, Goal, Status, Step
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned import planner, run_up, screening, turns, ways
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse
 from ator_ros.robot.description import load_robot
+from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.top import Top
+from ator_ros.world.state import STOP, World
 
 
 def test_a_second_rehearsal_finds_all_tables() -> None:
@@ -39,3 +44,23 @@ def test_a_rehearsal_searches_to_the_end(monkeypatch: pytest.MonkeyPatch) -> Non
     robot = load_robot()
     rehearse(robot, SOCCER.library(robot), Predictor(robot, {}))
     assert min(called.values()) > 0
+
+
+class Lift(Action):
+    """Needs the cube, which its TOP's pre-condition speaks of."""
+
+    name = "lift"
+
+    def start(self, world: World, goal: Goal) -> None:
+        assert world.objects["cube"]
+
+    def step(self, world: World) -> Step:
+        return Step(STOP, Status.SUCCEEDED, "lifted")
+
+
+@pytest.mark.parametrize("other", ["goal", "hold"])
+def test_a_rehearsal_knows_the_objects_of_other_domains(other: str) -> None:
+    near = Condition(tuple(Term(f"{other}.{axis}", f"cube.{axis}", 0.1) for axis in "xy"))
+    robot = load_robot()
+    library = TopLibrary(robot, "own", tops=(Top("lift", "lift", near, near),), actions={"lift": Lift})
+    rehearse(robot, library, Predictor(robot, {}))

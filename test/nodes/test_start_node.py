@@ -59,6 +59,8 @@ def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
         ("executor", {"odom_timeout": "nan"}, "odom_timeout"),
         ("executor", {"odom_timeout": -1.0}, "odom_timeout"),
         ("executor", {"frame": 3}, "frame"),
+        ("executor", {"domain": "chess"}, "domain: expected an entry point of ator_ros.domains, one of ["),
+        ("refinement", {"domain": "chess"}, "got 'chess'"),
         ("executor", {"stamped_commands": "maybe"}, "stamped_commands"),
         ("executor", {"ball_noise": 0.02}, "parameters ball_noise and ball_velocity_noise: expected both"),
         ("executor", {"ball_velocity_noise": 0.1}, "expected both above 0 or both 0, got 0 and 0.1"),
