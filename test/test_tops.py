@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
-from ator_ros.domains.domain import Domain, DomainError, find_domain
+from ator_ros.domains.domain import DomainError
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
@@ -142,33 +138,3 @@ def test_a_library_without_an_action_is_refused() -> None:
         SOCCER.library(ROBOT, "none")
     with pytest.raises(KeyError, match="goToBall"):
         LIBRARY["fly"]
-
-
-def _raises() -> Domain:
-    raise ModuleNotFoundError("No module named 'their'\x1b[31m")
-
-
-SET = SOCCER.action_sets["default"]
-NO_TOPS: Any = None
-
-
-@pytest.mark.parametrize(
-    ("load", "reason"),
-    [
-        (_raises, "their:DOMAIN cannot be used: it raised ModuleNotFoundError: No module named 'their'"),
-        (lambda: Domain, "expected their:DOMAIN to be a Domain, got type"),
-        (lambda: replace(SOCCER, action_sets={"other": SET}), r"the action set 'default', got \['other'\]"),
-        (lambda: replace(SOCCER, action_sets={"default": SET[:1]}), "whose set 'default' has the actions"),
-        (lambda: replace(SOCCER, tops=NO_TOPS), "their:DOMAIN cannot be used: it raised TypeError"),
-    ],
-)
-def test_a_domain_that_cannot_be_used_is_refused_in_one_line(
-    monkeypatch: pytest.MonkeyPatch, load: Callable[[], object], reason: str
-) -> None:
-    entry = SimpleNamespace(name="their", value="their:DOMAIN", load=load)
-    monkeypatch.setattr("ator_ros.domains.domain.entry_points", lambda **_: [entry])
-    with pytest.raises(DomainError, match=f"^domain their: .*{reason}") as raised:
-        find_domain("their")
-    assert str(raised.value).isprintable()
-    with pytest.raises(DomainError, match=r"^domain: expected one of \['their'\], got 'soccer'"):
-        find_domain()

@@ -11,6 +11,7 @@ import numpy as np
 
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.performance.training import CANDIDATES
+from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -23,6 +24,7 @@ GROUP = "ator_ros.domains"
 """Entry points of this group name the domains that are installed, ours and those of others."""
 DEFAULT = "soccer"
 DEFAULT_SET = "default"
+_LONGEST_REASON = 200
 
 ChainSampler = Callable[[Robot, TopLibrary, np.random.Generator], tuple[World, TopChain]]
 
@@ -129,12 +131,15 @@ def find_domain(name: str = DEFAULT) -> Domain:
     """
     found = {entry.name: entry for entry in entry_points(group=GROUP)}
     if name not in found:
-        raise DomainError(f"domain: expected an entry point of {GROUP}, one of {sorted(found)}, got {name!r}")
+        raise DomainError(
+            f"domain: expected an entry point of {GROUP}, one of {sorted(found)}, got {quoted(name)}"
+        )
     try:
         domain = found[name].load()
     except Exception as error:  # a module from outside raises anything
         raise DomainError(
-            f"domain {name}: expected to import {found[name].value}, got {type(error).__name__}: {error}"
+            f"domain {name}: expected to import {found[name].value}, got {type(error).__name__}: "
+            f"{printable(str(error), _LONGEST_REASON)}"
         ) from error
     if not isinstance(domain, Domain):
         raise DomainError(
