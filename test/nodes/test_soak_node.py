@@ -33,6 +33,7 @@ def soaked(seconds: float, out: Path, *words: str) -> tuple[int, dict[str, Any]]
     return ended.returncode, report
 
 
+@pytest.mark.long
 def test_a_short_soak_runs_chains_and_measures_the_nodes(tmp_path: Path) -> None:
     code, report = soaked(10.0, tmp_path / "soak.json", "--real-time-factor", "4")
     assert report["chains"] >= 1
