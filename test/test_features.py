@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.performance.direct import DIRECT_VARIABLES, direct_arrays, direct_variables
+from ator_ros.performance.direct import DIRECT_VARIABLES, direct_arrays
 from ator_ros.performance.features import (
     FEATURES,
     IDEAL,
@@ -28,6 +28,22 @@ from ator_ros.world.state import RobotState
 ROBOT = load_robot()
 NAMES = tuple(FEATURES)
 Direct = dict[str, FloatArray]
+
+
+def direct_variables(state: RobotState, goal: Goal) -> dict[str, float]:
+    """Return the direct variables of one situation."""
+    return {
+        "x": state.pose.x,
+        "y": state.pose.y,
+        "yaw": state.pose.yaw,
+        "v": state.v,
+        "w": state.w,
+        "xg": goal.pose.x,
+        "yg": goal.pose.y,
+        "yawg": goal.pose.yaw,
+        "speedg": goal.speed,
+        "hold": float(goal.point is Point.HOLD),
+    }
 
 
 def situations(seed: int, count: int = 50) -> Direct:

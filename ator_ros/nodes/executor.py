@@ -7,7 +7,6 @@ import time
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
@@ -23,13 +22,14 @@ from ator_ros.execution.rehearsal import rehearse
 from ator_ros.nodes import conversions
 from ator_ros.nodes.bounded import bounded, with_parts
 from ator_ros.nodes.checks import MessageError, bounds_of
+from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
 from ator_ros.nodes.executor_settings import PARAMETERS, deadlines_of, fence_of, inputs_of
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.parameters import declare_parameters, digest_of, domain_of, robot_of
-from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA, SERVICES
+from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.world.inputs import ClockJumpError
 from ator_ros.world.sightings import StampError
@@ -99,8 +99,9 @@ class ExecutorNode(Node):
         self.get_logger().info("ready for chains")
 
     def _offer(self) -> None:
-        kind = TwistStamped if self._settings["stamped_commands"] else Twist
-        self._commands = self.create_publisher(kind, "cmd_vel", COMMANDS)
+        self._commands = CommandPublisher(
+            self, stamped=self._settings["stamped_commands"], frame=self._settings["robot_frame"]
+        )
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
@@ -249,14 +250,7 @@ class ExecutorNode(Node):
             now = time.monotonic()
             after = 0.0 if answers else now - self._heard
             self._driving.sent(self._inputs.time + after, command, now)
-        twist = conversions.twist_of(command)
-        if not self._settings["stamped_commands"]:
-            self._commands.publish(twist)
-            return
-        message = TwistStamped(twist=twist)
-        message.header.stamp = conversions.stamp_of(self._inputs.time or 0.0)
-        message.header.frame_id = self._settings["robot_frame"]
-        self._commands.publish(message)
+        self._commands.publish(command, self._inputs.time or 0.0)
 
     def _note(self, error: str) -> None:
         self._last_error = error

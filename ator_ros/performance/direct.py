@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import FloatArray
-from ator_ros.world.state import RobotState
 
 DIRECT_VARIABLES: dict[str, str] = {
     "x": "m",
@@ -74,19 +72,3 @@ def _number_or_array(value: Any) -> float | FloatArray:
         return value
     array = np.asarray(value, dtype=float)
     return array if array.shape else float(array)
-
-
-def direct_variables(state: RobotState, goal: Goal) -> dict[str, float]:
-    """Return the direct variables of one situation."""
-    return {
-        "x": state.pose.x,
-        "y": state.pose.y,
-        "yaw": state.pose.yaw,
-        "v": state.v,
-        "w": state.w,
-        "xg": goal.pose.x,
-        "yg": goal.pose.y,
-        "yawg": goal.pose.yaw,
-        "speedg": goal.speed,
-        "hold": float(goal.point is Point.HOLD),
-    }

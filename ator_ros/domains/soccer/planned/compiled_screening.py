@@ -59,8 +59,8 @@ class Path(NamedTuple):
     times: FloatArray
 
 
-class Goals(NamedTuple):
-    """Manoeuvres as in `Bundle`: goals, both sides, both turns and the drives."""
+class BundleArrays(NamedTuple):
+    """The arrays of a `Bundle`, as compiled code takes them: goals, both sides, both turns, the drives."""
 
     goals: FloatArray
     entries: FloatArray
@@ -72,7 +72,13 @@ class Goals(NamedTuple):
 
 @compiled
 def judge(
-    start: End, many: Goals, bounds: Bounds, shape: Outline, ball: Blocked, longest: FloatArray, forward: bool
+    start: End,
+    many: BundleArrays,
+    bounds: Bounds,
+    shape: Outline,
+    ball: Blocked,
+    longest: FloatArray,
+    forward: bool,
 ) -> NDArray[np.int8]:
     """Return verdicts on manoeuvres that are still to be closed; see `screening.screened`."""
     verdicts = np.full(len(longest), _OPEN, dtype=np.int8)
@@ -107,7 +113,7 @@ def judge(
 
 
 @compiled
-def touch(start: End, many: Goals, bounds: Bounds, shape: Outline, ball: Blocked) -> BoolArray:
+def touch(start: End, many: BundleArrays, bounds: Bounds, shape: Outline, ball: Blocked) -> BoolArray:
     """Return which closed manoeuvres touch an obstacle for certain; see `screening.touching`."""
     touches = np.zeros(len(many.first), dtype=np.bool_)
     pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))

@@ -20,7 +20,7 @@ from ator_ros.domains.soccer.planned.compiled_screening import (
     BACKWARD,
     DOUBT,
     Blocked,
-    Goals,
+    BundleArrays,
     Outline,
     judge,
     touch,
@@ -97,12 +97,12 @@ def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
     return touching_at_once(bundle, obstacles, robot)
 
 
-def _scalars(bundle: Bundle) -> tuple[End, Goals, Bounds]:
+def _scalars(bundle: Bundle) -> tuple[End, BundleArrays, Bounds]:
     limits = bundle.limits
     columns = (bundle.goals, bundle.entries, bundle.exits, bundle.first, bundle.last, bundle.distance)
     return (
         End(*map(float, bundle.start)),
-        Goals(*(np.ascontiguousarray(column, dtype=float) for column in columns)),
+        BundleArrays(*(np.ascontiguousarray(column, dtype=float) for column in columns)),
         Bounds(float(limits.v), float(limits.a), float(limits.brake), float(limits.aw)),
     )
 
