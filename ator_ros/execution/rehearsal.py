@@ -38,8 +38,9 @@ def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     """Plan and predict each TOP of `library` in the open and beside a goal post, where the search is long."""
-    x, y = robot.field.goal_centre()
-    post = Pose(x - 0.3, y + robot.field.goal_width / 2.0 + 0.2, 0.5)
+    area, bays = robot.scene.area, robot.scene.bays
+    x, y, width = (bays[-1].x, bays[-1].y, bays[-1].width) if bays else (area.length / 2.0, 0.0, 0.0)
+    post = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
     for top in library.values():
         if held_first(top) is not None:
             starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, post, top))

@@ -56,11 +56,11 @@ WIDEST = MessageBounds()
 
 
 def bounds_of(robot: Robot) -> MessageBounds:
-    """Return what is believed of `robot` and its field: twice the floor, three times its limits."""
-    field, limits = robot.field, robot.limits
+    """Return what is believed of `robot` and its area: twice the floor, three times its limits."""
+    area, limits = robot.scene.area, robot.limits
     return MessageBounds(
-        field.length + 2.0 * field.margin,
-        field.width + 2.0 * field.margin,
+        area.length + 2.0 * area.margin,
+        area.width + 2.0 * area.margin,
         3.0 * limits.v,
         3.0 * limits.w,
         FASTEST_OBJECT,

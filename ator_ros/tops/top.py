@@ -33,6 +33,15 @@ class Top:
     point: Point = Point.AXLE
 
     @property
+    def needs_holder(self) -> bool:
+        """Whether its goal or its conditions are about the robot's hold."""
+        return self.point is Point.HOLD or any(
+            str(side).startswith("hold.")
+            for term in (*self.pre.terms, *self.post.terms)
+            for side in (term.variable, term.target)
+        )
+
+    @property
     def arrives(self) -> bool:
         """Whether the robot ends at the goal: the post-condition places its axle or its hold."""
         return any(term.variable in ("robot.x", "hold.x") for term in self.post.terms)
