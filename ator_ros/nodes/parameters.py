@@ -51,7 +51,7 @@ class Parameter:
     smallest: float = 0.0
 
     def descriptor(self) -> ParameterDescriptor:
-        """Return the description that `ros2 param describe` shows."""
+        """Return the descriptor, which `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(description=self.description, read_only=True)
         if self.choices:
             descriptor.additional_constraints = f"one of {', '.join(self.choices)}"
@@ -65,7 +65,7 @@ class Parameter:
         return descriptor
 
     def check(self, value: Any) -> None:
-        """Make sure that `value` is allowed.
+        """Check that `value` is allowed.
 
         Raises
         ------
@@ -123,7 +123,7 @@ def robot_of(settings: Mapping[str, Any]) -> Robot:
 
 
 def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
-    """Declare parameters with type, description and bounds; give their values by name.
+    """Declare parameters with type, description and bounds, and return their values by name.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def _declared(node: Node, parameter: Parameter) -> Any:
 
 
 def _warn_of_strange(node: Node, known: Mapping[str, Any]) -> None:
-    """Name what was set but is no parameter of the node, which ROS ignores without a word."""
+    """Warn of unknown parameters that were set; ROS ignores them silently."""
     # rclpy has no public name for what was set.
     overrides: Mapping[str, Any] = getattr(node, "_parameter_overrides", {})
     strange = [name for name in overrides if not node.has_parameter(name)]
