@@ -17,7 +17,7 @@ FARTHEST = 1000.0
 FASTEST = 100.0
 """Greatest velocity in m/s or rad/s that is accepted for any robot."""
 FASTEST_OBJECT = 10.0
-"""Greatest velocity in m/s that is believed of an object on a robot's field."""
+"""Greatest velocity in m/s that is believed of an object in a robot's area."""
 MOST_ITEMS = 64
 """Items of a sequence that are converted: twice the longest sequence that is accepted."""
 LONGEST_NAME = 200

@@ -75,6 +75,8 @@ class ExecutorNode(Node):
         self._bounds = bounds_of(robot)
         domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        for reason in filter(None, (top.lacks(robot) for top in domain.tops)):
+            self.get_logger().warning(reason)
         folder = self._settings["models"]
         self._models = {name: read_models(self, robot, name, folder, domain) for name in domain.action_sets}
         self._predictors = {

@@ -44,9 +44,9 @@ def _speed(rng: np.random.Generator, share: float) -> float:
 def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a drive: three quarters approach a ball, half of these with an arrival speed, the others a pose.
 
-    One start in seven is in motion.
+    One start in seven is in motion. A robot without a holder has no ball to approach.
     """
-    with_ball = _share(rng, 0.75)
+    with_ball = _share(rng, 0.75) and robot.holder is not None
     goal = random_pose(robot, rng)
     start = random_pose(robot, rng)
     while start.distance(goal) < (CLEARANCE if with_ball else SHORTEST):
@@ -74,6 +74,7 @@ def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, Object
 
 def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed."""
+    robot.holder_for("dribbleBall")
     goal = random_pose(robot, rng)
     ball = random_pose(robot, rng)
     while ball.distance(goal) < SHORTEST:
@@ -84,6 +85,7 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
 
 def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a shot from up to 2.5 m before the goal: the ball is held, and every second start is in motion."""
+    robot.holder_for("shoot")
     x, y = field_of(robot).goal_centre()
     start = _shooting_pose(robot, rng)
     while touches_goals(np.array([start]), robot):
