@@ -81,7 +81,7 @@ def test_a_bay_is_open_in_front_and_closed_behind_and_beside(yaw: float) -> None
         assert abs(inside.y) < 0.1  # who goes on pushing slides along a wall
         beside = front.compose(Pose(0.3, 1.5, -math.pi / 2))
         simulation.place_robot(beside)
-        outside = front.relative(drive(simulation, 6.0).robot.pose)
+        outside = front.relative(drive(simulation, 1.7).robot.pose)
         assert outside.y - ROBOT.tip == pytest.approx(0.55, abs=0.05)
 
 
