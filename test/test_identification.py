@@ -15,8 +15,8 @@ from ator_ros.robot.description import Limits, Robot, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.robot.ramp import ramped
-from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.simulation.sensors import SensorConfig, Sensors
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import STOP, Command, RobotState
 
 PIONEER = load_robot()
@@ -36,7 +36,7 @@ def driven(
     rng = np.random.default_rng(1)
     drive = ProbeDrive(v=1.5 * robot.limits.v, w=1.5 * robot.limits.w, space=space)
     sensors, last = Sensors(SensorConfig(latency=latency)), -1.0
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         while True:
             world = sensors.observe(simulation.world())
             if world.time > last:
@@ -89,7 +89,7 @@ def test_a_dead_zone_is_found() -> None:
 def test_the_drive_keeps_to_its_space() -> None:
     robot, ways = base(PIONEER.limits, 0.03), []
     drive = ProbeDrive(v=1.8, w=3.6, space=1.5)
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         while (command := drive.command(simulation.time, simulation.world().robot)) is not None:
             ways.append(simulation.world().robot.pose.x)
             simulation.command(command)

@@ -51,6 +51,13 @@ def test_a_file_of_the_former_form_describes_the_same_robot() -> None:
     assert load_robot(FORMER).digest() == DIGEST
 
 
+def test_what_is_written_describes_the_same_robot(plain: Robot, tmp_path: Path) -> None:
+    for robot in (ROBOT, plain):
+        file = tmp_path / "written.yaml"
+        file.write_text(yaml.safe_dump(robot.sections()), encoding="utf-8")
+        assert load_robot(file) == robot
+
+
 def test_whatever_is_changed_changes_the_digest(plain: Robot) -> None:
     scene, holder = ROBOT.scene, ROBOT.holder
     assert holder is not None

@@ -152,6 +152,12 @@ class Robot:
         """Return the robot's pose that holds an object at (there.x, there.y) with heading there.yaw."""
         return there.ahead(-self.hold)
 
+    def sections(self) -> dict[str, Any]:
+        """Return the sections of a file that describes this robot and its scene."""
+        robot = dataclasses.asdict(self)
+        scene = robot.pop("scene")
+        return {"robot": robot, "scene": scene}
+
     def digest(self) -> str:
         """Return a short digest of the whole description, stored with everything that is learned."""
         content = former_names.in_former_names(dataclasses.asdict(self))

@@ -9,16 +9,14 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import yaml
 from rclpy.utilities import remove_ros_args
 
 from ator_ros.files import portable_command, write_text
-from ator_ros.resources import resource_path
-from ator_ros.robot.description import load_robot
+from ator_ros.robot.description import Limits, Robot, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import ProbeDrive
 from ator_ros.tools.calibration_drive import drive_over_ros
@@ -34,7 +32,7 @@ def arguments() -> argparse.ArgumentParser:
         prog="calibrate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "--robot", type=Path, help="description whose sizes are kept (default: config/pioneer.yaml)"
+        "--robot", type=Path, help="description whose sizes are kept (default: the shipped one)"
     )
     parser.add_argument("--out", type=destination, required=True, help="description to write")
     parser.add_argument("--name", help="name of the robot (default: that of --robot)")
@@ -75,26 +73,22 @@ def _calibrate(options: argparse.Namespace, words: Sequence[str]) -> int:
     )
     samples = drive_over_ros(drive, words, stamped=options.stamped, frame=options.frame)
     estimate = identify(samples)
-    template = options.robot or resource_path("config", "pioneer.yaml")
-    data = described(yaml.safe_load(Path(template).read_text(encoding="utf-8")), estimate)
-    data["robot"]["name"] = options.name or robot.name
+    found = described(dataclasses.replace(robot, name=options.name or robot.name), estimate)
     told = report(estimate)
     lines = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *told)]
-    write_text(options.out, "\n".join(lines) + "\n" + yaml.safe_dump(data, sort_keys=False))
+    write_text(options.out, "\n".join(lines) + "\n" + yaml.safe_dump(found.sections(), sort_keys=False))
     load_robot(options.out)  # complains where an estimate is not plausible
     print("\n".join((*told, f"written to {options.out}")))
     return 0
 
 
-def described(template: Mapping[str, Any], estimate: BaseEstimate) -> dict[str, Any]:
+def described(template: Robot, estimate: BaseEstimate) -> Robot:
     """Return a description with the estimated limits and lag, and everything else of the template."""
-    data = {section: dict(values) for section, values in template.items()}
-    limits = {name: round(value, 3) for name, value in dataclasses.asdict(estimate.limits).items()}
-    data["robot"] |= {"limits": limits, "motor_time_constant": round(max(estimate.lag, 0.002), 3)}
-    held = data["robot"].get("dribble_limits")
-    if held is not None:
-        data["robot"]["dribble_limits"] = {name: min(held[name], limits[name]) for name in limits}
-    return data
+    limits = Limits(*(round(value, 3) for value in dataclasses.astuple(estimate.limits)))
+    lag, holder = round(max(estimate.lag, 0.002), 3), template.holder
+    if holder is not None:
+        holder = dataclasses.replace(holder, limits=holder.limits.within(limits))
+    return dataclasses.replace(template, limits=limits, motor_time_constant=lag, holder=holder)
 
 
 def report(estimate: BaseEstimate) -> list[str]:
