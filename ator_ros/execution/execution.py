@@ -12,7 +12,7 @@ from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor, remaining
 from ator_ros.execution.refining import Question, Refining, refined_chain
-from ator_ros.execution.step_run import ActionRecord, is_standing
+from ator_ros.execution.step_run import ActionRecord
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -120,13 +120,13 @@ class Execution:
         """
         self._heard, self._seen = now, world
         # The first command, to stand, makes a simulation wait for the next one, which takes planning.
-        if self.phase is Phase.WAITING and self._begin(world, now) and is_standing(world.robot):
+        if self.phase is Phase.WAITING and self._begin(world, now) and world.robot.is_standing:
             return STOP
         if self.phase is Phase.EXECUTING:
             return self._execute(world, now, overdue=overdue)
         if self.phase is Phase.STOPPING:
             self._stopped_at = min(self._stopped_at, world.time)
-            stood = is_standing(world.robot) or world.time - self._stopped_at > _LONGEST_STOP
+            stood = world.robot.is_standing or world.time - self._stopped_at > _LONGEST_STOP
             self.phase = Phase.ENDED if stood else Phase.STOPPING
         return STOP
 
