@@ -15,8 +15,8 @@ from ator_ros.execution.transitions import (
     ENDINGS,
     STAGES,
     TRANSITIONS,
-    Course,
     Event,
+    GoalCourse,
     Signal,
     Stage,
     TransitionError,
@@ -32,14 +32,14 @@ Cause = Callable[[Ledger, Sent], None]
 def taken(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Phase, Event, Phase]]:
     """Return the transitions that goals take, as they do."""
     all_of_them: list[tuple[Phase, Event, Phase]] = []
-    take = Course.take
+    take = GoalCourse.take
 
-    def noted(course: Course, event: Event) -> None:
+    def noted(course: GoalCourse, event: Event) -> None:
         before = course.phase
         take(course, event)
         all_of_them.append((before, event, course.phase))
 
-    monkeypatch.setattr(Course, "take", noted)
+    monkeypatch.setattr(GoalCourse, "take", noted)
     return all_of_them
 
 
@@ -137,7 +137,7 @@ def test_from_everywhere_the_goal_can_end_and_its_action_is_over(phase: Phase, e
 def test_no_other_transition_can_be_taken() -> None:
     for phase, event in itertools.product(Phase, (*Signal, *Ending)):
         if (phase, event) not in TRANSITIONS:
-            course = Course()
+            course = GoalCourse()
             course._phase = phase
             with pytest.raises(TransitionError, match=f"phase {phase.name}: .* got {event.name}"):
                 course.take(event)

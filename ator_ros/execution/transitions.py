@@ -80,7 +80,7 @@ class TransitionError(RuntimeError):
     """An event that the present phase does not know: a fault of the program."""
 
 
-class Course:
+class GoalCourse:
     """The course of one goal: its phase, and how it ended. Both change by `TRANSITIONS` only."""
 
     def __init__(self) -> None:
