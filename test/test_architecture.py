@@ -14,6 +14,7 @@ FLOORS = [
     "printable",
     "resources",
     "files",
+    "schema",
     "compile_cache",
     "compiled",
     "world",
