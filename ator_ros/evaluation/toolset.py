@@ -35,6 +35,8 @@ class ToolsetSource:
     ----------
     domain : str
         Name of the domain.
+    robot : str
+        File of the robot's description; empty: the shipped one.
     action_set : str
         Name of one of its action sets.
     models : str
@@ -44,9 +46,14 @@ class ToolsetSource:
     """
 
     domain: str = DEFAULT
+    robot: str = ""
     action_set: str = "default"
     models: str = ""
     experience: tuple[str, ...] = ()
+
+    def described(self) -> Robot:
+        """Return the robot."""
+        return load_robot(self.robot or None)
 
     def folder(self) -> Path:
         """Return the folder of the model files."""
@@ -55,7 +62,7 @@ class ToolsetSource:
 
     def digest(self, policies: Iterable[str], chain: str) -> str:
         """Return a digest of the robot's description and of all files that the choices depend on."""
-        robot = load_robot()
+        robot = self.described()
         sha = hashlib.sha256(robot.digest().encode())
         names = [f"{action}.json" for action in self._actions(chain, robot)] + [CALIBRATION]
         names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
@@ -72,7 +79,7 @@ class ToolsetSource:
         ModelFileError
             A model cannot be used.
         """
-        robot = load_robot()
+        robot = self.described()
         files = {action: self.folder() / f"{action}.json" for action in self._actions(chain, robot)}
         models = {action: model_digest(load_model(file, robot)) for action, file in files.items()}
         return {"robot": robot.digest(), **models}
@@ -122,7 +129,7 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     ModelFileError, RefinementError, ExperienceError, EvaluationError
         An existing file cannot be used; the message names it.
     """
-    domain, robot, folder = find_domain(source.domain), load_robot(), source.folder()
+    domain, robot, folder = find_domain(source.domain), source.described(), source.folder()
     actions = list(domain.actions(source.action_set))
     models: dict[str, Models] = {
         "learned": {action: load_model(folder / f"{action}.json", robot) for action in actions},
