@@ -121,6 +121,12 @@ def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
     return find_domain(source.domain).library(robot, source.action_set)
 
 
+def _files(folder: Path, actions: Iterable[str]) -> dict[str, Path]:
+    """Return the models there are; if there is none, all that should be, for the error."""
+    files = {action: folder / f"{action}.json" for action in actions}
+    return {action: file for action, file in files.items() if file.exists()} or files
+
+
 def make_toolset(source: ToolsetSource) -> Toolset:
     """Read models and gate, and fit gradient boosting.
 
@@ -132,7 +138,7 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     domain, robot, folder = find_domain(source.domain), source.described(), source.folder()
     actions = list(domain.actions(source.action_set))
     models: dict[str, Models] = {
-        "learned": {action: load_model(folder / f"{action}.json", robot) for action in actions},
+        "learned": {action: load_model(file, robot) for action, file in _files(folder, actions).items()},
         "bitbots": {action: bitbots(action, robot) for action in actions},
         "booster": {action: booster(action, robot) for action in actions},
         "ideal_time": ideal_times(robot),

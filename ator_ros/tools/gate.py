@@ -25,6 +25,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--situations", type=whole(10), default=400, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=301, help="of the situations (default: %(default)s)")
     add_setting(parser)
+    parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
     add_models(parser)
     parser.add_argument(
         "--experience",
@@ -46,7 +47,7 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options, _ = settled(arguments(), words)
+    options, _ = settled(arguments(), words, chain=lambda domain: domain.chains)
 
     def run() -> int:
         from ator_ros.tools.work import gate as work

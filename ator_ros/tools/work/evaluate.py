@@ -21,6 +21,7 @@ def run(options: argparse.Namespace, command: str) -> int:
         raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
     source = source_of(options, experience=tuple(options.experience))
     tools = make_toolset(source)  # before anything is executed: a damaged file shall be told at once
+    source.digests(options.chain)
     policies, missing = available_policies(source)
     for name, why in missing.items():
         if options.policies is None:

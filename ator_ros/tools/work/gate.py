@@ -24,7 +24,8 @@ def run(options: argparse.Namespace, command: str) -> int:
     source = source_of(options)
     if options.experience is not None:
         refit_rulers(source, options.experience)
-    settings = Settings(seed=options.seed, policies=POLICIES, source=source)
+    settings = Settings(seed=options.seed, chain=options.chain, policies=POLICIES, source=source)
+    source.digests(options.chain)  # before anything is executed: a missing model shall be told at once
     with reserved(source.folder(), _GATE_BYTES):
         records = executed(settings, options, options.work)
     examples = gate_examples(records)
