@@ -20,7 +20,7 @@ from ator_ros.refinement.calibration import model_digest
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.gate_file import load_gate
-from ator_ros.robot.description import Robot, load_robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 
 GATE = "gate.json"
@@ -53,7 +53,7 @@ class ToolsetSource:
 
     def described(self) -> Robot:
         """Return the robot."""
-        return load_robot(self.robot or None)
+        return find_domain(self.domain).robot(self.robot or None)
 
     def folder(self) -> Path:
         """Return the folder of the model files."""

@@ -1,4 +1,4 @@
-"""The simulated Pioneer, the ball and the field."""
+"""Simulated robots, objects and sensors."""
 
 from __future__ import annotations
 

@@ -202,8 +202,9 @@ def _expected() -> tuple[type[Exception], ...]:
     from ator_ros.performance.training import TrainingError
     from ator_ros.refinement.errors import RefinementError
     from ator_ros.robot.description import ConfigError
+    from ator_ros.robot.probe_drive import DriveError
 
-    ours = (BackendError, ConfigError, DomainError, EvaluationError, ExperienceError)
+    ours = (BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError)
     return (*ours, ModelFileError, OSError, RefinementError, TrainingError)
 
 

@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     parser = arguments()
-    options, _ = settled(
+    options, domain = settled(
         parser, words, chains=lambda domain: domain.chains, conditions=lambda _: _conditions()
     )
     check_names(parser, "policy", [options.policy], policies())
@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     def run() -> int:
         from ator_ros.tools.work import noise as work
 
-        return work.run(options, portable_command("noise", words))
+        return work.run(options, domain, portable_command("noise", words))
 
     return guarded("noise", run)
 

@@ -21,7 +21,6 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import reserved
-from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import INTERRUPTED, undisturbed
 
 _EPISODE_BYTES = 10_000
@@ -31,7 +30,7 @@ _EPISODE_BYTES = 10_000
 def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     """Do what the command line asks for; return the exit code."""
     require_pyarrow()
-    robot = load_robot(options.robot or None)
+    robot = domain.robot(options.robot or None)
     actions = [domain.actions(options.action_set)[name] for name in options.actions]
     frames: list[pd.DataFrame] = []
     stopped: BaseException | None = None

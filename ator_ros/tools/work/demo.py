@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.nodes.machine import MachineError
-from ator_ros.robot.description import Robot, load_robot
+from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import INTERRUPTED, write_plainly
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
 from ator_ros.tools.work.demo_report import DemoSituation, save_picture, table
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
     except ImportError as error:
         print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
         return 1
-    robot = load_robot(options.robot or None)
+    robot = SOCCER.robot(options.robot or None)
     played: list[DemoSituation] = []
     code = 0
     try:

@@ -9,14 +9,15 @@ from typing import Any
 
 from tqdm import tqdm
 
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.noise import POINTS, TRUTH, NoiseTask, execute, summarise
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import write_text
-from ator_ros.simulation.sensors import REALISTIC
+from ator_ros.simulation.sensors import REALISTIC, REALISTIC_SIGHT
 from ator_ros.tools.command_line import source_of
 
 
-def run(options: argparse.Namespace, command: str) -> int:
+def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     """Do what the command line asks for; return the exit code."""
     result = {
         "command": command,
@@ -25,7 +26,8 @@ def run(options: argparse.Namespace, command: str) -> int:
         "policy": options.policy,
         "action_set": options.action_set,
         "robot_digest": source_of(options).described().digest(),
-        "sensors": dataclasses.asdict(REALISTIC),
+        "sensors": dataclasses.asdict(REALISTIC)
+        | {"objects": dict.fromkeys(domain.objects, dataclasses.asdict(REALISTIC_SIGHT))},
         "limit_points": POINTS,
         "chains": {chain: _measure(chain, options) for chain in options.chains},
     }

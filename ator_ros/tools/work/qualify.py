@@ -16,7 +16,6 @@ from ator_ros.evaluation.ruler import over_time_optimal
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import write_text
 from ator_ros.report.action_slices import draw_slices
-from ator_ros.robot.description import load_robot
 
 RULED = ("pose", "approach", "dribble")
 
@@ -33,7 +32,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         "command": command,
         "seed": options.seed,
         "action_set": options.action_set,
-        "robot_digest": load_robot(options.robot or None).digest(),
+        "robot_digest": SOCCER.robot(options.robot or None).digest(),
         "kinds": rows,
     }
     write_text(options.out, json.dumps(result, indent=1) + "\n")

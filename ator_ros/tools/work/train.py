@@ -23,14 +23,14 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
 from ator_ros.performance.training import TrainingError, digest, train
 from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
-from ator_ros.robot.description import Robot, load_robot
+from ator_ros.robot.description import Robot
 
 _MODELS_BYTES = 1_000_000
 
 
 def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     """Do what the command line asks for; return the exit code."""
-    robot = load_robot(options.robot or None)
+    robot = domain.robot(options.robot or None)
     folder = options.models if options.models is not None else domain.shipped_models
     if options.rules:
         print(_rules(options, robot, folder))
