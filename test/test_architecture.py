@@ -14,6 +14,7 @@ FLOORS = [
     "printable",
     "resources",
     "files",
+    "plain_yaml",
     "compile_cache",
     "compiled",
     "world",

@@ -12,27 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
-from ator_ros.files import read_text
 from ator_ros.geometry import Pose
+from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
 from ator_ros.resources import resource_path
 from ator_ros.world.state import Field, ObjectState, World
 
 T = TypeVar("T")
 _STANDING = 1e-3  # m/s up to which a ball counts as standing
-# What PyYAML raises on malformed dates, tagged values and deep nesting.
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    RecursionError,
-    yaml.YAMLError,
-)
-
-
 _LARGEST = 100_000  # bytes of a description; ours has 2 kB
 # Plausible ranges: learned features, tables of turns and the physics rely on them.
 _LENGTH = (0.001, 10.0)
@@ -165,9 +151,9 @@ def load_robot(path: Path | str | None = None) -> Robot:
     """
     file = Path(path) if path is not None else resource_path("config", "pioneer.yaml")
     try:
-        data = yaml.load(read_text(file, _LARGEST), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
-    except _UNREADABLE as error:
-        raise ConfigError(f"{file}: expected a readable YAML file: {error}") from error
+        data = read_yaml(file, largest=_LARGEST)
+    except UnreadableYamlError as error:
+        raise ConfigError(str(error)) from error
     root = _section(data, "", file, {"robot", "ball", "field"})
     robot = dict(_section(root["robot"], "robot", file, None))
     for name in ("limits", "dribble_limits"):
@@ -175,17 +161,6 @@ def load_robot(path: Path | str | None = None) -> Robot:
     robot["ball"] = _build(Ball, root["ball"], "ball", file)
     robot["field"] = _build(Field, root["field"], "field", file)
     return _build(Robot, robot, "robot", file)
-
-
-class _PlainLoader(yaml.SafeLoader):
-    """Reads YAML without aliases, with which a few lines name billions of values."""
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Refuse an alias."""
-        if self.check_event(yaml.AliasEvent):
-            event = self.get_event()  # type: ignore[no-untyped-call]
-            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
-        return super().compose_node(parent, index)
 
 
 def _section(data: Any, where: str, file: Path, keys: set[str] | None) -> Mapping[str, Any]:
