@@ -115,10 +115,12 @@ def _execute(simulation: PioneerSimulation, situation: Situation, task: Task) ->
         if step.status is not Status.RUNNING:
             break
         command, pose = step.command, world.robot.pose
-        excess = max(excess, abs(command.v) / robot.limits.v, abs(command.w) / robot.limits.w)
+        if command is not None:
+            excess = max(excess, abs(command.v) / robot.limits.v, abs(command.w) / robot.limits.w)
+            simulation.command(command)
         early = early or (task.kind == "approach" and _touched_early(situation, ball_of(world), pose, robot))
-        simulation.command(command)
         simulation.tick()
+    action.end(step.message)
     success = step.status is Status.SUCCEEDED
     return Outcome(success, early, simulation.time, excess, poses, step.message, planned)
 

@@ -105,7 +105,8 @@ def run_chain(
             if step.status is not Status.RUNNING:
                 return _judge(simulation, executor, chain, step.status, step.message, tuple(path))
             foresight.sent(seen.time, step.command)
-            simulation.command(step.command)
+            if step.command is not None:
+                simulation.command(step.command)
             simulation.tick()
         return _judge(
             simulation, executor, chain, Status.FAILED, f"not done after {TIME_LIMIT:g} s", tuple(path)

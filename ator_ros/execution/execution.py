@@ -112,8 +112,8 @@ class Execution:
         """Return whether odometry has been missing for half its deadline, so that the robot should stand."""
         return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.silence
 
-    def tick(self, world: World, now: float, *, overdue: frozenset[str] = frozenset()) -> Command:
-        """Process a newer state of the world and return the command for it.
+    def tick(self, world: World, now: float, *, overdue: frozenset[str] = frozenset()) -> Command | None:
+        """Process a newer state of the world; return the command for it, None if the action sends none.
 
         A step pauses while an object that it needs is overdue. The goal ends if that object is unknown in two
         states in a row, or when a step that needs it begins.
@@ -241,7 +241,7 @@ class Execution:
             name, top = missing_in(self.chain.calls, self.start) or ("", "")
             self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}")
 
-    def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command:
+    def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command | None:
         if self._executor is None:
             self.start = world  # later than the first state if refinement took time
             self._prediction = functools.cache(functools.partial(self._predictor.chain, world, self.chain))

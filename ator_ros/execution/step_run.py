@@ -102,6 +102,7 @@ class StepRun:
         self._library, self._index = library, index
         self._time_limit, self._predict = time_limit, predict
         self._action: Action | None = None
+        self._ended = False
         self._start: World | None = None
         self._predicted: Any = None
 
@@ -164,8 +165,15 @@ class StepRun:
             return step
         return Step(STOP, Status.FAILED, f"post-condition of {top.name}: {'; '.join(violations)}")
 
-    def record(self, world: World, step: Step) -> ActionRecord:
-        """Return the record of this step, which ended with `step` in the state `world`."""
+    def end(self, reason: str) -> None:
+        """End the action if it has started and not ended; see `Action.end`."""
+        if self._action is not None and not self._ended:
+            self._ended = True
+            self._action.end(reason)
+
+    def close(self, world: World, step: Step) -> ActionRecord:
+        """End the action; return the record of this step, which ended with `step` in the state `world`."""
+        self.end(step.message)
         call, start, robot = self.call, self._start or world, self._library.robot
         pose, goal = world.robot.pose, call.goal.robot_pose(robot)
         return ActionRecord(

@@ -78,6 +78,7 @@ def run_episode(
     for tick in range(round(time_limit * 20)):
         step = action.step(world)
         if step.status is not Status.RUNNING:
+            action.end(step.message)
             ended_well = step.status is Status.SUCCEEDED
             duration = world.time - start
             if situation.action == "shoot":
@@ -85,10 +86,12 @@ def run_episode(
             return _episode(simulation.robot, situation, samples, duration, world, step.message, ended_well)
         if tick % TICKS_PER_SAMPLE == 0:
             samples.append(_sample(world, start))
-        simulation.command(step.command)
+        if step.command is not None:
+            simulation.command(step.command)
         simulation.tick()
         world = simulation.world()
     reason = f"time limit of {time_limit:g} s reached"
+    action.end(reason)
     return _episode(simulation.robot, situation, samples, world.time - start, world, reason, False)
 
 

@@ -244,13 +244,17 @@ class ExecutorNode(Node):
 
     # Outputs
 
-    def _send(self, command: Command, *, answers: bool = False) -> None:
-        """Send a command, which counts as sent now, or with the newest state where it answers that."""
+    def _send(self, command: Command | None, *, answers: bool = False) -> None:
+        """Send a command, which counts as sent now, or with the newest state where it answers that.
+
+        None: somebody else moves the robot, so nothing is published.
+        """
         if self._inputs.time is not None:
             now = time.monotonic()
             after = 0.0 if answers else now - self._heard
             self._driving.sent(self._inputs.time + after, command, now)
-        self._commands.publish(command, self._inputs.time or 0.0)
+        if command is not None:
+            self._commands.publish(command, self._inputs.time or 0.0)
 
     def _note(self, error: str) -> None:
         self._last_error = error
@@ -279,6 +283,7 @@ class ExecutorNode(Node):
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
+        self._send(STOP)  # first: to end an action may fail
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
         executor: Any = self.executor
