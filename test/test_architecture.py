@@ -15,6 +15,7 @@ FLOORS = [
     "resources",
     "files",
     "plain_yaml",
+    "structure",
     "compile_cache",
     "compiled",
     "world",

@@ -60,7 +60,10 @@ def domain_in(program: str, words: Sequence[str]) -> Domain:
 def add_domain(parser: argparse.ArgumentParser) -> None:
     """Add the option that names the domain."""
     parser.add_argument(
-        "--domain", default=DEFAULT, metavar="NAME", help="an installed domain (default: %(default)s)"
+        "--domain",
+        default=DEFAULT,
+        metavar="NAME|FILE",
+        help="an installed domain, or the YAML file of one (default: %(default)s)",
     )
 
 
