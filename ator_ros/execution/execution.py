@@ -108,9 +108,15 @@ class Execution:
         began = self.records[-1][1].time if self.records else self.start.time
         return remaining(self.predicted, self.step, now - began)
 
+    @property
+    def released(self) -> bool:
+        """Whether somebody else moves the robot, who cannot be paused: commands of ours would disturb."""
+        return self.phase is Phase.EXECUTING and self._executor is not None and self._executor.released
+
     def silent(self, now: float) -> bool:
         """Return whether odometry has been missing for half its deadline, so that the robot should stand."""
-        return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.silence
+        waiting = self.phase is not Phase.ENDED and not self.released
+        return waiting and now - self._heard > self._deadlines.silence
 
     def tick(self, world: World, now: float, *, overdue: frozenset[str] = frozenset()) -> Command | None:
         """Process a newer state of the world; return the command for it, None if the action sends none.
@@ -257,13 +263,13 @@ class Execution:
         if self._blind and blind:
             return self._end_without(self._blind)
         silent = self._blind or next((name for name in objects_in(self.top) if name in overdue), None)
-        if silent:
+        if silent and not self.released:
             self.reason = f"{self.top.name} pauses: no word of the {silent}"
             return STOP
         fault = self._fence.fault(world, self.chain.calls[self.step])
         if fault is not None:
             return self._stop(Ending.OUT_OF_BOUNDS, fault)
-        if self._fence.pausing:
+        if self._fence.pausing and not self.released:
             self.reason = f"{self.top.name} pauses: what it follows leads out of the fence"
             return STOP
         self._take_answer(world, self._executor)

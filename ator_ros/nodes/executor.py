@@ -30,6 +30,7 @@ from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.parameters import declare_parameters, digest_of, domain_of, robot_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA, SERVICES
+from ator_ros.nodes.remote_servers import RemoteServers
 from ator_ros.nodes.running import run_node
 from ator_ros.world.inputs import ClockJumpError
 from ator_ros.world.sightings import StampError
@@ -66,6 +67,7 @@ class ExecutorNode(Node):
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Calls
         refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it.
+        The action servers that the domain names: while one moves the robot, cmd_vel is silent.
     """
 
     def __init__(self) -> None:
@@ -74,7 +76,9 @@ class ExecutorNode(Node):
         robot = robot_of(self._settings)
         self._bounds = bounds_of(robot)
         domain = domain_of(self._settings)
-        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        self._remotes = RemoteServers(self, domain, self._settings["frame"])
+        factories = self._remotes.factories
+        self._libraries = {name: domain.library(robot, name, factories(name)) for name in domain.action_sets}
         folder = self._settings["models"]
         self._models = {name: read_models(self, robot, name, folder, domain) for name in domain.action_sets}
         self._predictors = {
@@ -145,13 +149,21 @@ class ExecutorNode(Node):
         world = self._driving.ahead(world, None if self._run is None else self._run.execution, now)
         self._world, self._heard = world, now
         self._ticks.came(now)
-        if self._run is not None:
+        if self._run is not None and self._remotes.ending():
+            self._wait_for_remotes(self._run)
+        elif self._run is not None:
             command = self._run.execution.tick(world, now, overdue=self._inputs.overdue)
             done = time.monotonic()
             self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
             self._longest_tick = max(self._longest_tick, done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
+
+    def _wait_for_remotes(self, run: GoalRun) -> None:
+        """Command the robot to stand while a server may still move it though its goal was canceled."""
+        self._send(STOP)
+        self._driving.begin(preempts=False)  # its motion is not ours
+        run.execution.listening(time.monotonic())
 
     def _take_jump(self, jump: ClockJumpError) -> None:
         """Begin anew after odometry's clock has jumped. One reset is no cause for a warning."""
@@ -167,7 +179,10 @@ class ExecutorNode(Node):
             self._end(Ending.INPUT_LOST, str(jump))
 
     def _watch(self) -> None:
-        if self._run is None:
+        remark = self._remotes.remarks()
+        if remark:
+            self._note(remark)
+        if self._run is None or self._remotes.ending():
             return
         now = time.monotonic()
         if self._run.execution.silent(now):
@@ -278,7 +293,7 @@ class ExecutorNode(Node):
             **self._digests,
             **told_of(self._models),
         }
-        problems = ("odom is missing" if stale else "", problems_of(self._models))
+        problems = ("odom is missing" if stale else "", problems_of(self._models), self._remotes.problem)
         return Health("; ".join(filter(None, problems)), error=stale and self._run is not None, values=values)
 
     def stop(self) -> None:

@@ -62,21 +62,10 @@ class RemoteAction(Action):
         if not (commanded and is_standing(world.robot)):
             self._since = now
             return Step(STOP, Status.RUNNING, f"stopping, before {server.name} takes over")
-        if not server.present(now):
+        unusable = server.unusable(now)
+        if unusable:
             late = now - self._since > server.timeouts.server
-            waits = (
-                f"no action server {server.name}: expected one within {server.timeouts.server:g} s, got none"
-            )
-            return (
-                finished(Status.FAILED, waits)
-                if late
-                else Step(STOP, Status.RUNNING, f"waiting for {server.name}")
-            )
-        if server.rivals > 1:
-            several = (
-                f"{server.name}: expected one action server, got {server.rivals}: each would move the robot"
-            )
-            return finished(Status.FAILED, several)
+            return finished(Status.FAILED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
         assert self._goal is not None
         self._sent, self._since = server.send(self._goal), now
         return Step(None, Status.RUNNING, f"sent to {server.name}")

@@ -64,10 +64,16 @@ class RemoteServer:
         """Return whether the server has been missing for longer than it may."""
         return not self.present(now) and now - self._seen > self.timeouts.server
 
-    @property
-    def rivals(self) -> int:
-        """Number of servers of this name."""
-        return int(self._node.count_services(f"{self.name}/_action/send_goal"))
+    def unusable(self, now: float) -> str:
+        """Return why no goal can be sent now; empty where one can.
+
+        A server that was killed counts until DDS has given it up, which takes 20 s.
+        """
+        within = f"expected one action server within {self.timeouts.server:g} s"
+        if not self.present(now):
+            return f"{self.name}: {within}, got none"
+        servers = self._node.count_services(f"{self.name}/_action/send_goal")
+        return f"{self.name}: {within}, got {servers}: each would move the robot" if servers > 1 else ""
 
     def send(self, goal: Goal) -> RemoteGoal:
         """Send a goal."""
