@@ -15,7 +15,7 @@ FLOORS = [
     "resources",
     "files",
     "plain_yaml",
-    "structure",
+    "schema",
     "compile_cache",
     "compiled",
     "world",

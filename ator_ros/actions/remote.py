@@ -9,7 +9,7 @@ from typing import Literal
 
 from ator_ros.actions.base import Action, ActionError, Goal, Step
 from ator_ros.robot.description import Robot
-from ator_ros.structure import NAMED, require
+from ator_ros.schema import require
 from ator_ros.world.state import World
 
 Scalar = bool | int | float | str
@@ -34,7 +34,7 @@ class Filling:
     field : str
         The field: names joined by dots. [0] makes the only item of a sequence, as in poses[0].pose.
     source : str or None
-        See `Source`; in files it is called "from".
+        See `Source`.
     constant : bool, int, float, str or None
         The value itself.
     frame : str or None
@@ -47,7 +47,7 @@ class Filling:
     """
 
     field: str
-    source: Source | None = dataclasses.field(default=None, metadata={NAMED: "from"})
+    source: Source | None = None
     constant: Scalar | None = None
     frame: str | None = None
 
@@ -55,8 +55,10 @@ class Filling:
         """Check that there is one value."""
         _check_path(self.field)
         both = [name for name in (self.source, self.constant) if name is not None]
-        require(len(both) == 1, "from, constant", "one of the two", both)
-        require(self.frame is None or self.source == "goal", "frame", "none without `from: goal`", self.frame)
+        require(len(both) == 1, "source, constant", "one of the two", both)
+        require(
+            self.frame is None or self.source == "goal", "frame", "none without `source: goal`", self.frame
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from ator_ros.actions.remote import RemoteCall
 from ator_ros.files import is_name
 from ator_ros.refinement.free_variables import DOMAINS, Range
 from ator_ros.robot.description import Robot
-from ator_ros.structure import require
+from ator_ros.schema import require
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.state import GOAL_VARIABLES
 from ator_ros.tops.top import Top

@@ -15,7 +15,7 @@ from ator_ros.domains.domain import DEFAULT_SET, Domain, DomainError, find_domai
 from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
 from ator_ros.refinement.free_variables import DOMAINS
 from ator_ros.robot.description import Robot
-from ator_ros.structure import StructureError, structured
+from ator_ros.schema import SchemaError, structured
 
 _LARGEST = 200_000
 """Bytes of a file; one with a dozen TOPs has 5 kB."""
@@ -30,10 +30,10 @@ def read_domain(path: Path) -> Domain:
         The file cannot be used; the message names file, field, what was expected and what came.
     """
     try:
-        declared = structured(DeclaredDomain, read_yaml(path, largest=_LARGEST))
+        declared = structured(read_yaml(path, largest=_LARGEST), DeclaredDomain, closed=True)
     except UnreadableYamlError as error:
         raise DomainError(str(error)) from error
-    except StructureError as error:
+    except SchemaError as error:
         raise DomainError(f"{path}: {error}") from error
     if declared.name in installed_domains():
         raise DomainError(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ator_ros.files import is_name
-from ator_ros.structure import require
+from ator_ros.schema import require
 
 Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped"]
 """Messages that tell of an object. Those without a velocity have it estimated from their positions."""

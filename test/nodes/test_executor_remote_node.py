@@ -35,14 +35,14 @@ actions:
     remote:
       server: drive
       type: ator_interfaces/action/ExecuteChain
-      goal: [{field: "chain.calls[0].goal", from: goal}]
+      goal: [{field: "chain.calls[0].goal", source: goal}]
       success: {fields: [{field: outcome.code, equals: 1}]}
       timeouts: {server: 3.0, acceptance: 3.0, result: 30.0, cancel: 1.0}
   - name: fly
     remote:
       server: fly
       type: flying_msgs/action/Fly
-      goal: [{field: pose, from: goal}]
+      goal: [{field: pose, source: goal}]
 """
 
 
