@@ -280,7 +280,8 @@ def _either(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
                 return converter.structure(value, inner)
             except ValueError:
                 continue
-        raise wrong(" or ".join(_WORDS.get(inner, "a table") for inner in kinds), value)
+        names = (f"a table with {_names(kind)}" if kind in tables else _WORDS[kind] for kind in kinds)
+        raise wrong(" or ".join(names), value)
 
     return structure
 

@@ -17,7 +17,7 @@ from ator_ros.geometry import Pose
 from ator_ros.refinement.free_variables import DOMAINS, analyse
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.top import Top
 from ator_ros.world.sources import ObjectSource
 from ator_ros.world.state import RobotState, World
@@ -30,7 +30,10 @@ TOUR: dict[str, Any] = {
         {
             "name": "visit",
             "action": "navigate",
-            "pre": [{"variable": "cart.x", "target": 3, "tolerance": 2}],
+            "pre": [
+                {"variable": "cart.x", "target": 3, "tolerance": 2},
+                {"variable": "robot.x", "target": 0.0, "low": 0.5},
+            ],
             "post": [
                 {"variable": "robot.x", "target": "goal.x", "tolerance": 0.25},
                 {"variable": "robot.y", "target": "goal.y", "tolerance": 0.25},
@@ -75,7 +78,12 @@ def test_a_file_declares_objects_tops_actions_and_variables(tour: Domain) -> Non
     assert tour.source("cart") == ObjectSource("cart", "/cart/pose", "PoseStamped", optional=True)
     near = tuple(Term(f"robot.{axis}", f"goal.{axis}", 0.25) for axis in "xy")
     visit, fetch = tour.tops
-    assert visit == Top("visit", "navigate", Condition((Term("cart.x", 3.0, 2.0),)), Condition(near))
+    assert visit == Top(
+        "visit",
+        "navigate",
+        Condition((Term("cart.x", 3.0, 2.0), Region("robot.x", 0.0, 0.5))),
+        Condition(near),
+    )
     assert fetch.point is Point.HOLD
     assert tour.actions()["goToPose"] is SOCCER.actions()["goToPose"]
     assert tour.actions()["navigate"].remote is not None
@@ -147,6 +155,9 @@ def changed(path: str, value: object) -> dict[str, Any]:
         ("tops.0.post.1.tolerance", -1, r"tops\[0\].post\[1\].tolerance: expected a number that is not neg"),
         ("tops.0.post.1.tolerance", math.nan, r"post\[1\].tolerance: expected a finite number; got nan"),
         ("tops.0.post.1.tolerance", True, r"post\[1\].tolerance: expected a finite number; got True"),
+        ("tops.0.pre.1.high", 0.1, r"tops\[0\].pre\[1\]: range of robot.x: expected low <= high"),
+        ("tops.0.pre.1.tolerance", 1, r"tops\[0\].pre\[1\]: expected the fields .*; unknown low"),
+        ("tops.0.settles", -1, r"tops\[0\]: settles: expected a time in s from 0 to 60; got -1"),
         ("tops.0.post.1", 5, r"tops\[0\].post\[1\]: expected a table with .*; got 5"),
         ("tops.0.point", "tail", r"tops\[0\].point: expected one of axle, hold; got 'tail'"),
         ("actions.1.local.domain", "chess", r"actions\[1\].local: domain: expected an entry point .*'chess'"),

@@ -13,7 +13,7 @@ from ator_ros.files import is_name
 from ator_ros.refinement.free_variables import DOMAINS, Range
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
-from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.conditions import Condition, Statement, Term
 from ator_ros.tops.state import GOAL_VARIABLES
 from ator_ros.tops.top import Top
 from ator_ros.world.sources import ObjectSource
@@ -28,18 +28,20 @@ def _check_name(name: str, field: str = "name") -> None:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredTop:
-    """A TOP: its name, its action, its conditions, and the point of the robot that the goal is meant for."""
+    """A TOP; see `Top`. Its conditions are lists of terms with a tolerance or a range (low, high)."""
 
     name: str
     action: str
-    pre: tuple[Term, ...] = ()
-    post: tuple[Term, ...] = ()
+    pre: tuple[Statement, ...] = ()
+    post: tuple[Statement, ...] = ()
     point: Literal["axle", "hold"] = "axle"
+    settles: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the name, and that the post-condition says what the TOP is for."""
         _check_name(self.name)
         require(bool(self.post), "post", "at least one term: success is the post-condition", list(self.post))
+        require(0.0 <= self.settles <= 60.0, "settles", "a time in s from 0 to 60", self.settles)
 
     def check(self, objects: tuple[str, ...]) -> None:
         """Make sure that the terms name what there is; raises ValueError."""
@@ -50,12 +52,14 @@ class DeclaredTop:
                 _check_variable(f"{where}.variable", term.variable, variables)
                 if isinstance(target, str):
                     _check_variable(f"{where}.target", target, (*variables, *_GOAL))
-                good = term.tolerance >= 0.0
-                require(good, f"{where}.tolerance", "a number that is not negative", term.tolerance)
+                if isinstance(term, Term):
+                    good, least = term.tolerance >= 0.0, "a number that is not negative"
+                    require(good, f"{where}.tolerance", least, term.tolerance)
 
     def made(self) -> Top:
         """Return the TOP."""
-        return Top(self.name, self.action, Condition(self.pre), Condition(self.post), Point(self.point))
+        pre, post = Condition(self.pre), Condition(self.post)
+        return Top(self.name, self.action, pre, post, Point(self.point), self.settles)
 
 
 def _check_variable(field: str, name: str, known: tuple[str, ...]) -> None:

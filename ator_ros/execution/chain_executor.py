@@ -139,7 +139,9 @@ class ChainExecutor:
         """
         if chain.calls[self._index] != self._run.call:
             run = self._changed_run(chain, standing_first=self._run.stopping)
-            if self._run.begun and (self._is_blocked(world) or not self._begins(world, run)):
+            if self._run.settling or (self._run.begun and self._is_blocked(world)):
+                return False
+            if self._run.begun and not self._begins(world, run):
                 return False
             self._replace_run(world, run)
         self._chain = chain

@@ -10,15 +10,14 @@ from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
 from ator_ros.tops.chain import TopCall
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, followed, held_first, is_lost, kept
+from ator_ros.tops.outcome import failure, may_settle, unmet
 from ator_ros.tops.state import goal_variables, state_of
-from ator_ros.world.state import STOP, RobotState, World
+from ator_ros.world.state import STOP, World
 
 Predict = Callable[[World], Any]
 
 STOPPING = "stopping, to go on from there"
 """Message of a step that waits until the robot stands."""
-_STANDING_V = 0.02  # m/s
-_STANDING_W = 0.05  # rad/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +103,7 @@ class StepRun:
         self._action: Action | None = None
         self._ended = False
         self._start: World | None = None
+        self._settling: float | None = None  # time in s since which the action's effect is awaited
         self._predicted: Any = None
 
     @property
@@ -114,11 +114,16 @@ class StepRun:
     @property
     def planning(self) -> bool:
         """Whether its action has started and is still planning."""
-        return self._action is not None and self._action.planning
+        return self._action is not None and not self._ended and self._action.planning
+
+    @property
+    def settling(self) -> bool:
+        """Whether its action has ended and its effect is awaited."""
+        return self._settling is not None
 
     def defer_planning(self, time: float) -> None:
         """Let the action, if it has started, plan nothing in the tick at `time` (s)."""
-        if self._action is not None:
+        if self._action is not None and not self._ended:
             self._action.defer_planning(time)
 
     def begin(self, world: World) -> str | None:
@@ -146,24 +151,30 @@ class StepRun:
         return step
 
     def _next(self, world: World) -> Step:
-        self.stopping = self.stopping and not is_standing(world.robot)
+        self.stopping = self.stopping and not world.robot.is_standing
         if self.stopping:
             return Step(STOP, Status.RUNNING, STOPPING)
         fault = None if self.begun else self.begin(world)
         if fault is not None:
             return Step(STOP, Status.FAILED, fault)
         assert self._action is not None
-        return self._confirmed(world, self._action.step(world))
+        if self._settling is None:
+            return self._confirmed(world, self._action.step(world))
+        return self._confirmed(world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled"))
 
     def _confirmed(self, world: World, step: Step) -> Step:
-        """Return `step`, or a failure if the action succeeded without its post-condition."""
+        """Return `step`; a failure or a stop to settle if the action succeeded without its post-condition."""
         if step.status is not Status.SUCCEEDED:
             return step
-        top, goal = self.call.top, goal_variables(self.call.goal)
-        violations = top.post.violations(state_of(world, self._library.robot), goal)
-        if not violations:
+        top = self.call.top
+        lacks = unmet(top, world, self.call.goal, self._library.robot)
+        if not lacks:
             return step
-        return Step(STOP, Status.FAILED, f"post-condition of {top.name}: {'; '.join(violations)}")
+        self._settling = world.time if self._settling is None else self._settling
+        if may_settle(top, world) and world.time - self._settling < top.settles:
+            self.end(step.message)
+            return Step(STOP, Status.RUNNING, f"{top.name} settles: {'; '.join(lacks)}")
+        return Step(STOP, Status.FAILED, failure(top, lacks))
 
     def end(self, reason: str) -> None:
         """End the action if it has started and not ended; see `Action.end`."""
@@ -195,8 +206,3 @@ class StepRun:
         """Return the object that this step should hold and does not; None if there is none."""
         name = kept(self.call.top) if self.begun else held_first(self.call.top)
         return name if name is not None and is_lost(world, self._library.robot, name) else None
-
-
-def is_standing(robot: RobotState) -> bool:
-    """Return whether the robot counts as standing: slower than 0.02 m/s and 0.05 rad/s."""
-    return abs(robot.v) < _STANDING_V and abs(robot.w) < _STANDING_W

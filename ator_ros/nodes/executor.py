@@ -237,16 +237,18 @@ class ExecutorNode(Node):
         if self._run is None:
             return
         self._run.execution.end(ending, reason)
+        if at_once:
+            self._run.execution.drop()
         self._send(STOP)
-        self._follow(self._run, at_once=at_once)
+        self._follow(self._run)
 
-    def _follow(self, run: GoalRun, *, at_once: bool = False) -> None:
+    def _follow(self, run: GoalRun) -> None:
         """Tell the world what is new about a goal, and answer it when it has ended."""
         for record in run.new_records():
             self._actions.publish(record)
         run.request_refinement()
         run.publish_feedback()
-        if not (run.ended or at_once):
+        if not run.ended:
             return
         self._run = None
         self._send(STOP)

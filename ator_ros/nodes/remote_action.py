@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.execution.step_run import is_standing
 from ator_ros.nodes.remote_goal import RemoteGoal
 from ator_ros.nodes.remote_server import RemoteServer
 from ator_ros.robot.description import Robot
@@ -59,7 +58,7 @@ class RemoteAction(Action):
         """Stop, find the server, send the goal."""
         server, now = self._server, self._server.clock()
         commanded, self._stopped = self._stopped, True
-        if not (commanded and is_standing(world.robot)):
+        if not (commanded and world.robot.is_standing):
             self._since = now
             return Step(STOP, Status.RUNNING, f"stopping, before {server.name} takes over")
         unusable = server.unusable(now)
