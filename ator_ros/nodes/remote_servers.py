@@ -13,6 +13,8 @@ from ator_ros.actions.specification import ActionFactory
 from ator_ros.domains.domain import Domain
 from ator_ros.nodes.remote_action import RemoteAction
 from ator_ros.nodes.remote_server import RemoteServer
+from ator_ros.robot.description import Robot
+from ator_ros.tops.library import TopLibrary
 
 
 class RemoteServers:
@@ -51,8 +53,14 @@ class RemoteServers:
         """What is wrong with servers as declared; empty where nothing is."""
         return "; ".join(self._faults())
 
-    def factories(self, action_set: str) -> dict[str, ActionFactory]:
-        """Return the makers of a set's remote actions by name."""
+    def libraries(self, robot: Robot) -> dict[str, TopLibrary]:
+        """Return the libraries of all action sets, in which remote actions are executed by their servers."""
+        return {
+            action_set: self._domain.library(robot, action_set, self._factories(action_set))
+            for action_set in self._domain.action_sets
+        }
+
+    def _factories(self, action_set: str) -> dict[str, ActionFactory]:
         specs = self._domain.actions(action_set)
         return {name: self._factory(spec.remote) for name, spec in specs.items() if spec.remote is not None}
 
@@ -66,6 +74,6 @@ class RemoteServers:
         """Return whether a server may still move the robot though its goal was canceled."""
         return any(server.ending() for server in self._servers.values())
 
-    def remarks(self) -> str:
-        """Return, once, which servers have ignored a cancellation; empty where none has."""
-        return "; ".join(filter(None, (server.remark() for server in self._servers.values())))
+    def remarks(self) -> list[str]:
+        """Return, once, which servers have ignored a cancellation."""
+        return list(filter(None, (server.remark() for server in self._servers.values())))

@@ -12,6 +12,7 @@ from action_servers import Server
 from chain_client import ChainClient, call
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from ros_client import Client
 
@@ -23,12 +24,17 @@ from ator_ros.world.state import RobotState
 
 DOMAIN = """
 name: errands
+objects:
+  - {name: cart, topic: tracked_cart, type: PoseStamped}
 tops:
   - name: visit
     action: navigate
     post:
       - {variable: robot.x, target: goal.x, tolerance: 0.1}
       - {variable: robot.y, target: goal.y, tolerance: 0.1}
+  - name: follow
+    action: navigate
+    post: [{variable: robot.x, target: cart.x, tolerance: 1.0}]
   - {name: fly, action: fly, post: [{variable: robot.x, target: goal.x, tolerance: 0.1}]}
 actions:
   - name: navigate
@@ -47,10 +53,12 @@ actions:
 
 
 class Base:
-    """A base whose odometry comes at 40 Hz, and which is where it was put last."""
+    """A base whose odometry comes at 40 Hz, which is where it was put last; so is a cart, once it was put."""
 
     def __init__(self, client: Client) -> None:
         self.state = RobotState(Pose(0.0, 0.0, 0.0))
+        self.cart: tuple[float, float] | None = None
+        self._carts = client.node.create_publisher(PoseStamped, "tracked_cart", SENSOR_DATA)
         self._publisher = client.node.create_publisher(Odometry, "odom", SENSOR_DATA)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -58,9 +66,12 @@ class Base:
 
     def _run(self) -> None:
         while not self._ended.wait(0.025):
-            self._publisher.publish(
-                odometry_of(time.monotonic(), self.state, frame="odom", child="base_link")
-            )
+            odometry = odometry_of(time.monotonic(), self.state, frame="odom", child="base_link")
+            if self.cart is not None:
+                cart = PoseStamped(header=odometry.header)
+                cart.pose.position.x, cart.pose.position.y = self.cart
+                self._carts.publish(cart)
+            self._publisher.publish(odometry)
 
     def close(self) -> None:
         self._ended.set()
@@ -80,6 +91,10 @@ class Hall:
         self._server: Server = self.client.within(lambda: Server(self.client.node, **options))
         return self._server
 
+    def track(self, x: float, y: float) -> None:
+        """Tell from now on that the cart is at a place."""
+        self.base.cart = (x, y)
+
     def close(self) -> None:
         """End base and server."""
         self.base.close()
@@ -97,7 +112,7 @@ class Hall:
 def hall(client: Client, host: Host, tmp_path: Path) -> Iterator[Hall]:
     file = tmp_path / "errands.yaml"
     file.write_text(DOMAIN, encoding="utf-8")
-    host("executor", domain=file, odom_timeout=2.0)
+    host("executor", domain=file, odom_timeout=2.0, start_timeout=1.0)
     made = Hall(client)
     yield made
     made.close()
@@ -175,4 +190,23 @@ def test_an_action_whose_type_is_not_installed_leaves_the_others_alone(hall: Hal
     server = hall.serve()
     sent = hall.chains.send([call("visit", Pose(1.0, 0.0, 0.0))])
     hall.reach(server, 1, Pose(1.0, 0.0, 0.0))
+    assert sent.outcome().code == Outcome.SUCCEEDED
+
+
+def test_a_tracked_object_is_waited_for_and_used(hall: Hall) -> None:
+    heard = hall.client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    server, there = hall.serve(), Pose(1.0, 0.5, 0.0)
+    hall.client.eventually(
+        lambda: any(
+            "cart: expected on its topic" in status.message for each in heard for status in each.status
+        ),
+        "diagnostics of the missing cart",
+    )
+    outcome = hall.chains.send([call("follow", there)]).outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    assert outcome.reason.startswith("cart is missing: follow needs it")
+    assert not server.goals
+    hall.track(1.2, 0.5)
+    sent = hall.chains.send([call("follow", there)])
+    hall.reach(server, 1, there)
     assert sent.outcome().code == Outcome.SUCCEEDED
