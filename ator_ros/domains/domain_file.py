@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ator_ros.actions.base import ActionError
 from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
@@ -69,4 +68,4 @@ def _spec(action: DeclaredAction, where: str) -> ActionSpec:
 
 
 def _never_simulated(_robot: Robot, _rng: np.random.Generator) -> Situation:
-    raise ActionError("an action on a server is observed over ROS, not simulated")
+    raise DomainError("an action on a server cannot be simulated: it is observed where the executor runs it")
