@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from chain_client import ChainClient, call
 from conftest import Start
+from process import PATIENCE
 from ros_client import Client
 
 from ator_interfaces.msg import Outcome
@@ -59,9 +60,12 @@ def server(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 def test_actions_of_others_and_of_ours_mix(start: Start, client: Client, server: Any, tmp_path: Path) -> None:
     file = tmp_path / "hall.yaml"
     file.write_text(DOMAIN, encoding="utf-8")
-    start("simulation", real_time_factor=5.0, command_wait=0.5)
+    start("simulation", real_time_factor=1.0)
     start("executor", domain=file, odom_timeout=5.0, action_timeout=60.0)
     chains = ChainClient(client)
+    services = ("place_robot", "execute_chain/_action/send_goal")
+    ready = lambda: all(client.node.count_services(name) for name in services)  # noqa: E731
+    client.eventually(ready, "both nodes", 4 * PATIENCE)
     client.place(robot=Pose(0.0, 0.0, 0.0))
     calls = [
         call("dock", Pose(0.6, 0.3, 0.5)),

@@ -1,8 +1,8 @@
 """An action server of somebody else's, which knows nothing of subgoals: it turns, drives and turns again.
 
-It is written as such servers are: the callback of a goal waits in a thread of its own, tolerances are its own,
-and it says that it has succeeded when it is satisfied. Its goals are the first step of a chain, for want of
-another action type in the wheels of ROS.
+It is written as such servers are: the callback of a goal waits in a thread of its own, tolerances are its
+own, and it says that it has succeeded when it is satisfied. Its goals are the first step of a chain, for want
+of another action type in the wheels of ROS.
 """
 
 from __future__ import annotations
