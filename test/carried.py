@@ -13,7 +13,7 @@ from ator_ros.execution.refining import Refining
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.top import Top
 from ator_ros.world.state import Command, ObjectState, RobotState, World
@@ -25,6 +25,7 @@ VISIT = Top(
 CALL = TopCall(VISIT, Goal(Pose(2.0, 0.0, 0.0)))
 HELD = Condition(tuple(Term(f"hold.{axis}", f"cup.{axis}", 0.12) for axis in "xy"))
 CARRY = Top("carry", "carried", HELD, HELD)
+ROLL = Top("roll", "carried", Condition(), Condition((Region("mark.x", 3.0, 0.0, 1.0),)), settles=1.0)
 CARRY_CALL = TopCall(CARRY, Goal(Pose(2.0, 0.0, 0.0)))
 
 
@@ -61,7 +62,7 @@ class Ledger:
                 ledger.ends.append((self._goal, reason))
                 ledger.log.append("end")
 
-        return TopLibrary(ROBOT, "carried", tops=(VISIT, CARRY), actions={"carried": Carried})
+        return TopLibrary(ROBOT, "carried", tops=(VISIT, CARRY, ROLL), actions={"carried": Carried})
 
 
 class Sent:

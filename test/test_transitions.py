@@ -6,12 +6,24 @@ import itertools
 from collections.abc import Callable
 
 import pytest
-from carried import CALL, CARRY_CALL, Ledger, Sent
+from carried import CALL, CARRY_CALL, ROLL, Ledger, Sent
 
-from ator_ros.actions.base import Status
+from ator_ros.actions.base import Goal, Status, Step
 from ator_ros.execution.phases import Ending, Phase
-from ator_ros.execution.transitions import ENDINGS, TRANSITIONS, Course, Event, Signal, TransitionError
-from ator_ros.tops.chain import TopChain
+from ator_ros.execution.step_run import StepRun
+from ator_ros.execution.transitions import (
+    ENDINGS,
+    STAGES,
+    TRANSITIONS,
+    Event,
+    GoalCourse,
+    Signal,
+    Stage,
+    TransitionError,
+)
+from ator_ros.geometry import Pose
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 Cause = Callable[[Ledger, Sent], None]
 
@@ -20,14 +32,14 @@ Cause = Callable[[Ledger, Sent], None]
 def taken(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Phase, Event, Phase]]:
     """Return the transitions that goals take, as they do."""
     all_of_them: list[tuple[Phase, Event, Phase]] = []
-    take = Course.take
+    take = GoalCourse.take
 
-    def noted(course: Course, event: Event) -> None:
+    def noted(course: GoalCourse, event: Event) -> None:
         before = course.phase
         take(course, event)
         all_of_them.append((before, event, course.phase))
 
-    monkeypatch.setattr(Course, "take", noted)
+    monkeypatch.setattr(GoalCourse, "take", noted)
     return all_of_them
 
 
@@ -125,7 +137,7 @@ def test_from_everywhere_the_goal_can_end_and_its_action_is_over(phase: Phase, e
 def test_no_other_transition_can_be_taken() -> None:
     for phase, event in itertools.product(Phase, (*Signal, *Ending)):
         if (phase, event) not in TRANSITIONS:
-            course = Course()
+            course = GoalCourse()
             course._phase = phase
             with pytest.raises(TransitionError, match=f"phase {phase.name}: .* got {event.name}"):
                 course.take(event)
@@ -140,3 +152,71 @@ def test_every_ending_can_come_and_nothing_follows_the_end() -> None:
         reached |= new
         new = {TRANSITIONS[phase, event] for phase, event in TRANSITIONS if phase in reached} - reached
     assert reached == set(Phase)
+
+
+def world_at(time: float, *, v: float = 0.0, rolling: float = 0.5) -> World:
+    return World(time, RobotState(Pose(0.0, 0.0, 0.0), v), {"mark": ObjectState(2.0, 0.0, rolling)})
+
+
+def step_in(stage: Stage, ledger: Ledger) -> StepRun:
+    """Return a step that is in `stage` and has taken 0.1 s."""
+    call = TopCall(ROLL, Goal(Pose(3.0, 0.0, 0.0)))
+    step = StepRun(ledger.library(), 0, call, time_limit=5.0, standing_first=stage is Stage.STANDING)
+    if stage is Stage.STANDING:
+        step.step(world_at(0.0, v=0.5))
+    if stage in (Stage.ACTING, Stage.SETTLING):
+        step.step(world_at(0.0))
+    if stage is Stage.SETTLING:
+        ledger.outcome = Status.SUCCEEDED
+        step.step(world_at(0.05))
+    if stage is Stage.OVER:
+        step.close(world_at(0.0), Step(STOP, Status.FAILED, "over"))
+    assert step._stage is stage
+    return step
+
+
+def settle(ledger: Ledger, step: StepRun) -> None:
+    ledger.outcome = Status.SUCCEEDED
+    step.step(world_at(0.1))
+
+
+STEPS: dict[tuple[Stage, Stage], Callable[[Ledger, StepRun], object]] = {
+    (Stage.STANDING, Stage.READY): lambda ledger, step: _unable(ledger, step),
+    (Stage.STANDING, Stage.OVER): lambda _, step: step.close(
+        world_at(6.0, v=0.5), step.step(world_at(6.0, v=0.5))
+    ),
+    (Stage.READY, Stage.ACTING): lambda _, step: step.step(world_at(0.1)),
+    (Stage.READY, Stage.OVER): lambda ledger, step: step.close(world_at(0.1), _unable(ledger, step)),
+    (Stage.ACTING, Stage.SETTLING): settle,
+    (Stage.ACTING, Stage.OVER): lambda _, step: step.close(world_at(6.0), step.step(world_at(6.0))),
+    (Stage.SETTLING, Stage.OVER): lambda _, step: step.close(
+        world_at(0.2), step.step(world_at(0.2, rolling=0.0))
+    ),
+}
+
+
+def _unable(ledger: Ledger, step: StepRun) -> Step:
+    """Let a tick pass in which the action cannot start."""
+    ledger.refuses = True
+    return step.step(world_at(0.1))
+
+
+def test_the_stages_of_a_step_are_known() -> None:
+    assert set(STEPS) == {(stage, after) for stage, following in STAGES.items() for after in following}
+
+
+@pytest.mark.parametrize(("stage", "after"), STEPS, ids=lambda one: one.name)
+def test_a_step_goes_from_stage_to_stage_and_its_action_ends_when_it_leaves_acting(
+    stage: Stage, after: Stage
+) -> None:
+    ledger = Ledger()
+    step = step_in(stage, ledger)
+    STEPS[stage, after](ledger, step)
+    assert step._stage is after
+    assert len(ledger.ends) == len(ledger.starts) - (after is Stage.ACTING)
+
+
+def test_a_step_that_is_over_stays_so() -> None:
+    step = step_in(Stage.OVER, Ledger())
+    with pytest.raises(TransitionError, match="stage OVER: expected another stage, got OVER"):
+        step.end("once more")

@@ -69,7 +69,7 @@ class Expectation:
     equals: Scalar
 
     def __post_init__(self) -> None:
-        """Check the field's name."""
+        """Check the name of the field."""
         _check_path(self.field)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ator_ros.execution.phases import Phase
 from ator_ros.execution.progress import Progress
 from ator_ros.execution.refining import Question, Refining, refined_chain
-from ator_ros.execution.transitions import Course, Signal
+from ator_ros.execution.transitions import GoalCourse, Signal
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.objects import at_rest
@@ -21,13 +21,13 @@ class Answers:
         The questions.
     progress : Progress
         The chain.
-    course : Course
+    course : GoalCourse
         The goal's phase.
     robot : Robot
         Its sizes, and the deceleration of rolling objects.
     """
 
-    def __init__(self, refining: Refining, progress: Progress, course: Course, robot: Robot) -> None:
+    def __init__(self, refining: Refining, progress: Progress, course: GoalCourse, robot: Robot) -> None:
         self._refining, self._progress, self._course, self._robot = refining, progress, course, robot
         self._answer: tuple[TopChain, str] | None = None
 

@@ -12,7 +12,7 @@ from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.progress import EndedAction, Progress
 from ator_ros.execution.refining import Question, Refining
-from ator_ros.execution.transitions import Course, Signal
+from ator_ros.execution.transitions import GoalCourse, Signal
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -56,7 +56,7 @@ class Execution:
     ) -> None:
         self.reason = Phase.WAITING.value
         self._robot, self._deadlines, self._refining = library.robot, deadlines, refining
-        self._course = Course()
+        self._course = GoalCourse()
         self._progress = Progress(library, predictor, chain, time_limit=deadlines.action, fetches=fetches)
         self._answers = Answers(refining, self._progress, self._course, library.robot)
         self._guards = Guards(fence, library.robot, deadlines.longest_gap)

@@ -1,4 +1,4 @@
-"""The state machine of a goal: in which phase it is, and which event leads to which phase."""
+"""The state machines of a goal and of each step of its chain, as tables of their transitions."""
 
 from __future__ import annotations
 
@@ -54,11 +54,33 @@ TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
 """All transitions: phase and event, and the phase that follows."""
 
 
+class Stage(enum.Enum):
+    """Where one step of a chain is, while its goal is in the phase EXECUTING."""
+
+    STANDING = "waiting until the robot stands"
+    READY = "ready to start its action"
+    ACTING = "its action runs"
+    SETTLING = "its action has ended, its effect is awaited"
+    OVER = "over"
+
+
+STAGES: Mapping[Stage, frozenset[Stage]] = MappingProxyType(
+    {
+        Stage.STANDING: frozenset({Stage.READY, Stage.OVER}),
+        Stage.READY: frozenset({Stage.ACTING, Stage.OVER}),
+        Stage.ACTING: frozenset({Stage.SETTLING, Stage.OVER}),
+        Stage.SETTLING: frozenset({Stage.OVER}),
+        Stage.OVER: frozenset(),
+    }
+)
+"""The stages that may follow each stage; an action is ended when its step leaves ACTING."""
+
+
 class TransitionError(RuntimeError):
     """An event that the present phase does not know: a fault of the program."""
 
 
-class Course:
+class GoalCourse:
     """The course of one goal: its phase, and how it ended. Both change by `TRANSITIONS` only."""
 
     def __init__(self) -> None:

@@ -22,11 +22,11 @@ from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.executor_settings import PARAMETERS, deadlines_of, fence_of, inputs_of
+from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
 from ator_ros.nodes.object_sources import ObjectSources, Reader
-from ator_ros.nodes.parameters import declare_parameters, digest_of, domain_of, robot_of
+from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.nodes.refinement_client import refinement_client
 from ator_ros.nodes.remote_servers import RemoteServers
@@ -43,7 +43,7 @@ _RESET_PERIOD = 1.0
 class ExecutorNode(Node):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
-    Parameters: see `PARAMETERS`; all are read at the start only.
+    Parameters: see `parameters_for`; all are read at the start only.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
@@ -62,26 +62,27 @@ class ExecutorNode(Node):
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Calls
-        refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it.
-        The action servers that the domain names: while one moves the robot, cmd_vel is silent.
+        refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it; the action servers that the
+        domain names, and cmd_vel is silent while one of them moves the robot.
     """
 
     def __init__(self) -> None:
         super().__init__("executor")
-        self._settings = declare_parameters(self, PARAMETERS)
+        self._settings = declare_with_domain(self, parameters_for)
         robot = robot_of(self._settings)
         self._bounds = bounds_of(robot)
-        domain = domain_of(self._settings)
+        self._domain = domain = domain_of(self._settings)
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
         self._libraries = self._remotes.libraries(robot)
-        folder = self._settings["models"]
-        self._models = {name: read_models(self, robot, name, folder, domain) for name in domain.action_sets}
+        for reason in filter(None, (top.lacks(robot) for top in domain.tops)):
+            self.get_logger().warning(reason)
+        where = self._settings["models"]
+        self._models = {name: read_models(self, robot, name, where, domain) for name in domain.action_sets}
         self._predictors = {
             name: Predictor(robot, read.models, read.calibration) for name, read in self._models.items()
         }
         for name, library in self._libraries.items():
             rehearse(robot, library, self._predictors[name])
-        self._domain = domain
         self._inputs = inputs_of(self._settings, domain.objects)
         self._driving = Driving(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
@@ -141,7 +142,7 @@ class ExecutorNode(Node):
         self._world, self._heard = world, now
         self._ticks.came(now)
         if self._run is not None and self._remotes.ending():
-            self._wait_for_remotes(self._run)
+            self._stand_by(self._run)
         elif self._run is not None:
             command = self._run.execution.tick(world, now, overdue=self._inputs.overdue)
             done = time.monotonic()
@@ -150,10 +151,10 @@ class ExecutorNode(Node):
             self._run.execution.listening(done)
             self._follow(self._run)
 
-    def _wait_for_remotes(self, run: GoalRun) -> None:
+    def _stand_by(self, run: GoalRun) -> None:
         """Command the robot to stand while a server may still move it though its goal was canceled."""
         self._send(STOP)
-        self._driving.begin(preempts=False)  # its motion is not ours
+        self._driving.reset()  # its motion is not ours
         run.execution.listening(time.monotonic())
 
     def _take_jump(self, jump: ClockJumpError) -> None:
@@ -249,8 +250,6 @@ class ExecutorNode(Node):
             self._last_error = run.execution.reason
         self.get_logger().info(f"goal ended: {run.summary}")
 
-    # Outputs
-
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
         """Send a command, which counts as sent now, or with the newest state where it answers that.
 
@@ -285,7 +284,7 @@ class ExecutorNode(Node):
             **told_of(self._models),
         }
         missing = "odom is missing" if stale else self._objects.missing(known)
-        problems = (missing, problems_of(self._models), self._remotes.problem)
+        problems = missing, problems_of(self._models), self._remotes.problem
         return Health("; ".join(filter(None, problems)), error=stale and self._run is not None, values=values)
 
     def stop(self) -> None:
@@ -298,4 +297,4 @@ class ExecutorNode(Node):
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    run_node(ExecutorNode, PARAMETERS, args)
+    run_node(ExecutorNode, parameters_for([OBJECT]), args)
