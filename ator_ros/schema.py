@@ -1,8 +1,9 @@
 """Files as typed classes: cattrs structures what a parser read, strictly, and says where it does not fit.
 
 A schema is a dataclass. Its annotations say what each field must be: numbers are finite, nothing is converted
-silently (no "3" for 3, no true for 1), and `Within` and `OneOf` narrow further. Fields without a default are
-required. A schema's own ``__post_init__`` raises ValueError for what fields can't say alone.
+silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within` and `OneOf`
+narrow further. Fields without a default are required. A schema's own ``__post_init__`` raises ValueError for
+what fields can't say alone.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from cattrs import ClassValidationError, Converter, IterableValidationError
 from cattrs.errors import ForbiddenExtraKeysError
@@ -144,6 +146,12 @@ def wrong(expected: str, value: object) -> ValueError:
     return ValueError(f"expected {expected}; got {short(value)}")
 
 
+def require(holds: bool, name: str, expected: str, value: object) -> None:
+    """Raise ValueError about the field `name` unless something holds; for a schema's ``__post_init__``."""
+    if not holds:
+        raise ValueError(f"{name}: expected {expected}; got {short(value)}")
+
+
 def _problems(error: BaseException, path: str) -> Iterator[tuple[str, str]]:
     """Find the single errors in what cattrs raised, each with its path in the file."""
     if isinstance(error, ClassValidationError):
@@ -243,6 +251,41 @@ def _narrowed(converter: Converter, kind: Any) -> Callable[[object, object], Any
     return structure
 
 
+def _literal(kind: Any) -> Callable[[object, object], Any]:
+    names = get_args(kind)
+
+    def structure(value: object, _: object) -> object:
+        if not isinstance(value, str) or value not in names:
+            raise wrong(f"one of {', '.join(names)}", value)
+        return value
+
+    return structure
+
+
+def _either(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
+    """Return what structures a union: of tables the one that has all fields, else the first that fits."""
+    kinds = [inner for inner in get_args(kind) if inner is not NoneType]
+    tables: list[Any] = [inner for inner in kinds if is_dataclass(inner)]
+
+    def structure(value: object, _: object) -> Any:
+        if value is None and NoneType in get_args(kind):
+            return None
+        if len(kinds) == 1:
+            return converter.structure(value, kinds[0])
+        if tables and isinstance(value, Mapping):
+            suited = [inner for inner in tables if set(value) <= {item.name for item in fields(inner)}]
+            return converter.structure(value, (suited or tables)[0])
+        for inner in kinds:
+            try:
+                return converter.structure(value, inner)
+            except ValueError:
+                continue
+        names = (f"a table with {_names(kind)}" if kind in tables else _WORDS[kind] for kind in kinds)
+        raise wrong(" or ".join(names), value)
+
+    return structure
+
+
 def _converter(*, closed: bool) -> Converter:
     converter = Converter()
     for kind, hook in _HOOKS.items():
@@ -254,16 +297,22 @@ def _converter(*, closed: bool) -> Converter:
             lambda kind: _table(converter, kind, closed=closed),
         ),
         (lambda kind: get_origin(kind) is Annotated, lambda kind: _narrowed(converter, kind)),
+        (lambda kind: get_origin(kind) is Literal, _literal),
+        (lambda kind: get_origin(kind) in (Union, UnionType), lambda kind: _either(converter, kind)),
     )
     for applies, factory in factories:
         converter.register_structure_hook_factory(applies, factory)
     return converter
 
 
+_WORDS: Mapping[Any, str] = {
+    float: "a finite number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "a text",
+}
 _HOOKS: Mapping[Any, Callable[[object, object], Any]] = {
     float: _number,
-    int: _exactly(int, "a whole number"),
-    bool: _exactly(bool, "true or false"),
-    str: _exactly(str, "a text"),
+    **{kind: _exactly(kind, _WORDS[kind]) for kind in (int, bool, str)},
 }
 _OPEN, _CLOSED = _converter(closed=False), _converter(closed=True)

@@ -15,6 +15,7 @@ FLOORS = [
     "printable",
     "resources",
     "files",
+    "plain_yaml",
     "schema",
     "compile_cache",
     "compiled",

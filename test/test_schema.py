@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import pytest
 
@@ -90,3 +90,49 @@ def test_an_older_file_is_brought_up_to_date_and_a_newer_one_is_refused() -> Non
     for other in (None, [], {}, {"format": "boat"}):
         with pytest.raises(SchemaError, match="format: expected 'cart': this is no cart of ator_ros"):
             form.current(other)
+
+
+@dataclass(frozen=True)
+class Near:
+    place: str
+    within: float
+
+
+@dataclass(frozen=True)
+class Between:
+    place: str
+    low: float = 0.0
+
+
+@dataclass(frozen=True)
+class Choices:
+    kind: Literal["near", "far"]
+    value: bool | int | str | None
+    where: tuple[Near | Between, ...] = ()
+
+
+def test_a_union_is_the_first_of_its_types_that_fits() -> None:
+    for value in (True, 1, "1", None):
+        made = structured({"kind": "near", "value": value}, Choices)
+        assert made.value is value
+    where = [{"place": "a", "within": 1.0}, {"place": "b", "low": 2.0}, {"place": "c"}]
+    made = structured({"kind": "far", "value": 0, "where": where[:2]}, Choices, closed=True)
+    assert made.where == (Near("a", 1.0), Between("b", 2.0))
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        ({"kind": "on", "value": 1}, "kind: expected one of near, far; got 'on'"),
+        ({"kind": 1, "value": 1}, "kind: expected one of near, far; got 1"),
+        ({"kind": "far", "value": 0.5}, "value: expected true or false or a whole number or a text; got 0.5"),
+        (
+            {"kind": "far", "value": 1, "where": [3]},
+            "where[0]: expected a table with place, within or a table with low, place; got 3",
+        ),
+    ],
+)
+def test_what_fits_no_type_of_a_union_is_told(data: object, expected: str) -> None:
+    with pytest.raises(SchemaError) as caught:
+        structured(data, Choices, closed=True)
+    assert str(caught.value) == expected

@@ -40,7 +40,10 @@ def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> 
         "--robot", default="", metavar="FILE", help="robot description (default: config/pioneer.yaml)"
     )
     parser.add_argument(
-        "--domain", default=DEFAULT, metavar="NAME", help="an installed domain (default: %(default)s)"
+        "--domain",
+        default=DEFAULT,
+        metavar="NAME|FILE",
+        help="an installed domain, or the YAML file of one (default: %(default)s)",
     )
     if action_set:
         parser.add_argument(
