@@ -8,7 +8,6 @@ import time
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import collect
-from ator_ros.robot.description import load_robot
 
 DOMAIN = find_domain()
 ACTIONS = tuple(DOMAIN.actions())[:2]
@@ -62,6 +61,6 @@ def _seconds(episodes: int, divisor: int, workers: int, seed: int) -> float:
     """Return the wall time in s that `episodes` of each action take, divided by `divisor`."""
     actions = [DOMAIN.actions()[name] for name in ACTIONS]
     began = time.perf_counter()
-    for _ in collect(actions, load_robot(), episodes=episodes, seed=seed, jobs=workers):
+    for _ in collect(actions, DOMAIN.tops, DOMAIN.robot(), episodes=episodes, seed=seed, jobs=workers):
         pass
     return (time.perf_counter() - began) / divisor

@@ -38,6 +38,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     with reserved(options.out.absolute().parent, room), cluster(options.cluster):
         episodes = collect(
             actions,
+            domain.tops,
             robot,
             episodes=options.episodes,
             seed=options.seed,

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.chain_run import TIME_LIMIT, run_chain
+from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.statistics import prediction_errors
 from ator_ros.evaluation.toolset import make_library, make_toolset
@@ -21,6 +21,7 @@ from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
 from ator_ros.nodes.machine import MachineError
+from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
 
