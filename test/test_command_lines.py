@@ -171,7 +171,7 @@ def test_help_imports_nothing_that_takes_long() -> None:
 
 def test_no_banner_of_a_library_is_at_the_head_of_the_output() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", "import ator_ros.simulation.pioneer"],
+        [sys.executable, "-c", "import ator_ros.simulation.simulation"],
         capture_output=True,
         text=True,
         check=True,

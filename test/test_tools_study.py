@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
 import pytest
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.study import main
+from ator_ros.tools.work.study import possible_actions, possible_chain
 
 PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 
@@ -74,3 +77,15 @@ def test_a_folder_of_another_study_is_refused(
 ) -> None:
     assert main(command(robot, studied, seed="6")) == 1
     assert "settings.json: seed: expected 6 as in the folder's study, got 5" in capsys.readouterr().err
+
+
+def test_a_robot_without_a_holder_is_studied_as_far_as_it_goes() -> None:
+    plain = dataclasses.replace(SOCCER.robot(), holder=None)
+    actions, left_out = possible_actions(SOCCER, "default", plain)
+    assert "dribbleBall" not in actions
+    assert "goToPose" in actions
+    assert "holder" in left_out["dribbleBall"]
+    assert possible_chain(SOCCER, SOCCER.library(plain), "dribble", actions) is None
+    assert (
+        possible_chain(SOCCER, SOCCER.library(SOCCER.robot()), "dribble", list(SOCCER.actions())) == "dribble"
+    )

@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from typing import Any, TypeVar
@@ -90,6 +91,7 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int | Non
             signal.signal(number, signal.SIG_IGN)
     if parent is not None and os.getpid() not in _watched:
         _watched.add(os.getpid())
+        warnings.simplefilter("ignore", UserWarning)  # the parent tells them, once
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     return function(task)
 

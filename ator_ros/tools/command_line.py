@@ -37,7 +37,7 @@ _SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> None:
     """Add the options that say for whom the work is done: robot, domain, set of actions."""
     parser.add_argument(
-        "--robot", default="", metavar="FILE", help="robot description (default: config/pioneer.yaml)"
+        "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
     )
     parser.add_argument(
         "--domain",

@@ -20,7 +20,7 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
     parser.add_argument(
-        "--robot", default="", metavar="FILE", help="robot description (default: config/pioneer.yaml)"
+        "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
     )
     add_factor(parser, 0.0)
     add_models(parser)

@@ -23,7 +23,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes import conversions
 from ator_ros.nodes.refinement_answers import answer_of
@@ -31,7 +31,6 @@ from ator_ros.nodes.running import run_node
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot.description import load_robot
 from ator_ros.tools.benchmarks.requests import worst_request
 from ator_ros.tools.processes import own_nodes
 
@@ -42,6 +41,7 @@ LIMIT_DELAY_MS = 20.0
 WORST = "worst_requests"
 _FRAME = "odom"
 _WARM_UP = 20
+DOMAIN = find_domain()
 _PATIENCE = 40.0
 _UNTIL_ASKED = 10.0
 REFINE = "refine_subgoal"
@@ -55,8 +55,8 @@ def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> Refi
 
 def _messages_alone() -> Answer:
     """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
-    robot = load_robot()
-    library, refiner = SOCCER.library(robot), Refiner(robot, load_models(robot))
+    robot = DOMAIN.robot()
+    library, refiner = DOMAIN.library(robot), Refiner(robot, load_models(robot))
     known: list[Refinement] = []
 
     def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
@@ -178,11 +178,10 @@ def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
 
 def _times(clients: list[Any], count: int, first: int) -> list[list[float]]:
     """Ask each client `count` times; give the times of each in ms."""
-    robot = load_robot()
-    library = SOCCER.library(robot)
+    library = DOMAIN.library(DOMAIN.robot())
     times: list[list[float]] = [[] for _ in clients]
     for index in range(first, first + count):
-        trial = random_trial(SOCCER, "dribble", library, seed=SEED, index=index)
+        trial = random_trial(DOMAIN, next(iter(DOMAIN.chains)), library, seed=SEED, index=index)
         request = RefineSubgoal.Request(
             situation=conversions.situation_of(trial.world, frame=_FRAME),
             chain=conversions.chain_of(trial.chain, action_set="", frame=_FRAME),

@@ -28,6 +28,7 @@ from ator_ros.tools.work import collect as collecting
 from ator_ros.tools.work import evaluate as evaluating
 from ator_ros.tools.work import gate as gating
 from ator_ros.tools.work import train as training
+from ator_ros.tops.library import TopLibrary
 
 FORMAT = Format("ator_ros study", 1, "study")
 POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
@@ -50,7 +51,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     }
     _trained(options, source, tables, actions)
     learned = [name for name in actions if (source.folder() / f"{name}.json").exists()]
-    chain = possible_chain(domain, source, options.chain, learned)
+    chain = possible_chain(domain, make_library(robot, source), options.chain, learned)
     evaluation = None
     if chain is None:
         print(f"study: without an evaluation: no chain of {domain.name} has only {', '.join(learned)}")
@@ -106,9 +107,8 @@ def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[lis
     return actions, left_out
 
 
-def possible_chain(domain: Domain, source: ToolsetSource, wanted: str, actions: Sequence[str]) -> str | None:
-    """Return the wanted chain, or else the first one of which the robot can execute every action."""
-    library = make_library(source.described(), source)
+def possible_chain(domain: Domain, library: TopLibrary, wanted: str, actions: Sequence[str]) -> str | None:
+    """Return the wanted chain, or else the first one of which every action is among `actions`."""
     for name in (wanted, *domain.chains):
         try:
             trial = random_trial(domain, name, library, seed=0, index=0)
