@@ -15,6 +15,7 @@ FLOORS = [
     "printable",
     "resources",
     "files",
+    "schema",
     "compile_cache",
     "compiled",
     "world",

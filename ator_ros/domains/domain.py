@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ator_ros.actions.specification import ActionSpec
+from ator_ros.domains import DEFAULT as DEFAULT
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
@@ -24,7 +25,6 @@ from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
 """Entry points of this group name the domains that are installed, ours and those of others."""
-DEFAULT = "soccer"
 DEFAULT_SET = "default"
 _LONGEST_REASON = 200
 

@@ -1,6 +1,6 @@
 """The round trip of refine_subgoal, next to that of services of the same types that do less.
 
-As a program, ``python -m ator_ros.tools.bench_service NAME``, this is one of them.
+As a program, ``python -m ator_ros.tools.benchmarks.service NAME``, this is one of them.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
+from ator_ros.tools.benchmarks.requests import worst_request
 from ator_ros.tools.processes import own_nodes
-from ator_ros.tools.requests import worst_request
 
 SEED = 802
 LIMIT_RATIO, LIMIT_P99_MS = 1.5, 5.0
@@ -93,7 +93,7 @@ def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
     with own_nodes() as nodes:
         nodes.start("refinement", {})
         environment = {**os.environ, "ROS_DOMAIN_ID": str(nodes.domain)}
-        program = [sys.executable, "-m", "ator_ros.tools.bench_service"]
+        program = [sys.executable, "-m", "ator_ros.tools.benchmarks.service"]
         others = [subprocess.Popen([*program, name], env=environment) for name in YARDSTICKS]
         try:
             rows = _measured(nodes.domain, nodes.pid("refinement"), requests)
@@ -211,5 +211,5 @@ if __name__ == "__main__":
     if sys.argv[1:] == [WORST]:
         _ask_the_worst()
     if len(sys.argv) < 2 or sys.argv[1] not in YARDSTICKS:
-        sys.exit(f"bench_service: expected one of {', '.join(YARDSTICKS)}")
+        sys.exit(f"service: expected one of {', '.join(YARDSTICKS)}")
     run_node(functools.partial(yardstick, sys.argv.pop(1)))

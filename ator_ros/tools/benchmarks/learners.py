@@ -23,9 +23,10 @@ from ator_ros.performance.features import PAPER_11, feature_table, names_of
 from ator_ros.performance.training import direct_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.robot.description import load_robot
-from ator_ros.tools import collect, peers
-from ator_ros.tools.peer_program import measure as measured
-from ator_ros.tools.peer_program import predict_ms
+from ator_ros.tools import collect
+from ator_ros.tools.benchmarks import peers
+from ator_ros.tools.benchmarks.peer_program import measure as measured
+from ator_ros.tools.benchmarks.peer_program import predict_ms
 
 ACTIONS = ("goToPose", "dribbleBall")
 SEEDS = {"experience": 101, "fresh": 211}
