@@ -142,7 +142,6 @@ STILL_SAYING = {
     "evaluation/policies.py",
     "evaluation/situation.py",
     "execution/fence.py",
-    "execution/rehearsal.py",
     "experience/collect.py",
     "experience/drives.py",
     "experience/episode.py",
