@@ -11,8 +11,8 @@ from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
-from ator_ros.simulation.pioneer import CONTROL_RATE, PioneerSimulation
 from ator_ros.simulation.run import TIME_LIMIT, judge, place, run
+from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
@@ -29,7 +29,8 @@ class ChainRun:
     duration : float
         In s; `TIME_LIMIT` if the chain failed.
     success : bool
-        Whether every action succeeded and, by the true state, the last TOP's post-condition holds.
+        Whether every action succeeded and, by the true state, the last TOP's post-condition holds; where
+        sensors are between the true state and the executor, its terms that name objects.
     reason : str
         A sentence on how it ended.
     actions : tuple of float
@@ -91,7 +92,7 @@ def run_chain(
             foresight.sent(seen.time, step.command)
         return step
 
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         place(simulation, start)
         ticks = round(TIME_LIMIT * CONTROL_RATE) + 1
         done = run(simulation, steered, ticks=ticks, watch=worlds.append, observe=observe)
@@ -100,7 +101,7 @@ def run_chain(
         actions = tuple(record.duration for record in executor.records)
         executor.break_off(simulation.world(), message)
         ended, last = simulation.time, chain.calls[-1]
-        judgement = judge(simulation, last.top, last.goal, status, message)
+        judgement = judge(simulation, last.top, last.goal, status, message, drifts=observe is not None)
     return ChainRun(
         ended if judgement.success else TIME_LIMIT,
         judgement.success,
