@@ -26,9 +26,11 @@ class EpisodeTask:
     action : ActionSpec
         The action, and how its situations are drawn.
     robot : Robot
-        Shape, limits, ball and field.
+        Shape and limits.
     seed, episode : int
         Of the collection, and the number of the episode in it.
+    objects : tuple of str
+        The objects whose places are logged.
     time_limit : float
         In s.
     """
@@ -37,6 +39,7 @@ class EpisodeTask:
     robot: Robot
     seed: int
     episode: int
+    objects: tuple[str, ...] = ()
     time_limit: float = TIME_LIMIT
 
 
@@ -50,20 +53,21 @@ def run_task(task: EpisodeTask) -> pd.DataFrame:
     """Run one episode in a world of its own and return its rows.
 
     Bullet keeps contact caches over replacements of the bodies: in a world used before, an episode with
-    a ball differs in the sixth digit. A new world costs 11 ms.
+    contacts differs in the sixth digit. A new world costs 11 ms.
     """
     rng = episode_generator(task.action.name, task.seed, task.episode)
     situation = task.action.sample(task.robot, rng)
     with PioneerSimulation(task.robot) as simulation:
         action = task.action.factory(task.robot)
         episode = run_episode(simulation, action, situation, time_limit=task.time_limit)
-    return episode_frame(task.episode, episode)
+    return episode_frame(task.episode, episode, task.objects)
 
 
 def collect(
     actions: Iterable[ActionSpec],
     robot: Robot,
     *,
+    objects: tuple[str, ...],
     episodes: int,
     seed: int,
     jobs: int = 1,
@@ -76,11 +80,15 @@ def collect(
     actions : iterable of ActionSpec
         What to execute, and how situations are drawn.
     robot : Robot
-        Shape, limits, ball and field.
+        Shape and limits.
+    objects : tuple of str
+        The objects whose places are logged: those of the domain.
     episodes, seed : int
         Episodes of each action, and the seed of all of them.
     jobs, backend
         As for `run_tasks`.
     """
-    tasks = [EpisodeTask(action, robot, seed, number) for action in actions for number in range(episodes)]
+    tasks = [
+        EpisodeTask(action, robot, seed, number, objects) for action in actions for number in range(episodes)
+    ]
     yield from run_tasks(run_task, tasks, jobs=jobs, backend=backend)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Point, Status
 from ator_ros.actions.situation import Situation
+from ator_ros.experience.columns import STATE_COLUMNS
 from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
@@ -19,8 +22,6 @@ TIME_LIMIT = 30.0  # s, as in the chain executor
 TICKS_PER_SAMPLE = 2  # control ticks of 1/20 s, so that samples come at the paper's 10 Hz
 HELD = 0.10  # m between ball and hold up to which the ball counts as held
 COAST = 6.0  # s that a shot ball may roll after the action has ended
-SAMPLE_COLUMNS = ("t", "x", "y", "yaw", "v", "w", "ball_x", "ball_y")
-"""What is logged in each sample: s since the start, m, rad, m/s, rad/s; NaN without a ball."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +32,9 @@ class Episode:
     ----------
     situation : Situation
         Start and goal.
-    samples : ndarray, shape (n, len(SAMPLE_COLUMNS))
-        The states at 10 Hz from the start on; those at and after the end are left out.
+    samples : ndarray, shape (n, sample_width(objects))
+        The states at 10 Hz from the start on; those at and after the end are left out. Its columns are
+        STATE_COLUMNS, then x, y in m of each object, NaN where unknown.
     duration : float
         From the start to the tick at which the action ended, in s.
     success : bool
@@ -42,6 +44,8 @@ class Episode:
     position_error, heading_error : float
         At the end, between the goal and the point that shall come there, in m and rad; for a shot how
         far the ball ends before the goal's line or beside its mouth, and NaN.
+    objects : tuple of str
+        The objects in `samples`.
     """
 
     situation: Situation
@@ -51,6 +55,7 @@ class Episode:
     reason: str
     position_error: float
     heading_error: float
+    objects: tuple[str, ...] = ()
 
 
 def run_episode(
@@ -84,7 +89,7 @@ def run_episode(
                 world = coast(simulation, world)
             return _episode(simulation.robot, situation, samples, duration, world, step.message, ended_well)
         if tick % TICKS_PER_SAMPLE == 0:
-            samples.append(_sample(world, start))
+            samples.append(sample_of(world, start, situation.objects))
         simulation.command(step.command)
         simulation.tick()
         world = simulation.world()
@@ -121,10 +126,17 @@ def _depth(robot: Robot, x: float, y: float) -> float:
     return min(x - line, -beside)
 
 
-def _sample(world: World, start: float) -> tuple[float, ...]:
-    pose, ball = world.robot.pose, ball_of(world)
-    ball_x, ball_y = (ball.x, ball.y) if ball is not None else (math.nan, math.nan)
-    return (world.time - start, *pose, world.robot.v, world.robot.w, ball_x, ball_y)
+def sample_width(objects: Collection[str]) -> int:
+    """Return the number of columns of samples with these objects."""
+    return len(STATE_COLUMNS) + 2 * len(objects)
+
+
+def sample_of(world: World, start: float, objects: Iterable[str]) -> tuple[float, ...]:
+    """Return a row of `Episode.samples`: the state `world` of an episode that started at `start` (s)."""
+    found = (world.objects.get(name) for name in objects)
+    places = ((math.nan, math.nan) if there is None else (there.x, there.y) for there in found)
+    robot = world.robot
+    return (world.time - start, *robot.pose, robot.v, robot.w, *itertools.chain.from_iterable(places))
 
 
 def _episode(
@@ -152,10 +164,11 @@ def _episode(
     reason = message if achieved or not ended_well else f"{message}; but {fault}"
     return Episode(
         situation,
-        np.asarray(samples, dtype=float).reshape(len(samples), len(SAMPLE_COLUMNS)),
+        np.asarray(samples, dtype=float).reshape(len(samples), sample_width(situation.objects)),
         duration,
         ended_well and achieved,
         reason,
         position_error,
         heading_error,
+        tuple(situation.objects),
     )

@@ -80,6 +80,7 @@ def _collect(domain: Domain, options: argparse.Namespace, command: str) -> int:
         episodes = collect(
             actions,
             robot,
+            objects=domain.objects,
             episodes=options.episodes,
             seed=options.seed,
             jobs=options.jobs,

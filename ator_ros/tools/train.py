@@ -94,18 +94,18 @@ def _run(domain: Domain, options: argparse.Namespace, command: str) -> int:
     if options.experience:
         _train(domain, options, robot, folder, command)
     elif options.fresh:
-        _measure_again(options, robot, folder)
+        _measure_again(domain, options, robot, folder)
     if options.report:
         _report(options.report, robot, folder)
     return 0
 
 
 def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
-    experience = _read(options.experience, robot, options.action_set)
+    experience = _read(domain, options.experience, robot, options.action_set)
     rows, source = experience.frame, experience.metadata
     fresh = Experience(rows[:0], {})
     if options.fresh:
-        fresh = _read(options.fresh, robot, source["action_set"])
+        fresh = _read(domain, options.fresh, robot, source["action_set"])
     by_action = dict(iter(rows.groupby("action", sort=False)))
     errors: list[str] = []
     for action, examples in by_action.items():
@@ -143,16 +143,16 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
 
 
-def _read(paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
-    experience = read_sources(paths, robot, action_set)
+def _read(domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
+    experience = read_sources(paths, robot, domain, action_set)
     if left_out := experience.metadata["records_left_out"]:
         print(f"train: left out {left_out} records with numbers that cannot be", file=sys.stderr)
     return experience
 
 
-def _measure_again(options: argparse.Namespace, robot: Robot, folder: Path) -> None:
+def _measure_again(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> None:
     """Measure the models there are on fresh episodes; their trees stay as they are."""
-    fresh = _read(options.fresh, robot, options.action_set)
+    fresh = _read(domain, options.fresh, robot, options.action_set)
     for action, tests in fresh.frame.groupby("action", sort=False):
         file = folder / model_path(action, fresh.metadata["action_set"])
         model = load_model(file, robot)
