@@ -7,8 +7,10 @@ import math
 
 import pytest
 from refinement_fakes import (
+    ALL,
     ANGLE,
     BOTH,
+    LIBRARY,
     NOTHING,
     ROBOT,
     SHOOT_USED,
@@ -22,9 +24,13 @@ from refinement_fakes import (
     world,
 )
 
+from ator_ros.actions.base import Goal, Point
+from ator_ros.geometry import Pose
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.tops.chain import EVERYTHING, TopChain
+from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+from ator_ros.tops.conditions import Condition
+from ator_ros.tops.ranges import ROBOT_RANGES, Range
 
 
 def free_names(chain: TopChain, used: frozenset[str] = USED) -> list[tuple[int, str]]:
@@ -166,3 +172,30 @@ def test_shooting_heading_is_bound_by_nothing_and_used_by_the_shot() -> None:
     shot = {"shoot": FakeModel(turning_time, SHOOT_USED)}
     free = analyse(three_steps(), only_shot | shot, ROBOT).free
     assert [(variable.subgoal, variable.name) for variable in free] == [(1, "yaw")]
+
+
+def test_a_place_is_free_only_within_the_range_that_a_domain_says() -> None:
+    """The robot alone knows what it can turn to and how fast it can arrive, not how large its world is."""
+    top = dataclasses.replace(call("goToPose", 0.0, 0.0, 0.0).top, pre=Condition(), post=Condition())
+    step = TopCall(top, Goal(Pose(1.0, 0.0, 0.0)), ALL)
+    chain = TopChain((step, step))
+    plain = analyse(chain, models(), ROBOT)
+    assert [each.name for each in plain.free if each.subgoal == 0] == ["yaw", "speed"]
+    assert {each.name: each.reason for each in plain.not_free} == dict.fromkeys("xy", "without a range")
+    ranges = {**ROBOT_RANGES, "x": lambda *_: Range(-2.0, 30.0, 16)}
+    by_name = {each.name: each.domain for each in analyse(chain, models(), ROBOT, ranges).free}
+    assert by_name["x"] == Range(-2.0, 30.0, 16)
+    assert by_name["speed"].high == ROBOT.limits.v
+    assert Refiner(ROBOT, models(), ranges=ranges).refine(world(), chain).refined
+
+
+def test_soccer_keeps_to_its_field_and_to_the_speeds_that_it_has_learned() -> None:
+    plain, held = Goal(Pose(0.0, 0.0, 0.0)), Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD)
+    found = {name: LIBRARY.ranges[name](ROBOT, plain) for name in ("x", "y", "yaw", "speed")}
+    assert found == {
+        "x": Range(-4.0, 4.0, 16),
+        "y": Range(-2.5, 2.5, 10),
+        "yaw": Range(-math.pi, math.pi, 36, periodic=True),
+        "speed": Range(0.0, 0.8, 6, rest=0.0),
+    }
+    assert LIBRARY.ranges["speed"](ROBOT, held) == Range(0.0, 0.8, 6, rest=0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
+from ator_ros.tops.ranges import ROBOT_RANGES, Ranges
 from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
@@ -49,6 +50,9 @@ class Domain:
         Names of the objects that conditions speak of; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute in them, by name; evaluations use them.
+    ranges : mapping of str to callable
+        Ranges of the goal variables that refinement may change, by default those that the robot alone
+        determines: heading and arrival speed.
 
     Raises
     ------
@@ -62,6 +66,7 @@ class Domain:
     action_sets: Mapping[str, tuple[ActionSpec, ...]]
     objects: tuple[str, ...]
     chains: Mapping[str, ChainSampler]
+    ranges: Ranges = field(default_factory=lambda: ROBOT_RANGES)
 
     def __post_init__(self) -> None:
         """Check that objects and every set of actions are complete."""
@@ -117,7 +122,7 @@ class Domain:
             There is no such set.
         """
         factories = {name: spec.factory for name, spec in self.actions(action_set).items()}
-        return TopLibrary(robot, action_set, tops=self.tops, actions=factories)
+        return TopLibrary(robot, action_set, tops=self.tops, actions=factories, ranges=self.ranges)
 
 
 def find_domain(name: str = DEFAULT) -> Domain:

@@ -53,7 +53,9 @@ class Toolset:
     def refiner(self, models: str = "learned", *, gated: bool = False) -> Refiner:
         """Return a refiner with one of the sets of models."""
         gate = self.gate if gated else OpenGate()
-        return Refiner(self.robot, self.models[models], gate, calibration=self.calibration)
+        return Refiner(
+            self.robot, self.models[models], gate, ranges=self.domain.ranges, calibration=self.calibration
+        )
 
     def predict(self, world: World, chain: TopChain) -> ChainPrediction:
         """Return the learned models' prediction of a chain as it is, corrected by the calibration."""

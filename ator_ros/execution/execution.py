@@ -191,7 +191,7 @@ class Execution:
         assert self.question is not None
         planned = self.chain
         try:
-            self.chain = refined_chain(planned, self.question, chain, self.start, self._library.robot)
+            self.chain = refined_chain(planned, self.question, chain, self.start, self._library)
         except InvalidChainError as error:
             self.unrefined(f"its answer cannot be used: {error}")
         else:
@@ -199,14 +199,15 @@ class Execution:
 
     def _take_answer(self, world: World, executor: ChainExecutor) -> None:
         """Switch to the refined goals from the present state, if that is still possible."""
-        answer, question, robot, self._answer = self._answer, self.question, self._library.robot, None
+        answer, question, self._answer = self._answer, self.question, None
         if answer is None or question is None:
             return
         if question.step != self.step:
             self.unrefined("its step was over when the answer came")
             return
         try:
-            changed = refined_chain(self.chain, question, answer[0], at_rest(world, robot), robot)
+            resting = at_rest(world, self._library.robot)
+            changed = refined_chain(self.chain, question, answer[0], resting, self._library)
         except InvalidChainError as error:
             self.unrefined(f"its answer cannot be used: {error}")
             return
