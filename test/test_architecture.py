@@ -18,6 +18,7 @@ FLOORS = [
     "compiled",
     "world",
     "robot",
+    "drawing",
     "motion",
     "actions",
     "tops",

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ator_ros.actions.specification import ActionSpec
+from ator_ros.domains.presentation import Presentation
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
@@ -50,9 +51,11 @@ class Domain:
         Names of the objects that conditions speak of; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute in them, by name; evaluations use them.
-    ranges : mapping of str to callable
-        Ranges of the goal variables that refinement may change, by default those that the robot alone
-        determines: heading and arrival speed.
+    variables : mapping of str to callable
+        Goal variables that refinement may change where a plan opens them, with their ranges; by default those
+        that the robot alone determines: heading and arrival speed.
+    presentation : Presentation
+        Words and drawings for reports.
 
     Raises
     ------
@@ -66,7 +69,8 @@ class Domain:
     action_sets: Mapping[str, tuple[ActionSpec, ...]]
     objects: tuple[str, ...]
     chains: Mapping[str, ChainSampler]
-    ranges: Ranges = field(default_factory=lambda: ROBOT_RANGES)
+    variables: Ranges = field(default_factory=lambda: ROBOT_RANGES)
+    presentation: Presentation = field(default_factory=Presentation)
 
     def __post_init__(self) -> None:
         """Check that objects and every set of actions are complete."""
@@ -122,7 +126,7 @@ class Domain:
             There is no such set.
         """
         factories = {name: spec.factory for name, spec in self.actions(action_set).items()}
-        return TopLibrary(robot, action_set, tops=self.tops, actions=factories, ranges=self.ranges)
+        return TopLibrary(robot, action_set, tops=self.tops, actions=factories, ranges=self.variables)
 
 
 def find_domain(name: str = DEFAULT) -> Domain:

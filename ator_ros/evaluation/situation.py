@@ -20,6 +20,8 @@ from ator_ros.tops.library import TopLibrary
 
 Record = dict[str, Any]
 """The result of one situation; see `evaluate_trial`."""
+ONE_GOAL = 5
+"""Numbers in a record's "start" where the chain has one goal only."""
 
 
 @dataclass(frozen=True)
@@ -91,11 +93,12 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     Returns
     -------
     dict
-        "index"; "start": robot x, y, yaw, ball x, y, goal x, y, yaw (m, rad); "policies": by name "duration"
-        (s), "success", "reason", "error" (m), "chosen": heading and speed of each intermediate subgoal,
-        "actions": durations of the actions (s), "predicted": duration of the chain (s); "features" and
-        "features_speed": features of the gate; "oracle": "headings" (rad), "durations" (s), "best" (s)
-        and "success"; "oracle_speed": "best" and "success"; "executed": number of chains executed.
+        "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
+        "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading and speed of
+        each intermediate subgoal, "actions": durations of the actions (s), "predicted": duration of the chain
+        (s); "features" and "features_speed": features of the gate; "oracle": "headings" (rad), "durations"
+        (s), "best" (s) and "success"; "oracle_speed": "best" and "success"; "executed": number of chains
+        executed.
     """
     settings, index = task
     tools, library = _tools(settings.source)
@@ -121,9 +124,9 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
 
 
 def _start(trial: Trial) -> list[float]:
-    ball = trial.chain.calls[0].goal.pose
-    goal = trial.chain.calls[1].goal.pose
-    return [round(value, 4) for value in (*trial.world.robot.pose, ball.x, ball.y, *goal)]
+    first, *later = (call.goal.pose for call in trial.chain.calls)
+    places = (*trial.world.robot.pose, first.x, first.y, *(later[0] if later else ()))
+    return [round(value, 4) for value in places]
 
 
 def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) -> Record:

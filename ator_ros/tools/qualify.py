@@ -16,7 +16,7 @@ from ator_ros.evaluation.action_quality import KINDS, Outcome, Task, execute, re
 from ator_ros.evaluation.ruler import over_time_optimal
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import portable_command, write_text
-from ator_ros.report.action_slices import draw_slices
+from ator_ros.report.soccer_slices import draw_slices
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
 

@@ -96,7 +96,7 @@ def _run(domain: Domain, options: argparse.Namespace, command: str) -> int:
     elif options.fresh:
         _measure_again(domain, options, robot, folder)
     if options.report:
-        _report(options.report, robot, folder)
+        _report(domain, options.report, robot, folder)
     return 0
 
 
@@ -139,7 +139,8 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
     if options.ablation and len(fresh.frame):
-        lines = ablation_table(by_action, dict(iter(fresh.frame.groupby("action"))), robot, seed=fresh.seed)
+        others = dict(iter(fresh.frame.groupby("action")))
+        lines = ablation_table(by_action, others, robot, domain, seed=fresh.seed)
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
 
 
@@ -213,11 +214,12 @@ def _situation(words: Sequence[str]) -> dict[str, float]:
     return situation
 
 
-def _report(file: Path, robot: Robot, folder: Path) -> None:
+def _report(domain: Domain, file: Path, robot: Robot, folder: Path) -> None:
     found = sorted(filter(is_model, folder.rglob("*.json")))
     models = [load_model(path, robot) for path in found]
     models = [model for model in models if model.metadata["accuracy"]]
-    lines = [*accuracy_table(models), "", "## Success", "", *success_table(models)]
+    table = accuracy_table(models, domain.presentation.published)
+    lines = [*table, "", "## Success", "", *success_table(models)]
     command = portable_command("train", ["--report", str(file)])
     write_text(file, _document("Accuracy of the performance models", command, "\n".join(lines)))
 
