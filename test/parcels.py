@@ -58,10 +58,16 @@ def two_legs(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tup
     return World(0.0, RobotState(place(rng)), objects(rng)), TopChain(calls)
 
 
+def one_leg(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+    """Draw a single drive, its heading open."""
+    call = TopCall(library["carryOver"], Goal(place(rng)), frozenset({"yaw"}))
+    return World(0.0, RobotState(place(rng)), objects(rng)), TopChain((call,))
+
+
 PARCELS = Domain(
     "parcels",
     tops=(CARRY,),
     action_sets={"default": (ActionSpec("carry", Carry, drive),)},
     objects=("box", "cart"),
-    chains={"two_legs": two_legs},
+    chains={"two_legs": two_legs, "one_leg": one_leg},
 )

@@ -89,7 +89,7 @@ def bearing(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
 
 
 def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the bearing of the next goal from each subgoal as its heading, as most soccer teams do."""
+    """Choose the bearing of the next goal from each subgoal as its heading."""
     places = [call.goal.pose for call in trial.chain.calls]
     return Choice(with_headings(trial.chain, _bearings(places)))
 

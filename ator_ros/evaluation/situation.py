@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
@@ -33,7 +34,7 @@ class Settings:
     seed : int
         Seed of the situations.
     chain : str
-        Name of one of the domain's chains.
+        Name of one of the domain's chains; by default its first.
     policies : tuple of str
         Names of `POLICIES`.
     oracle : int
@@ -48,12 +49,18 @@ class Settings:
     """
 
     seed: int
-    chain: str = "dribble"
+    chain: str = ""
     policies: tuple[str, ...] = tuple(POLICIES)
     oracle: int = 0
     oracle_margin: float | None = None
     oracle_speeds: tuple[float, ...] = ()
     source: ToolsetSource = field(default_factory=ToolsetSource)
+
+    def __post_init__(self) -> None:
+        """Name the chain, as results are to tell it."""
+        if not self.chain:
+            first = next(iter(find_domain(self.source.domain).chains))
+            object.__setattr__(self, "chain", first)
 
 
 class Executions:
