@@ -14,10 +14,11 @@ import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.episode import HELD, Episode, sample_of
+from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.vocabulary import Vocabulary, drive_between
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
+from ator_ros.tops.objects import is_held
 from ator_ros.world.state import ObjectState, RobotState, World
 
 PAUSE = 0.3  # s without a command to move that separates two drives
@@ -152,5 +153,5 @@ def _objects_at(objects: Mapping[str, FloatArray], time: float) -> dict[str, Obj
 
 def _held(robot: Robot, pose: Pose, objects: Mapping[str, ObjectState]) -> str | None:
     """Return the first object that a robot at `pose` holds; None if there is none."""
-    places = {name: Pose(there.x, there.y, 0.0) for name, there in objects.items()}
-    return next((name for name, at in places.items() if robot.hold_point(pose).distance(at) <= HELD), None)
+    world = World(0.0, RobotState(pose), objects)
+    return next((name for name in objects if is_held(world, robot, name)), None)

@@ -7,11 +7,11 @@ from typing import Any
 
 from ator_ros.domains.presentation import Presentation
 from ator_ros.drawing import svg_text
-from ator_ros.evaluation.chain_run import TIME_LIMIT
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.statistics import EQUAL
 from ator_ros.report import charts
 from ator_ros.report.page import cards, figure, paragraph, section, table
+from ator_ros.simulation.run import TIME_LIMIT
 
 #: What each policy chooses; {place} is what the first subgoal of a chain is.
 MEANING: Mapping[str, str] = {

@@ -61,7 +61,8 @@ def _seconds(episodes: int, divisor: int, workers: int, seed: int) -> float:
     """Return the wall time in s that `episodes` of each action take, divided by `divisor`."""
     actions = [SOCCER.actions()[name] for name in ACTIONS]
     began = time.perf_counter()
-    run = collect(actions, load_robot(), objects=SOCCER.objects, episodes=episodes, seed=seed, jobs=workers)
+    robot, tops, objects = load_robot(), SOCCER.tops, SOCCER.objects
+    run = collect(actions, tops, robot, objects=objects, episodes=episodes, seed=seed, jobs=workers)
     for _ in run:
         pass
     return (time.perf_counter() - began) / divisor
