@@ -17,6 +17,7 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.top import Top
+from ator_ros.world.scene import RoundObject
 from ator_ros.world.state import ObjectState, RobotState, World
 
 
@@ -69,5 +70,6 @@ PARCELS = Domain(
     tops=(CARRY,),
     action_sets={"default": (ActionSpec("carry", Carry, drive),)},
     objects=("box", "cart"),
+    bodies=dict.fromkeys(("box", "cart"), RoundObject(0.1, 0.4, 0.7, 0.1)),
     chains={"two_legs": two_legs, "one_leg": one_leg},
 )

@@ -12,6 +12,7 @@ from refinement_fakes import LIBRARY, ROBOT, models
 
 from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.situations import CLEARANCE, SHORTEST
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.heuristics import LinearTime, arriving, bitbots, booster, linear_terms, refit
@@ -64,7 +65,7 @@ class TestTrials:
             assert ball.distance(goal) >= SHORTEST
 
     def test_shooting_positions_lie_before_the_goal(self) -> None:
-        x, y = ROBOT.field.goal_centre()
+        x, y = field_of(ROBOT).goal_centre()
         for index in range(100):
             place = trial(index, "shoot").chain.calls[1].goal.pose
             low, high = SHOOTING_DISTANCE

@@ -19,7 +19,7 @@ from ator_ros.actions.base import Point
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.columns import columns, objects_of_columns
+from ator_ros.experience.columns import columns, object_columns, objects_of_columns
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.experience.sources import read_sources
@@ -32,7 +32,7 @@ from ator_ros.tools import collect, train
 
 ROBOT = load_robot()
 BARE = dataclasses.replace(
-    PARCELS, name="bare", objects=(), tops=(dataclasses.replace(CARRY, pre=type(CARRY.pre)()),)
+    PARCELS, name="bare", objects=(), bodies={}, tops=(dataclasses.replace(CARRY, pre=type(CARRY.pre)()),)
 )
 GOAL = Pose(1.5, 0.5, 0.7)
 
@@ -55,8 +55,10 @@ def test_a_domain_of_any_objects_is_collected_and_learned(installed: Domain, tmp
     assert experience.metadata["objects"] == list(installed.objects)
     assert list(experience.frame.columns) == list(columns(installed.objects))
     assert not [name for name in experience.frame.columns if name.startswith("ball")]
+    places = experience.frame[object_columns(installed.objects)]
+    assert np.isfinite(places.to_numpy()).all()
     assert train.main(["--domain", installed.name, str(table), "--models", str(tmp_path / "models")]) == 0
-    assert load_model(tmp_path / "models" / "carry.json", ROBOT).action == "carry"
+    assert load_model(tmp_path / "models" / "carry.json", installed.robot()).action == "carry"
 
 
 def old_table(file: Path) -> Path:

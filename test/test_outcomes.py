@@ -16,8 +16,8 @@ from ator_ros.experience.episode import run_episode
 from ator_ros.geometry import Pose
 from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.simulation.run import judge, place, run_action
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import TopCall, TopChain, projected
 from ator_ros.tops.conditions import Condition, Region, Term
@@ -157,7 +157,7 @@ class TestJudge:
     ) -> None:
         situation = Situation("push", HERE, {BALL: ObjectState(1.5, 1.0, vx)}, AHEAD)
         top = pushing(ROLLED, settles)
-        with PioneerSimulation(ROBOT) as simulation:
+        with Simulation(ROBOT) as simulation:
             episode = run_episode(simulation, Push(ROBOT), situation, top=top)
             x = simulation.world().objects[BALL].x
         assert episode.success is success
@@ -167,7 +167,7 @@ class TestJudge:
         assert math.isnan(episode.heading_error)
 
     def test_an_action_that_lies_is_not_believed_and_one_that_gave_up_stays_a_failure(self) -> None:
-        with PioneerSimulation(ROBOT) as simulation:
+        with Simulation(ROBOT) as simulation:
             place(simulation, with_ball(1.0, 1.0))
             done = run_action(simulation, Push(ROBOT), AHEAD)
             lie = judge(simulation, pushing(ROLLED, 1.0), AHEAD, done.status, done.message)

@@ -30,7 +30,7 @@ from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
-from ator_ros.tops.ranges import ROBOT_RANGES, Range
+from ator_ros.tops.ranges import USUAL_RANGES, Range
 
 
 def free_names(chain: TopChain, used: frozenset[str] = USED) -> list[tuple[int, str]]:
@@ -174,19 +174,20 @@ def test_shooting_heading_is_bound_by_nothing_and_used_by_the_shot() -> None:
     assert [(variable.subgoal, variable.name) for variable in free] == [(1, "yaw")]
 
 
-def test_a_place_is_free_only_within_the_range_that_a_domain_says() -> None:
-    """The robot alone knows what it can turn to and how fast it can arrive, not how large its world is."""
+def test_ranges_are_those_of_robot_and_scene_unless_a_domain_has_others() -> None:
     top = dataclasses.replace(call("goToPose", 0.0, 0.0, 0.0).top, pre=Condition(), post=Condition())
     step = TopCall(top, Goal(Pose(1.0, 0.0, 0.0)), ALL)
     chain = TopChain((step, step))
-    plain = analyse(chain, models(), ROBOT)
-    assert [each.name for each in plain.free if each.subgoal == 0] == ["yaw", "speed"]
-    assert {each.name: each.reason for each in plain.not_free} == dict.fromkeys("xy", "without a range")
-    ranges = {**ROBOT_RANGES, "x": lambda *_: Range(-2.0, 30.0, 16)}
-    by_name = {each.name: each.domain for each in analyse(chain, models(), ROBOT, ranges).free}
-    assert by_name["x"] == Range(-2.0, 30.0, 16)
-    assert by_name["speed"].high == ROBOT.limits.v
-    assert Refiner(ROBOT, models(), ranges=ranges).refine(world(), chain).refined
+    usual = {each.name: each.domain for each in analyse(chain, models(), ROBOT).free if each.subgoal == 0}
+    assert usual["x"] == Range(-4.0, 4.0, 16)
+    assert usual["speed"].high == ROBOT.limits.v
+    ranges = {"x": lambda *_: Range(-2.0, 30.0, 16), "yaw": USUAL_RANGES["yaw"]}
+    own = analyse(chain, models(), ROBOT, ranges)
+    assert {each.name: each.domain for each in own.free}["x"] == Range(-2.0, 30.0, 16)
+    reasons = {each.name: each.reason for each in own.not_free}
+    assert reasons == dict.fromkeys(("y", "speed"), "without a range")
+    free = Refiner(ROBOT, models(), ranges=ranges).refine(world(), chain).free
+    assert [each.name for each in free if each.subgoal == 0] == ["x", "yaw"]
 
 
 def test_soccer_keeps_to_its_field_and_to_the_speeds_that_it_has_learned() -> None:

@@ -53,7 +53,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("models")
-    save_model(folder / "carry.json", train("carry", made_up_experience("carry"), ROBOT))
+    save_model(folder / "carry.json", train("carry", made_up_experience("carry"), PARCELS.robot()))
     return folder
 
 

@@ -17,8 +17,8 @@ from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.geometry import Pose
 from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.simulation.run import TIME_LIMIT, judge, place, run_action
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.outcome import top_of
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
@@ -92,11 +92,11 @@ def execute(task: Task) -> Outcome:
 
 def execute_situation(situation: Situation, task: Task) -> Outcome:
     """Execute `situation` with the action set of `task` in a world of its own."""
-    with PioneerSimulation(load_robot()) as simulation:
+    with Simulation(load_robot()) as simulation:
         return _execute(simulation, situation, task)
 
 
-def _execute(simulation: PioneerSimulation, situation: Situation, task: Task) -> Outcome:
+def _execute(simulation: Simulation, situation: Situation, task: Task) -> Outcome:
     robot, goal = simulation.robot, situation.goal
     top = top_of(situation, SOCCER.tops, robot)
     place(simulation, World(0.0, situation.robot, situation.objects))

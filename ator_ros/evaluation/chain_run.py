@@ -11,8 +11,8 @@ from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
-from ator_ros.simulation.pioneer import CONTROL_RATE, PioneerSimulation
 from ator_ros.simulation.run import TIME_LIMIT, judge, place, run
+from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
@@ -91,7 +91,7 @@ def run_chain(
             foresight.sent(seen.time, step.command)
         return step
 
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         place(simulation, start)
         ticks = round(TIME_LIMIT * CONTROL_RATE) + 1
         done = run(simulation, steered, ticks=ticks, watch=worlds.append, observe=observe)

@@ -15,8 +15,8 @@ from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import episode_frame
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.simulation.run import TIME_LIMIT
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.outcome import NoTopError, top_of
 from ator_ros.tops.top import Top
 
@@ -68,7 +68,7 @@ def run_task(task: EpisodeTask) -> pd.DataFrame:
         top = top_of(situation, task.tops, task.robot)
     except NoTopError as error:
         raise ExperienceError(str(error)) from error
-    with PioneerSimulation(task.robot) as simulation:
+    with Simulation(task.robot) as simulation:
         action = task.action.factory(task.robot)
         episode = run_episode(simulation, action, situation, top=top, time_limit=task.time_limit)
     return episode_frame(task.episode, episode, task.objects)

@@ -13,8 +13,8 @@ from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.columns import STATE_COLUMNS
 from ator_ros.geometry import FloatArray
-from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.simulation.run import TIME_LIMIT, judge, place, run_action
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, World
 
@@ -56,7 +56,7 @@ class Episode:
 
 
 def run_episode(
-    simulation: PioneerSimulation,
+    simulation: Simulation,
     action: Action,
     situation: Situation,
     *,
@@ -67,7 +67,7 @@ def run_episode(
 
     Parameters
     ----------
-    simulation : PioneerSimulation
+    simulation : Simulation
         A fresh world; robot and objects are placed in it.
     action : Action
         Started here, and ended.

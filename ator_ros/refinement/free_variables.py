@@ -17,7 +17,7 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
-from ator_ros.tops.ranges import ROBOT_RANGES, Range, Ranges
+from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 
 
 class PredictsPerformance(Protocol):
@@ -94,7 +94,7 @@ def analyse(
     chain: TopChain,
     models: Mapping[str, PredictsPerformance],
     robot: Robot,
-    ranges: Ranges = ROBOT_RANGES,
+    ranges: Ranges = USUAL_RANGES,
 ) -> Analysis:
     """Compute the free variables of a chain.
 

@@ -27,7 +27,7 @@ from ator_ros.refinement.search import Optimum, searching, unsearched
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.ranges import ROBOT_RANGES, Range, Ranges
+from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
 LONGEST_CHAIN = 32
@@ -47,7 +47,7 @@ class Refiner:
     gate : Gate, optional
         Decides from the predictions whether refinement pays; by default it always does.
     ranges : mapping, optional
-        Goal variable to its range: those of a domain are `TopLibrary.ranges`; by default the robot's own.
+        Goal variable to its range: those of a domain are `TopLibrary.ranges`; by default the usual ones.
     calibration : Calibration, optional
         What the models' predictions miss; it is added to what is reported, after everything is decided.
     """
@@ -58,7 +58,7 @@ class Refiner:
         models: Mapping[str, PredictsPerformance],
         gate: Gate | None = None,
         *,
-        ranges: Ranges = ROBOT_RANGES,
+        ranges: Ranges = USUAL_RANGES,
         calibration: Calibration | None = None,
     ) -> None:
         self.robot = robot

@@ -10,8 +10,7 @@ from typing import Protocol, TypeVar
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.geometry import wrap_angle
-from ator_ros.robot.ball import ball_of
-from ator_ros.simulation.pioneer import CONTROL_RATE, PioneerSimulation
+from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.outcome import failure, may_settle, shortfall, unmet
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, Command, World
@@ -35,18 +34,16 @@ class Tick(Protocol):
 S = TypeVar("S", bound=Tick)
 
 
-def place(simulation: PioneerSimulation, world: World) -> None:
-    """Put the robot and the objects of `world` into the simulation."""
-    robot, ball = world.robot, ball_of(world)
+def place(simulation: Simulation, world: World) -> None:
+    """Put the robot and the objects of `world` into the simulation, those without a size excepted."""
+    robot = world.robot
     simulation.place_robot(robot.pose, v=robot.v, w=robot.w)
-    if ball is None:
-        simulation.remove_ball()
-    else:
-        simulation.place_ball(ball.x, ball.y, vx=ball.vx, vy=ball.vy)
+    known = simulation.robot.scene.objects
+    simulation.place_objects({name: there for name, there in world.objects.items() if name in known})
 
 
 def run(
-    simulation: PioneerSimulation,
+    simulation: Simulation,
     step: Callable[[World], S],
     *,
     ticks: int,
@@ -57,7 +54,7 @@ def run(
 
     Parameters
     ----------
-    simulation : PioneerSimulation
+    simulation : Simulation
         The world, in which everything has been placed.
     step : callable
         Returns what to do for an observed state.
@@ -91,7 +88,7 @@ def run(
     return None
 
 
-def settle(simulation: PioneerSimulation, top: Top, goal: Goal) -> World:
+def settle(simulation: Simulation, top: Top, goal: Goal) -> World:
     """Let objects move on, with the robot stopping, as long as `top` allows; return the true state then.
 
     It ends as soon as the post-condition holds or all its objects rest.
@@ -132,12 +129,12 @@ class Judgement:
     heading_error: float
 
 
-def judge(simulation: PioneerSimulation, top: Top, goal: Goal, status: Status, message: str) -> Judgement:
+def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgement:
     """Judge a TOP by its post-condition, which alone decides whether an action that succeeded has done so.
 
     Parameters
     ----------
-    simulation : PioneerSimulation
+    simulation : Simulation
         The world at the end of the action; objects may settle in it.
     top, goal
         What was executed.
@@ -160,7 +157,7 @@ def judge(simulation: PioneerSimulation, top: Top, goal: Goal, status: Status, m
 
 
 def run_action(
-    simulation: PioneerSimulation,
+    simulation: Simulation,
     action: Action,
     goal: Goal,
     *,
@@ -171,7 +168,7 @@ def run_action(
 
     Parameters
     ----------
-    simulation : PioneerSimulation
+    simulation : Simulation
         The world, in which everything has been placed.
     action : Action
         Started here, and ended whatever happens.

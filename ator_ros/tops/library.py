@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from ator_ros.actions.base import Action
 from ator_ros.robot.description import Robot
-from ator_ros.tops.ranges import ROBOT_RANGES, Ranges
+from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.tops.top import Top
 
 
@@ -24,7 +24,7 @@ class TopLibrary(Mapping[str, Top]):
     actions : mapping
         Makers of the actions by name, each called with the robot.
     ranges : mapping, optional
-        Ranges of the goal variables; by default those that the robot alone determines.
+        Ranges of the goal variables; by default those that robot and scene determine.
 
     Raises
     ------
@@ -39,7 +39,7 @@ class TopLibrary(Mapping[str, Top]):
         *,
         tops: Iterable[Top],
         actions: Mapping[str, Callable[[Robot], Action]],
-        ranges: Ranges = ROBOT_RANGES,
+        ranges: Ranges = USUAL_RANGES,
     ) -> None:
         self.robot = robot
         self.action_set = action_set
@@ -63,6 +63,10 @@ class TopLibrary(Mapping[str, Top]):
 
     def __len__(self) -> int:
         return len(self._tops)
+
+    def usable(self) -> list[Top]:
+        """Return the TOPs that the robot can execute: without a holder none that needs one."""
+        return [top for top in self.values() if top.lacks(self.robot) is None]
 
     def action(self, top: Top) -> Action:
         """Make a new action that executes `top`."""

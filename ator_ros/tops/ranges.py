@@ -51,9 +51,17 @@ def heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
 
 def arrival_speed(robot: Robot, goal: Goal, *, most: float = math.inf) -> Range:
     """Return the range of an arrival speed: from rest to what the robot can do, and to `most` m/s."""
-    limits = robot.dribble_limits if goal.point is Point.HOLD else robot.limits
+    limits = robot.holder_for("a goal of the hold").limits if goal.point is Point.HOLD else robot.limits
     return Range(0.0, min(limits.v, most), 6, rest=0.0)
 
 
-ROBOT_RANGES: Ranges = MappingProxyType({"yaw": heading, "speed": arrival_speed})
-"""The ranges that the robot alone determines. Places have none: how large the world is, a domain says."""
+def _x(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
+    return Range(-robot.scene.area.length / 2, robot.scene.area.length / 2, 16)
+
+
+def _y(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
+    return Range(-robot.scene.area.width / 2, robot.scene.area.width / 2, 10)
+
+
+USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": heading, "speed": arrival_speed})
+"""The ranges that the robot and its scene determine; a domain may have others."""

@@ -17,7 +17,7 @@ _GREY = "#8a8f98"  # as in `ator_ros.drawing`, which needs matplotlib
 
 def draw_field(axes: Any, robot: Robot) -> None:
     """Draw the lines around the field."""
-    length, width = robot.field.length, robot.field.width
+    length, width = robot.scene.area.length, robot.scene.area.width
     lines = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * [length / 2.0, width / 2.0]
     axes.plot(*lines.T, color=_GREY, lw=0.8)
 
