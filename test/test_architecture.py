@@ -112,7 +112,10 @@ DOMAIN_WORDS = re.compile(
     r"|\b(?:ball and|on|off) the field\b|\bfield's\b|\brobot(?:'s)? field\b|\bfield of\("
 )
 """Words of soccer and of one robot. "Field" is also one of a message, a file or a dataclass."""
-OF_SOCCER = {"report/soccer_slices.py", "tools/demo.py", "tools/demo_client.py", "tools/demo_report.py", "tools/paper_models.py"}
+OF_SOCCER = {
+    "report/soccer_slices.py",
+    *("tools/demo.py", "tools/demo_client.py", "tools/demo_report.py", "tools/paper_models.py"),
+}
 """Tools that show soccer, or the paper's experiments in it; with what lies in domains/soccer."""
 SAID = {
     "domains/domain.py": ('DEFAULT = "soccer"',),  # the default of `find_domain`
