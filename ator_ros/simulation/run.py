@@ -36,10 +36,11 @@ S = TypeVar("S", bound=Tick)
 
 
 def place(simulation: Simulation, world: World) -> None:
-    """Put the robot and the objects of `world` into the simulation."""
+    """Put the robot and the objects of `world` into the simulation, those without a size excepted."""
     robot = world.robot
     simulation.place_robot(robot.pose, v=robot.v, w=robot.w)
-    simulation.place_objects(world.objects)
+    known = simulation.robot.scene.objects
+    simulation.place_objects({name: there for name, there in world.objects.items() if name in known})
 
 
 def run(

@@ -56,7 +56,7 @@ def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> Refi
 def _messages_alone() -> Answer:
     """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
     robot = DOMAIN.robot()
-    library, refiner = DOMAIN.library(robot), Refiner(robot, load_models(robot))
+    library, refiner = DOMAIN.library(robot), Refiner(robot, load_models(robot), ranges=DOMAIN.variables)
     known: list[Refinement] = []
 
     def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:

@@ -40,6 +40,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
             actions,
             domain.tops,
             robot,
+            objects=domain.objects,
             episodes=options.episodes,
             seed=options.seed,
             jobs=options.jobs,

@@ -15,7 +15,7 @@ from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.ruler import over_time_optimal
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import write_text
-from ator_ros.report.action_slices import draw_slices
+from ator_ros.report.soccer_slices import draw_slices
 
 RULED = ("pose", "approach", "dribble")
 

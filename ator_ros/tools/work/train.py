@@ -41,18 +41,18 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     if options.experience:
         _train(domain, options, robot, folder, command)
     elif options.fresh:
-        _measure_again(options, robot, folder)
+        _measure_again(domain, options, robot, folder)
     if options.report:
-        _report(options.report, robot, folder)
+        _report(domain, options.report, robot, folder)
     return 0
 
 
 def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
-    experience = _read(options.experience, robot, options.action_set)
+    experience = _read(domain, options.experience, robot, options.action_set)
     rows, source = experience.frame, experience.metadata
     fresh = Experience(rows[:0], {})
     if options.fresh:
-        fresh = _read(options.fresh, robot, source["action_set"])
+        fresh = _read(domain, options.fresh, robot, source["action_set"])
     by_action = dict(iter(rows.groupby("action", sort=False)))
     errors: list[str] = []
     for action, examples in by_action.items():
@@ -86,20 +86,21 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
     if options.ablation and len(fresh.frame):
-        lines = ablation_table(by_action, dict(iter(fresh.frame.groupby("action"))), robot, seed=fresh.seed)
+        others = dict(iter(fresh.frame.groupby("action")))
+        lines = ablation_table(by_action, others, robot, domain, seed=fresh.seed)
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
 
 
-def _read(paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
-    experience = read_sources(paths, robot, action_set)
+def _read(domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
+    experience = read_sources(paths, robot, domain, action_set)
     if left_out := experience.metadata["records_left_out"]:
         print(f"train: left out {left_out} records with numbers that cannot be", file=sys.stderr)
     return experience
 
 
-def _measure_again(options: argparse.Namespace, robot: Robot, folder: Path) -> None:
+def _measure_again(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> None:
     """Measure the models there are on fresh episodes; their trees stay as they are."""
-    fresh = _read(options.fresh, robot, options.action_set)
+    fresh = _read(domain, options.fresh, robot, options.action_set)
     for action, tests in fresh.frame.groupby("action", sort=False):
         file = folder / model_path(action, fresh.metadata["action_set"])
         model = load_model(file, robot)
@@ -160,11 +161,12 @@ def _situation(words: Sequence[str]) -> dict[str, float]:
     return situation
 
 
-def _report(file: Path, robot: Robot, folder: Path) -> None:
+def _report(domain: Domain, file: Path, robot: Robot, folder: Path) -> None:
     found = sorted(filter(is_model, folder.rglob("*.json")))
     models = [load_model(path, robot) for path in found]
     models = [model for model in models if model.metadata["accuracy"]]
-    lines = [*accuracy_table(models), "", "## Success", "", *success_table(models)]
+    table = accuracy_table(models, domain.presentation.published)
+    lines = [*table, "", "## Success", "", *success_table(models)]
     command = portable_command("train", ["--report", str(file)])
     write_text(file, _document("Accuracy of the performance models", command, "\n".join(lines)))
 

@@ -1,4 +1,4 @@
-"""Duration against the start's heading in a few slices: regular actions give smooth curves."""
+"""Duration of soccer's actions against the start's heading, in slices: regular actions give smooth curves."""
 
 from __future__ import annotations
 
