@@ -18,6 +18,7 @@ from experience_rows import made_up_experience
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import read_experience
@@ -32,7 +33,7 @@ from ator_ros.robot.description import ConfigError, load_robot
 ROBOT = load_robot()
 LOADERS: dict[str, tuple[Callable[[Path], Any], type[Exception]]] = {
     "pioneer.yaml": (load_robot, ConfigError),
-    "model.json": (lambda file: load_model(file, ROBOT), ModelFileError),
+    "model.json": (lambda file: load_model(file, ROBOT, SOCCER.known_features), ModelFileError),
     "gate.json": (load_gate, RefinementError),
     "calibration.json": (load_calibration, RefinementError),
     "table.parquet": (read_experience, ExperienceError),

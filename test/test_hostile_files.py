@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from experience_rows import made_up_experience
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience import recordings, table
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
@@ -87,7 +88,7 @@ def test_a_pipe_that_nobody_writes_to_is_refused_at_once(tmp_path: Path) -> None
 
 def refuses_both(file: Path) -> None:
     with pytest.raises(ModelFileError, match="expected an ordinary file, got a folder, a pipe or a device"):
-        load_model(file, ROBOT)
+        load_model(file, ROBOT, SOCCER.known_features)
     with pytest.raises(RefinementError, match="expected an ordinary file"):
         load_gate(file)
 

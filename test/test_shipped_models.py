@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.performance.model_file import is_model, load_model
 from ator_ros.report.accuracy_tables import accuracy_table
 from ator_ros.resources import resource_path
@@ -21,7 +22,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        model = load_model(file, ROBOT)
+        model = load_model(file, ROBOT, SOCCER.known_features)
     accuracy, training = model.metadata["accuracy"], model.metadata["training"]
     for name in ("mae_s", "rmse_s"):
         low, high = accuracy[f"{name}_ci95"]
@@ -38,5 +39,5 @@ def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
 
 def test_the_table_of_accuracy_is_theirs() -> None:
     told = (DOCS / "accuracy.md").read_text(encoding="utf-8")
-    for line in accuracy_table(load_model(file, ROBOT) for file in FILES):
+    for line in accuracy_table(load_model(file, ROBOT, SOCCER.known_features) for file in FILES):
         assert line in told

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
 
 from ator_ros.actions.specification import ActionSpec
+from ator_ros.performance.features import GENERAL, Feature
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
@@ -49,12 +51,14 @@ class Domain:
         Names of the objects that conditions speak of; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute in them, by name; evaluations use them.
+    features : tuple of Feature
+        The features that the domain adds to the general ones.
 
     Raises
     ------
     DomainError
-        There is no default set of actions, a set lacks an action that a TOP names, or a condition names an
-        object that `objects` lacks.
+        There is no default set of actions, a set lacks an action that a TOP names, a condition names an
+        object that `objects` lacks, or an action names a feature that there is not.
     """
 
     name: str
@@ -62,6 +66,7 @@ class Domain:
     action_sets: Mapping[str, tuple[ActionSpec, ...]]
     objects: tuple[str, ...]
     chains: Mapping[str, ChainSampler]
+    features: tuple[Feature, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that objects and every set of actions are complete."""
@@ -82,6 +87,24 @@ class Domain:
                     f"domain {self.name}: action set {action_set!r}: expected the actions {missing} of its "
                     f"TOPs, it has {sorted(names)}"
                 )
+        self._check_features()
+
+    def _check_features(self) -> None:
+        names = [*GENERAL, *(feature.name for feature in self.features)]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise DomainError(f"domain {self.name}: features: expected each name once, {twice} are repeated")
+        for action_set, specs in self.action_sets.items():
+            for spec in specs:
+                if unknown := [name for name in spec.features if name not in names]:
+                    raise DomainError(
+                        f"domain {self.name}: action set {action_set!r}: {spec.name}: features: "
+                        f"expected some of {names}, got {unknown}"
+                    )
+
+    @cached_property
+    def known_features(self) -> Mapping[str, Feature]:
+        """The general features and the domain's own, by name: those that its model files may name."""
+        return {**GENERAL, **{feature.name: feature for feature in self.features}}
 
     @property
     def shipped_models(self) -> Path:
@@ -103,10 +126,10 @@ class Domain:
             )
         return {spec.name: spec for spec in self.action_sets[action_set]}
 
-    def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[str, ...]:
-        """Return the candidate features of an action; all general ones where the domain names none."""
+    def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
+        """Return the candidate features of an action; the general ones where the domain names none."""
         chosen = {spec.name: spec.features for spec in self.action_sets.get(action_set, ())}
-        return chosen.get(action) or CANDIDATES
+        return tuple(self.known_features[name] for name in chosen.get(action, ())) or CANDIDATES
 
     def library(self, robot: Robot, action_set: str = DEFAULT_SET) -> TopLibrary:
         """Return the TOPs of the domain with the actions of one set.

@@ -72,9 +72,9 @@ class ToolsetSource:
         ModelFileError
             A model cannot be used.
         """
-        robot = load_robot()
+        robot, features = load_robot(), find_domain(self.domain).known_features
         files = {action: self.folder() / f"{action}.json" for action in self._actions(chain, robot)}
-        models = {action: model_digest(load_model(file, robot)) for action, file in files.items()}
+        models = {action: model_digest(load_model(file, robot, features)) for action, file in files.items()}
         return {"robot": robot.digest(), **models}
 
     def _actions(self, chain: str, robot: Robot) -> list[str]:
@@ -123,19 +123,20 @@ def make_toolset(source: ToolsetSource) -> Toolset:
         An existing file cannot be used; the message names it.
     """
     domain, robot, folder = find_domain(source.domain), load_robot(), source.folder()
-    actions = list(domain.actions(source.action_set))
+    actions, features = list(domain.actions(source.action_set)), domain.known_features
     models: dict[str, Models] = {
-        "learned": {action: load_model(folder / f"{action}.json", robot) for action in actions},
+        "learned": {action: load_model(folder / f"{action}.json", robot, features) for action in actions},
         "bitbots": {action: bitbots(action, robot) for action in actions},
         "booster": {action: booster(action, robot) for action in actions},
-        "ideal_time": ideal_times(robot),
+        "ideal_time": ideal_times(domain, robot, source.action_set),
         "turn_drive_turn": plain_times(robot),
     }
     if (folder / BASELINES).exists():
         models |= load_baselines(folder / BASELINES, robot)
     if source.experience:
         models["hist_gradient_boosting"] = {
-            action: BoostedTime(robot).fit(rows) for action, rows in read_rows(source.experience).items()
+            action: BoostedTime(robot, tuple(features.values())).fit(rows)
+            for action, rows in read_rows(source.experience).items()
         }
     gate = load_gate(folder / GATE, source.action_set) if (folder / GATE).exists() else OpenGate()
     return Toolset(domain, robot, models, gate, load_calibration_if_any(folder))

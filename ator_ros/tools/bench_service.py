@@ -56,7 +56,7 @@ def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> Refi
 def _messages_alone() -> Answer:
     """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
     robot = load_robot()
-    library, refiner = SOCCER.library(robot), Refiner(robot, load_models(robot))
+    library, refiner = SOCCER.library(robot), Refiner(robot, load_models(robot, SOCCER.known_features))
     known: list[Refinement] = []
 
     def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:

@@ -165,7 +165,7 @@ def main() -> None:
     options = parser.parse_args()
     robot = load_robot()
     began = time.monotonic()
-    counts = fuzz(options.requests, options.seed, Refiner(robot, load_models(robot)))
+    counts = fuzz(options.requests, options.seed, Refiner(robot, load_models(robot, SOCCER.known_features)))
     report = {
         "command": "scripts/run python test/nodes/fuzz_refinement.py"
         f" --requests {options.requests} --seed {options.seed}",
