@@ -6,15 +6,16 @@ import itertools
 
 import numpy as np
 
+from ator_ros.domains.soccer.families import approach_family, dribble_family, shot_family
+from ator_ros.domains.soccer.planned.release import usual_release
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.motion.families import Family, approach_family, dribble_family, drive_family, shot_family
+from ator_ros.motion.families import Family, drive_family
 from ator_ros.motion.ideal_times import Motions
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, variables
 
-# The ideal shots, nine of them; the action itself chooses among more: m before the goal at which the ball is
-# let go, and where into the goal's mouth, in shares of its width from the middle, in which direction (rad).
-RELEASE = 0.33
+# The ideal shots, nine of them; the action itself chooses among more: where into the goal's mouth, in shares
+# of its width from the middle, in which direction (rad).
 _AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
 
 
@@ -23,7 +24,7 @@ def drive(geometry: Geometry) -> Motions:
     holding = geometry.direct["hold"] > 0.5
     if holding.all():
         return _to_goal(geometry, approach_family(geometry.robot))
-    plain = _to_goal(geometry, drive_family(geometry.robot))
+    plain = _to_goal(geometry, drive_family(geometry.robot.limits))
     if not holding.any():
         return plain
     approach = _to_goal(geometry, approach_family(geometry.robot))
@@ -44,7 +45,7 @@ def _to_goal(geometry: Geometry, family: Family) -> Motions:
 def shot(geometry: Geometry) -> Motions:
     """Return the fastest ideal motion with the ball to a run, at full speed, into the goal's mouth."""
     d, robot = geometry.direct, geometry.robot
-    back, width = RELEASE + robot.hold, robot.field.goal_width
+    back, width = usual_release(robot) + robot.hold, robot.field.goal_width
     heading = np.where(d["xg"] > 0.0, 0.0, np.pi) + _SHOTS
     x = d["xg"] - back * np.cos(heading)
     y = d["yg"] + width * _AIMS - back * np.sin(heading)

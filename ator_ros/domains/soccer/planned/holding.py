@@ -36,6 +36,17 @@ def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
     return acceleration - robot.hold * w * w + resistance
 
 
+def fastest_rate(robot: Robot, v: float, acceleration: float, slower: int = 0) -> float:
+    """Return the greatest turn rate in rad/s, of some, that keeps the ball at `v` (m/s) and an acceleration.
+
+    Where none does, the least of them: a robot so weak loses the ball in any turn. `slower` is a number of
+    steps to a slower rate, or a faster one where it is negative.
+    """
+    rates = [rate * robot.dribble_limits.w for rate in _RATES]
+    kept = (step for step, w in enumerate(rates) if push(robot, v, w, acceleration) >= MARGIN)
+    return rates[min(max(next(kept, len(rates)) + slower, 0), len(rates) - 1)]
+
+
 @lru_cache(maxsize=256)
 def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
     """Return the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn."""

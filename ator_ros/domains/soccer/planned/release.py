@@ -152,6 +152,12 @@ def _rolling_time(robot: Robot, speed: Any, way: Any) -> FloatArray:
     return np.asarray((speed - left) / deceleration)
 
 
+def usual_release(robot: Robot) -> float:
+    """Return how far before the goal line, in m, a ball is let go at full speed; negative: behind it."""
+    speed = robot.dribble_limits.v
+    return round(_roll(robot) * speed * speed - robot.ball.radius, 2)
+
+
 def _roll(robot: Robot) -> float:
     """Return how far a ball is sent before it is let go, in m per (m/s)^2."""
     return _ROLL_SHARE / (2.0 * robot.ball.rolling_deceleration)
