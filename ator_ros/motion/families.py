@@ -2,8 +2,8 @@
 
 A family is a few kinds of motion, each a turn, a straight drive, a turn and a straight run, of which the
 fastest counts. Kinds are given as shares of the limits, so that every robot has its own. Those of
-`drive_family` were chosen one by one, each as the one that brings the times nearest to those of all combinations
-of a fine grid; a test compares them with such a grid for small, heavy and quick robots.
+`drive_family` were chosen one by one, each as the one that brings the times nearest to those of all
+combinations of a fine grid; a test compares them with such a grid for small, heavy and quick robots.
 """
 
 from __future__ import annotations
@@ -135,12 +135,20 @@ _DRIVES = (
     FreeTurns(0.6, 0.6),
     FreeTurns(-0.3, -1.0, backward=True),
 )
+_WEAK = 0.25
+_DRIVES_OF_THE_WEAK = (FreeTurns(0.0, 0.0), FreeTurns(1.0, 0.3), FreeTurns(0.3, 1.0), FreeTurns(-0.3, -0.3))
 
 
 @lru_cache(maxsize=8)
 def drive_family(limits: Limits) -> Family:
     """Return the motions to a pose, forward or in reverse, of a robot with these limits."""
-    return Family(limits, free_kinds(limits, _DRIVES))
+    weak = gained_in_turn(limits) < _WEAK
+    return Family(limits, free_kinds(limits, (*_DRIVES, *_DRIVES_OF_THE_WEAK) if weak else _DRIVES))
+
+
+def gained_in_turn(limits: Limits) -> float:
+    """Return the speed gained in a turn by 1 rad as a share of full speed: weak robots need more kinds."""
+    return limits.a / (limits.v * limits.w)
 
 
 def free_kinds(limits: Limits, rows: Iterable[FreeTurns]) -> tuple[Kind, ...]:

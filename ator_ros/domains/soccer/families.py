@@ -14,7 +14,7 @@ import numpy as np
 
 from ator_ros.domains.soccer.planned.holding import fastest_rate
 from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
-from ator_ros.motion.families import Family, FreeTurns, Kind, free_kinds
+from ator_ros.motion.families import Family, FreeTurns, Kind, free_kinds, gained_in_turn
 from ator_ros.motion.turns import Way
 from ator_ros.robot.description import Robot
 
@@ -29,10 +29,18 @@ _APPROACHES = (
     FreeTurns(-0.6, -1.0, backward=True, share=0.8),
     FreeTurns(0.1, 0.0, share=0.35),
 )
+_APPROACHES_OF_THE_WEAK = (
+    FreeTurns(0.0, 0.25, share=1.0),
+    FreeTurns(-0.25, 0.0),
+    FreeTurns(1.0, 0.25, share=0.8),
+    FreeTurns(0.25, 0.6, share=1.0),
+)
 _AT_ONCE = np.nan
+# Speed gained in a turn below which there are more kinds, see `gained_in_turn`: without a ball, and with one.
+_WEAK, _WEAK_WITH_BALL = 0.25, 0.5
 
 
-class Pushing(NamedTuple):
+class PushedTurns(NamedTuple):
     """A kind of motion with the ball; speeds and their changes are shares of the limits.
 
     Attributes
@@ -54,41 +62,49 @@ class Pushing(NamedTuple):
     slower: int = 0
 
 
-_DRIBBLES: tuple[Pushing, ...] = (
-    Pushing(_AT_ONCE, 0.75, 0.0, 0.5),
-    Pushing(0.55, 0.0, 0.0, 0.4),
-    Pushing(0.1, 0.0, 0.0, 0.1),
-    Pushing(_AT_ONCE, 0.96, 0.5, 0.3),
-    Pushing(0.2, 0.25, 0.0, 0.4),
-    Pushing(_AT_ONCE, 0.96, 0.5, 0.6),
-    Pushing(_AT_ONCE, 0.96, 0.0, 0.4),
-    Pushing(0.2, 0.25, 0.0, 0.2),
-    Pushing(_AT_ONCE, 0.96, 0.0, 0.95),
-    Pushing(0.1, 0.0, 0.0, 0.3),
-    Pushing(_AT_ONCE, 0.96, 0.9, 0.4),
-    Pushing(_AT_ONCE, 0.75, 0.0, 0.75),
+_DRIBBLES: tuple[PushedTurns, ...] = (
+    PushedTurns(_AT_ONCE, 0.75, 0.0, 0.5),
+    PushedTurns(0.55, 0.0, 0.0, 0.4),
+    PushedTurns(0.1, 0.0, 0.0, 0.1),
+    PushedTurns(_AT_ONCE, 0.96, 0.5, 0.3),
+    PushedTurns(0.2, 0.25, 0.0, 0.4),
+    PushedTurns(_AT_ONCE, 0.96, 0.5, 0.6),
+    PushedTurns(_AT_ONCE, 0.96, 0.0, 0.4),
+    PushedTurns(0.2, 0.25, 0.0, 0.2),
+    PushedTurns(_AT_ONCE, 0.96, 0.0, 0.95),
+    PushedTurns(0.1, 0.0, 0.0, 0.3),
+    PushedTurns(_AT_ONCE, 0.96, 0.9, 0.4),
+    PushedTurns(_AT_ONCE, 0.75, 0.0, 0.75),
+)
+_DRIBBLES_OF_THE_WEAK: tuple[PushedTurns, ...] = (
+    PushedTurns(0.55, 0.75, 0.9, 0.5),
+    PushedTurns(0.1, 0.96, 0.5, 0.5),
+    PushedTurns(0.55, 0.0, 0.0, 0.5),
+    PushedTurns(0.55, 0.5, 0.9, 0.2),
 )
 # Two last turns are a step off what the ball allows: the shipped models were learned with them.
-_SHOTS: tuple[Pushing, ...] = (
-    Pushing(_AT_ONCE, 0.75, 0.0, 0.5),
-    Pushing(_AT_ONCE, 0.96, 0.0, 0.75),
-    Pushing(0.1, 0.0, 0.0, 0.3, slower=1),
-    Pushing(0.2, 0.25, 0.0, 0.3, slower=-1),
-    Pushing(0.55, 0.0, 0.0, 0.5),
+_SHOTS: tuple[PushedTurns, ...] = (
+    PushedTurns(_AT_ONCE, 0.75, 0.0, 0.5),
+    PushedTurns(_AT_ONCE, 0.96, 0.0, 0.75),
+    PushedTurns(0.1, 0.0, 0.0, 0.3, slower=1),
+    PushedTurns(0.2, 0.25, 0.0, 0.3, slower=-1),
+    PushedTurns(0.55, 0.0, 0.0, 0.5),
 )
 
 
 @lru_cache(maxsize=8)
 def approach_family(robot: Robot) -> Family:
     """Return the motions up to a ball: forward or in reverse to behind it, then straight."""
-    kinds = free_kinds(robot.limits, _APPROACHES)
+    weak = gained_in_turn(robot.limits) < _WEAK
+    kinds = free_kinds(robot.limits, (*_APPROACHES, *_APPROACHES_OF_THE_WEAK) if weak else _APPROACHES)
     return Family(robot.limits, kinds, run=approach_run(robot), passing=passing_distance(robot))
 
 
 @lru_cache(maxsize=8)
 def dribble_family(robot: Robot) -> Family:
     """Return the motions with the ball: forward only, no turn faster than the ball allows."""
-    return _pushing(robot, _DRIBBLES)
+    weak = gained_in_turn(robot.dribble_limits) < _WEAK_WITH_BALL
+    return _pushing(robot, (*_DRIBBLES, *_DRIBBLES_OF_THE_WEAK) if weak else _DRIBBLES)
 
 
 @lru_cache(maxsize=8)
@@ -97,7 +113,7 @@ def shot_family(robot: Robot) -> Family:
     return _pushing(robot, _SHOTS)
 
 
-def _pushing(robot: Robot, rows: Iterable[Pushing]) -> Family:
+def _pushing(robot: Robot, rows: Iterable[PushedTurns]) -> Family:
     limits, kinds = robot.dribble_limits, []
     for entry, gain, loss, after, slower in rows:
         first, last = gain * limits.a, loss * limits.brake
