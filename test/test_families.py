@@ -13,7 +13,7 @@ from ator_ros.domains.soccer.planned.holding import MARGIN, fastest_rate, push
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.families import Family, FreeTurns, Kind, drive_family, free_kinds
 from ator_ros.motion.ideal_times import fastest_motions
-from ator_ros.motion.turns import Way
+from ator_ros.motion.turn_tables import Way
 from ator_ros.robot.description import Limits, Robot
 
 every_robot = pytest.mark.parametrize("robot", [PIONEER, *OTHERS], ids=lambda robot: robot.name)

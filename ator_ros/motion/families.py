@@ -17,7 +17,7 @@ import numpy as np
 
 from ator_ros.motion.durations import rates_of
 from ator_ros.motion.motion_search import KIND, Rows, Rules
-from ator_ros.motion.turns import TurnTables, Way, turn_tables
+from ator_ros.motion.turn_tables import TurnTables, Way, turn_tables
 from ator_ros.robot.description import Limits
 
 _DETOUR = 7.2

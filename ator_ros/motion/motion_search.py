@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Rates, change_distance, drive_time, forward_time, turn_time
-from ator_ros.motion.turns import (
+from ator_ros.motion.turn_tables import (
     HALF,
     STEP,
     TURNS,

@@ -15,7 +15,7 @@ import numpy as np
 from ator_ros.domains.soccer.planned.holding import fastest_rate
 from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
 from ator_ros.motion.families import Family, FreeTurns, Kind, free_kinds, gained_in_turn
-from ator_ros.motion.turns import Way
+from ator_ros.motion.turn_tables import Way
 from ator_ros.robot.description import Robot
 
 # Kinds were chosen as those of `drive_family`; all numbers are shares of the limits.

@@ -7,13 +7,13 @@ import math
 
 from ator_ros.actions.base import Goal, Point, Status, Step
 from ator_ros.domains.soccer.planned.clearance import Obstacles
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import fastest, free_sides, run_sides
-from ator_ros.domains.soccer.planned.planning import Planning
-from ator_ros.domains.soccer.planned.ways import ways_to_drive
 from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.planning import Planning
+from ator_ros.motion.ways import ways_to_drive
 from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, World

@@ -7,8 +7,8 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 
-from ator_ros.domains.soccer.planned.manoeuvre import Side
-from ator_ros.domains.soccer.planned.turns import TurnDriving
+from ator_ros.motion.displacements import TurnDriving
+from ator_ros.motion.manoeuvre import Side
 from ator_ros.robot.description import Limits, Robot
 
 MARGIN = 0.05  # m/s^2 of push that is always left

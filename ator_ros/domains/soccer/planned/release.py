@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
-from ator_ros.domains.soccer.planned.profiles import straight_times
 from ator_ros.geometry import BoolArray, FloatArray, Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.profiles import straight_times
 from ator_ros.robot.description import Limits, Robot
 
 SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
