@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from robots import FIFTH, OTHERS, PIONEER
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.families import approach_family, dribble_family, shot_family
 from ator_ros.domains.soccer.planned.holding import MARGIN, fastest_rate, push
+from ator_ros.experience.collect import EpisodeTask, run_task
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.families import Family, FreeTurns, Kind, drive_family, free_kinds
 from ator_ros.motion.ideal_times import fastest_motions
@@ -84,3 +86,11 @@ def test_lengths_and_speeds_follow_the_robot() -> None:
     for robot in OTHERS:
         entries = [kind.entry for family in (dribble_family, shot_family) for kind in family(robot).kinds]
         assert np.nanmax(entries) <= robot.dribble_limits.v
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("robot", OTHERS, ids=lambda robot: robot.name)
+@pytest.mark.parametrize("action", list(SOCCER.actions()))
+def test_other_robots_execute_what_is_sampled(action: str, robot: Robot) -> None:
+    tasks = [EpisodeTask(SOCCER.actions()[action], robot, 7, number) for number in range(8)]
+    assert all(run_task(task)["success"].iloc[0] for task in tasks)
