@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 
-from ator_ros.robot.description import Limits, Robot, load_robot
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.robot.description import Limits, Robot
 
-PIONEER = load_robot()
+PIONEER = SOCCER.robot()
 
 
 def _robot(name: str, limits: Limits, dribble_limits: Limits, **sizes: float) -> Robot:
-    return dataclasses.replace(PIONEER, name=name, limits=limits, dribble_limits=dribble_limits, **sizes)
+    holder = dataclasses.replace(PIONEER.holder_for("a test"), limits=dribble_limits)
+    return dataclasses.replace(PIONEER, name=name, limits=limits, holder=holder, **sizes)
 
 
 SLOW = _robot(

@@ -12,6 +12,7 @@ from refinement_fakes import LIBRARY, ROBOT, models
 
 from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.situations import SHORTEST
 from ator_ros.domains.soccer.thresholds import ball_clearance
 from ator_ros.evaluation.chain_run import TIME_LIMIT, run_chain
@@ -61,7 +62,7 @@ class TestTrials:
             assert ball.distance(goal) >= SHORTEST
 
     def test_shooting_positions_lie_before_the_goal(self) -> None:
-        x, y = ROBOT.field.goal_centre()
+        x, y = field_of(ROBOT).goal_centre()
         for index in range(100):
             place = trial(index, "shoot").chain.calls[1].goal.pose
             low, high = SHOOTING_DISTANCE

@@ -14,7 +14,9 @@ from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.specification import ActionSpec
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
 from ator_ros.domains.soccer.planned.clearance import ball_distances
 from ator_ros.domains.soccer.situations import (
@@ -33,9 +35,8 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
 
 
@@ -65,13 +66,14 @@ def draw(action: str, robot: Robot, count: int = 300) -> list[Situation]:
 def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: Robot) -> None:
     for situation in draw(action, robot):
         for x, y in [situation.goal.pose[:2]] + [(b.x, b.y) for b in [ball_of(situation)] if b]:
-            assert abs(x) <= robot.field.length / 2
-            assert abs(y) <= robot.field.width / 2
+            assert abs(x) <= field_of(robot).length / 2
+            assert abs(y) <= field_of(robot).width / 2
         assert abs(situation.robot.v) <= robot.limits.v
         assert abs(situation.robot.w) <= robot.limits.w
-        assert 0.0 <= situation.goal.speed <= robot.dribble_limits.v
+        fastest = robot.holder_for("a test").limits.v
+        assert 0.0 <= situation.goal.speed <= fastest
         if ball_of(situation) is not None and action != "goToPose":
-            assert situation.robot.v <= robot.dribble_limits.v
+            assert situation.robot.v <= fastest
 
 
 @every_robot
@@ -113,7 +115,7 @@ def test_the_ball_is_held_and_moves_with_the_robot_at_the_start(action: str, rob
 
 
 def test_shots_start_within_range_of_the_goal(robot: Robot) -> None:
-    x, y = robot.field.goal_centre()
+    x, y = field_of(robot).goal_centre()
     distances = [math.hypot(ball_of(s).x - x, ball_of(s).y - y) for s in draw("shoot", robot) if ball_of(s)]
     assert min(distances) >= SHOT_RANGE[0]
     assert max(distances) <= SHOT_RANGE[1]
@@ -124,7 +126,7 @@ def plain(robot: Robot, goal: Pose) -> Situation:
 
 
 def test_episode_logs_at_10_hz_until_the_action_has_ended(robot: Robot) -> None:
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         episode = run_episode(simulation, TurnDriveTurn(robot), plain(robot, Pose(1.0, 0.5, 1.0)))
     assert episode.success
     assert episode.position_error < 0.06
@@ -134,7 +136,7 @@ def test_episode_logs_at_10_hz_until_the_action_has_ended(robot: Robot) -> None:
 
 
 def test_episode_ends_at_the_time_limit_as_a_failure(robot: Robot) -> None:
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         episode = run_episode(
             simulation, TurnDriveTurn(robot), plain(robot, Pose(3.0, 0.0, 0.0)), time_limit=1.0
         )
@@ -144,7 +146,7 @@ def test_episode_ends_at_the_time_limit_as_a_failure(robot: Robot) -> None:
 
 
 def test_an_action_that_cannot_start_is_a_failure_with_its_reason(robot: Robot) -> None:
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         episode = run_episode(simulation, TurnDriveTurn(robot), plain(robot, Pose(math.nan, 0.0, 0.0)))
     assert not episode.success
     assert episode.reason.startswith("not started: expected a finite goal")
@@ -153,7 +155,7 @@ def test_an_action_that_cannot_start_is_a_failure_with_its_reason(robot: Robot) 
 def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None:
     goal = Goal(Pose(1.0, 0.0, math.pi), 0.0, Point.HOLD)  # straight through the ball
     situation = Situation("goToPose", RobotState(Pose(-0.5, 0.0, 0.0)), {BALL: ObjectState(0.9, 0.0)}, goal)
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         episode = run_episode(simulation, TurnDriveTurn(robot), situation)
     assert not episode.success
     assert "but the ball is not held" in episode.reason

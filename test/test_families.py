@@ -56,7 +56,7 @@ def test_approaches_are_nearly_as_fast_as_those_of_a_fine_grid(robot: Robot) -> 
 
 @every_robot
 def test_dribbles_are_nearly_as_fast_as_those_of_a_fine_grid(robot: Robot) -> None:
-    limits, kinds = robot.dribble_limits, []
+    limits, kinds = robot.holder_for("a test").limits, []
     for entry, gain, loss, after in itertools.product(
         (np.nan, 0.1, 0.2, 0.55), (0.0, 0.25, 0.75, 0.96), (0.0, 0.5, 0.9), (0.1, 0.2, 0.4, 0.6, 0.95)
     ):
@@ -75,7 +75,7 @@ def test_turns_with_the_ball_hold_it(robot: Robot) -> None:
     for kind in dribble_family(robot).kinds:
         entry = np.nan_to_num(kind.entry)
         assert push(robot, float(entry), kind.first.rate, kind.first.change) >= MARGIN
-        after = kind.share * robot.dribble_limits.v
+        after = kind.share * robot.holder_for("a test").limits.v
         assert push(robot, after, kind.last.rate, -kind.last.change) >= MARGIN
 
 
@@ -85,7 +85,7 @@ def test_lengths_and_speeds_follow_the_robot() -> None:
     assert approach_family(FIFTH).passing == pytest.approx(0.4 - PIONEER.half_width + FIFTH.half_width)
     for robot in OTHERS:
         entries = [kind.entry for family in (dribble_family, shot_family) for kind in family(robot).kinds]
-        assert np.nanmax(entries) <= robot.dribble_limits.v
+        assert np.nanmax(entries) <= robot.holder_for("a test").limits.v
 
 
 @pytest.mark.long

@@ -25,7 +25,7 @@ def test_turns_take_the_same_time(robot: Robot) -> None:
 
 @every_robot
 def test_straight_drives_take_the_same_time(robot: Robot) -> None:
-    limits, rng = robot.dribble_limits, np.random.default_rng(3)
+    limits, rng = robot.holder_for("a test").limits, np.random.default_rng(3)
     distance = rng.uniform(-3.0, 3.0, 300)
     before, after = rng.uniform(-limits.v, limits.v, (2, 300))
     planned = profiles.straight_times(distance, before, after, limits)

@@ -18,7 +18,7 @@ from ator_ros.experience.episode import place
 from ator_ros.geometry import Pose
 from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState
 
 KINDS = ("pose", "approach", "dribble", "shoot")
@@ -92,11 +92,11 @@ def execute(task: Task) -> Outcome:
 
 def execute_situation(situation: Situation, task: Task) -> Outcome:
     """Execute `situation` with the action set of `task` in a world of its own."""
-    with PioneerSimulation(load_robot()) as simulation:
+    with Simulation(load_robot()) as simulation:
         return _execute(simulation, situation, task)
 
 
-def _execute(simulation: PioneerSimulation, situation: Situation, task: Task) -> Outcome:
+def _execute(simulation: Simulation, situation: Situation, task: Task) -> Outcome:
     robot, goal = simulation.robot, situation.goal
     place(simulation, situation)
     action = SOCCER.actions(task.action_set)[situation.action].factory(robot)

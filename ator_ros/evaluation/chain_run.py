@@ -12,7 +12,7 @@ from ator_ros.experience.episode import HELD, coast
 from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
-from ator_ros.simulation.pioneer import CONTROL_RATE, PioneerSimulation
+from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
@@ -85,11 +85,9 @@ def run_chain(
     path: list[tuple[float, float, float, float]] = []
     last = math.nan
     executor = ChainExecutor(library, chain, time_limit=TIME_LIMIT, fetches=fetches)
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
-        placed = ball_of(start)
-        if placed is not None:
-            simulation.place_ball(placed.x, placed.y, vx=placed.vx, vy=placed.vy)
+        simulation.place_objects(start.objects)
         for tick in range(round(TIME_LIMIT * CONTROL_RATE) + 1):
             world = simulation.world()
             ball = ball_of(world)
@@ -113,7 +111,7 @@ def run_chain(
 
 
 def _judge(
-    simulation: PioneerSimulation,
+    simulation: Simulation,
     executor: ChainExecutor,
     chain: TopChain,
     status: Status,
@@ -129,13 +127,13 @@ def _judge(
     return ChainRun(TIME_LIMIT, False, reason, actions, error, path)
 
 
-def _outcome(simulation: PioneerSimulation, chain: TopChain, world: World) -> tuple[bool, str, float]:
+def _outcome(simulation: Simulation, chain: TopChain, world: World) -> tuple[bool, str, float]:
     """Return whether the chain achieved its purpose, a sentence for the case that not, and the error in m."""
     robot, last = simulation.robot, chain.calls[-1]
     if last.top.action == "shoot":
         ball = ball_of(coast(simulation, world))
-        line, _ = robot.field.goal_centre()
-        scored = ball is not None and ball.x > line and abs(ball.y) < robot.field.goal_width / 2
+        goal = robot.scene.bays[-1]
+        scored = ball is not None and ball.x > goal.x and abs(ball.y) < goal.width / 2
         return scored, "the ball is not in the goal", math.nan
     pose, ball = world.robot.pose, ball_of(world)
     hold = robot.hold_point(pose)

@@ -14,7 +14,7 @@ from ator_ros.experience.episode import TIME_LIMIT, run_episode
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import episode_frame
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def run_task(task: EpisodeTask) -> pd.DataFrame:
     """
     rng = episode_generator(task.action.name, task.seed, task.episode)
     situation = task.action.sample(task.robot, rng)
-    with PioneerSimulation(task.robot) as simulation:
+    with Simulation(task.robot) as simulation:
         action = task.action.factory(task.robot)
         episode = run_episode(simulation, action, situation, time_limit=task.time_limit)
     return episode_frame(task.episode, episode)

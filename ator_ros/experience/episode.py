@@ -12,7 +12,7 @@ from ator_ros.actions.situation import Situation
 from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import STOP, World
 
 TIME_LIMIT = 30.0  # s, as in the chain executor
@@ -54,13 +54,13 @@ class Episode:
 
 
 def run_episode(
-    simulation: PioneerSimulation, action: Action, situation: Situation, *, time_limit: float = TIME_LIMIT
+    simulation: Simulation, action: Action, situation: Situation, *, time_limit: float = TIME_LIMIT
 ) -> Episode:
     """Execute `action` in `situation`, tick by tick, until it ends or `time_limit` (s) is over.
 
     Parameters
     ----------
-    simulation : PioneerSimulation
+    simulation : Simulation
         A fresh world; robot and ball are placed in it.
     action : Action
         Started here.
@@ -92,17 +92,14 @@ def run_episode(
     return _episode(simulation.robot, situation, samples, world.time - start, world, reason, False)
 
 
-def place(simulation: PioneerSimulation, situation: Situation) -> None:
-    """Put robot and ball where `situation` starts."""
-    robot, ball = situation.robot, ball_of(situation)
+def place(simulation: Simulation, situation: Situation) -> None:
+    """Put robot and objects where `situation` starts."""
+    robot = situation.robot
     simulation.place_robot(robot.pose, v=robot.v, w=robot.w)
-    if ball is None:
-        simulation.remove_ball()
-    else:
-        simulation.place_ball(ball.x, ball.y, vx=ball.vx, vy=ball.vy)
+    simulation.place_objects(situation.objects)
 
 
-def coast(simulation: PioneerSimulation, world: World) -> World:
+def coast(simulation: Simulation, world: World) -> World:
     """Let a shot ball roll, with the robot stopping, until it is in the goal, rests, or 6 s are over."""
     for _ in range(round(COAST * 20)):
         ball = ball_of(world)
@@ -116,8 +113,7 @@ def coast(simulation: PioneerSimulation, world: World) -> World:
 
 def _depth(robot: Robot, x: float, y: float) -> float:
     """Return how far in m a ball at (x, y) is beyond the line of the goal at x > 0; negative: not in it."""
-    line, _ = robot.field.goal_centre()
-    beside = abs(y) - robot.field.goal_width / 2
+    line, beside = robot.scene.bays[-1].x, abs(y) - robot.scene.bays[-1].width / 2
     return min(x - line, -beside)
 
 

@@ -25,10 +25,10 @@ from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.executor_settings import PARAMETERS, deadlines_of, fence_of, inputs_of
+from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
-from ator_ros.nodes.parameters import declare_parameters, digest_of, domain_of, robot_of
+from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.world.inputs import ClockJumpError
@@ -46,7 +46,7 @@ _MOST_IN_ANSWERS = 256
 class ExecutorNode(Node):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
-    Parameters: see `PARAMETERS`; all are read at the start only.
+    Parameters: see `parameters_for`; all are read at the start only.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
@@ -70,11 +70,13 @@ class ExecutorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("executor")
-        self._settings = declare_parameters(self, PARAMETERS)
+        self._settings = declare_with_domain(self, parameters_for)
         robot = robot_of(self._settings)
         self._bounds = bounds_of(robot)
         domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        for reason in filter(None, (top.lacks(robot) for top in domain.tops)):
+            self.get_logger().warning(reason)
         folder = self._settings["models"]
         self._models = {name: read_models(self, robot, name, folder, domain) for name in domain.action_sets}
         self._predictors = {
@@ -292,4 +294,4 @@ def _known(known: bool, overdue: bool) -> str:
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    run_node(ExecutorNode, PARAMETERS, args)
+    run_node(ExecutorNode, parameters_for([OBJECT]), args)

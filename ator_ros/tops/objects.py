@@ -15,7 +15,7 @@ from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
 _TOUCHING = 0.08
-"""Distance in m from the hold, beyond the length of the fins, within which an object counts as touched."""
+"""Distance in m from the hold, beyond the length of the holder, within which an object counts as touched."""
 _ROOM = 0.06
 """Clearance in m between the robot and an object that it can pass."""
 _LOST = 0.12
@@ -81,7 +81,7 @@ def _position_pairs(name: str, place: str) -> set[frozenset[str]]:
 
 def at_rest(world: World, robot: Robot) -> World:
     """Return the world with each object where it comes to rest if nothing stops it before."""
-    objects = {name: robot.ball.at_rest(state) for name, state in world.objects.items()}
+    objects = {name: robot.scene.at_rest(name, state) for name, state in world.objects.items()}
     return dataclasses.replace(world, objects=objects)
 
 
@@ -108,7 +108,7 @@ def is_lost(world: World, robot: Robot, name: str) -> bool:
 
 def is_at_front(world: World, robot: Robot, name: str) -> bool:
     """Return whether the robot's front touches an object, or nearly: then the robot itself moves it."""
-    return robot.hold_offset(world, name) < robot.fin_length + _TOUCHING
+    return robot.hold_offset(world, name) < robot.holder_length + _TOUCHING
 
 
 def is_in_the_way(world: World, robot: Robot, name: str) -> bool:
@@ -120,7 +120,8 @@ def is_in_the_way(world: World, robot: Robot, name: str) -> bool:
     if there is None or v <= 0.0:
         return False
     place = world.robot.pose.relative(Pose(there.x, there.y, 0.0))
-    reach = robot.front + robot.fin_length + robot.ball.radius + _ROOM
+    radius = robot.scene.radius(name)
+    reach = robot.tip + radius + _ROOM
     braking = v * v / (2.0 * robot.limits.brake)
-    beside = abs(place.y) > robot.half_width + robot.ball.radius + _ROOM
+    beside = abs(place.y) > robot.half_width + radius + _ROOM
     return not beside and 0.0 < place.x < reach + braking

@@ -16,7 +16,7 @@ from ator_ros.domains.soccer.planned.holding import fastest_rate
 from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
 from ator_ros.motion.families import Family, FreeTurns, Kind, free_kinds, gained_in_turn
 from ator_ros.motion.turn_tables import Way
-from ator_ros.robot.description import Robot
+from ator_ros.robot.description import Limits, Robot
 
 # Kinds were chosen as those of `drive_family`; all numbers are shares of the limits.
 _APPROACHES = (
@@ -103,7 +103,7 @@ def approach_family(robot: Robot) -> Family:
 @lru_cache(maxsize=8)
 def dribble_family(robot: Robot) -> Family:
     """Return the motions with the ball: forward only, no turn faster than the ball allows."""
-    weak = gained_in_turn(robot.dribble_limits) < _WEAK_WITH_BALL
+    weak = gained_in_turn(_limits(robot)) < _WEAK_WITH_BALL
     return _pushing(robot, (*_DRIBBLES, *_DRIBBLES_OF_THE_WEAK) if weak else _DRIBBLES)
 
 
@@ -113,8 +113,12 @@ def shot_family(robot: Robot) -> Family:
     return _pushing(robot, _SHOTS)
 
 
+def _limits(robot: Robot) -> Limits:
+    return robot.holder_for("pushing a ball").limits
+
+
 def _pushing(robot: Robot, rows: Iterable[PushedTurns]) -> Family:
-    limits, kinds = robot.dribble_limits, []
+    limits, kinds = _limits(robot), []
     for entry, gain, loss, after, slower in rows:
         first, last = gain * limits.a, loss * limits.brake
         begin = 0.0 if np.isnan(entry) else entry * limits.v

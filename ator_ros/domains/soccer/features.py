@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 
 from ator_ros.domains.soccer.families import approach_family, dribble_family, shot_family
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.release import usual_release
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.families import Family, drive_family
@@ -45,11 +46,12 @@ def _to_goal(geometry: Geometry, family: Family) -> Motions:
 def shot(geometry: Geometry) -> Motions:
     """Return the fastest ideal motion with the ball to a run, at full speed, into the goal's mouth."""
     d, robot = geometry.direct, geometry.robot
-    back, width = usual_release(robot) + robot.hold, robot.field.goal_width
+    back, width = usual_release(robot) + robot.hold, field_of(robot).goal_width
     heading = np.where(d["xg"] > 0.0, 0.0, np.pi) + _SHOTS
     x = d["xg"] - back * np.cos(heading)
     y = d["yg"] + width * _AIMS - back * np.sin(heading)
-    return geometry.fastest_to(shot_family(robot), x, y, heading, robot.dribble_limits.v + 0.0 * x)
+    fastest = robot.holder_for("a shot").limits.v
+    return geometry.fastest_to(shot_family(robot), x, y, heading, fastest + 0.0 * x)
 
 
 def _from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:

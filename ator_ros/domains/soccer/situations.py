@@ -8,10 +8,11 @@ import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.ball import BALL, objects_of
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
 from ator_ros.domains.soccer.thresholds import ball_clearance, greatest_arrival, line_margins
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, objects_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -21,8 +22,8 @@ SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line wh
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     """Draw a pose that lies well within the lines."""
-    at_end, at_side = line_margins(robot)
-    half_length, half_width = robot.field.length / 2 - at_end, robot.field.width / 2 - at_side
+    area, (at_end, at_side) = robot.scene.area, line_margins(robot)
+    half_length, half_width = area.length / 2 - at_end, area.width / 2 - at_side
     x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
     return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
@@ -40,9 +41,9 @@ def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
 def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a drive: three quarters approach a ball, half of these with an arrival speed, the others a pose.
 
-    One start in seven is in motion.
+    One start in seven is in motion. A robot without a holder has no ball to approach.
     """
-    with_ball = _share(rng, 0.75)
+    with_ball = _share(rng, 0.75) and robot.holder is not None
     goal = random_pose(robot, rng)
     start = random_pose(robot, rng)
     while start.distance(goal) < (ball_clearance(robot) if with_ball else SHORTEST):
@@ -69,6 +70,7 @@ def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, Object
 
 def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed."""
+    robot.holder_for("dribbleBall")
     goal = random_pose(robot, rng)
     ball = random_pose(robot, rng)
     while ball.distance(goal) < SHORTEST:
@@ -80,7 +82,8 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
 
 def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a shot from up to 2.5 m before the goal: the ball is held, and every second start is in motion."""
-    x, y = robot.field.goal_centre()
+    robot.holder_for("shoot")
+    x, y = field_of(robot).goal_centre()
     start = _shooting_pose(robot, rng)
     while touches_goals(np.array([start]), robot):
         start = _shooting_pose(robot, rng)
@@ -90,7 +93,7 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
 
 def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     """Draw a pose of the robot whose ball lies within range of the goal."""
-    x, y = robot.field.goal_centre()
+    x, y = field_of(robot).goal_centre()
     bearing = rng.uniform(-0.45, 0.45) * math.pi  # seen from the goal, the lines beside it excluded
     distance = rng.uniform(*SHOT_RANGE)
     ball = Pose(

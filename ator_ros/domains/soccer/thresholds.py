@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.refinement.free_variables import ARRIVAL_SPEED
 from ator_ros.robot.description import Robot
 
@@ -15,32 +14,27 @@ _LEAST_CLEARANCE = 0.6
 
 def approach_run(robot: Robot) -> float:
     """Return the length in m of the straight run up to a ball: twice the fins that catch it, and 1 cm."""
-    return 2.0 * robot.fin_length + 0.01
+    return 2.0 * robot.holder_length + 0.01
 
 
 def passing_distance(robot: Robot) -> float:
     """Return the distance in m that a robot's axle keeps from a ball beside its way."""
-    return robot.half_width + robot.ball.radius + _BODY_ROOM
+    return robot.half_width + robot.scene.objects[BALL].radius + _BODY_ROOM
 
 
 def caught_within(robot: Robot) -> float:
     """Return the distance in m from the hold within which a ball is caught: half the fins' length."""
-    return 0.5 * robot.fin_length
+    return 0.5 * robot.holder_length
 
 
 def lost_beyond(robot: Robot) -> float:
     """Return the distance in m from the hold beyond which a ball is lost: it is out of the fins by then."""
-    return 1.25 * robot.fin_length
-
-
-def half_size(robot: Robot) -> float:
-    """Return the distance in m from the axle to the farthest point of the robot."""
-    return max(robot.reach, math.hypot(max(robot.front, robot.rear), robot.half_width))
+    return 1.25 * robot.holder_length
 
 
 def ball_clearance(robot: Robot) -> float:
     """Return the distance in m between axle and ball at which the two don't touch, whatever the heading."""
-    return max(_LEAST_CLEARANCE, half_size(robot) + robot.ball.radius + _BODY_ROOM)
+    return max(_LEAST_CLEARANCE, robot.reach + robot.scene.objects[BALL].radius + _BODY_ROOM)
 
 
 def line_margins(robot: Robot) -> tuple[float, float]:
@@ -48,11 +42,12 @@ def line_margins(robot: Robot) -> tuple[float, float]:
 
     A robot of any size has room to turn there, also with a ball in front, and is clear of the posts.
     """
-    room = half_size(robot) + _BODY_ROOM
-    with_ball = robot.hold + robot.ball.radius
+    room = robot.reach + _BODY_ROOM
+    with_ball = robot.hold + (robot.holder.radius if robot.holder else 0.0)
     return max(_LEAST_END_MARGIN, room + with_ball), max(_LEAST_SIDE_MARGIN, robot.half_width + _BODY_ROOM)
 
 
 def greatest_arrival(robot: Robot) -> float:
     """Return the greatest speed in m/s at which a robot may arrive at a ball, or with it."""
-    return min(ARRIVAL_SPEED, robot.limits.v, robot.dribble_limits.v)
+    with_ball = robot.holder.limits.v if robot.holder else robot.limits.v
+    return min(ARRIVAL_SPEED, robot.limits.v, with_ball)

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.manoeuvre import Side
 from ator_ros.robot.description import Limits, Robot
@@ -36,7 +37,7 @@ def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
     """
     swing = robot.hold * w
     speed = math.hypot(v, swing)
-    resistance = robot.ball.rolling_deceleration * (v / speed if speed > 0.0 else 0.0)
+    resistance = robot.scene.objects[BALL].rolling_deceleration * (v / speed if speed > 0.0 else 0.0)
     return acceleration - robot.hold * w * w + resistance
 
 
@@ -46,7 +47,8 @@ def fastest_rate(robot: Robot, v: float, acceleration: float, slower: int = 0) -
     Where none does, the least of them: a robot so weak loses the ball in any turn. `slower` is a number of
     steps to a slower rate, or a faster one where it is negative.
     """
-    rates = [rate * robot.dribble_limits.w for rate in (*_RATES, *_SLOW_RATES)]
+    fastest = robot.holder_for("pushing a ball").limits.w
+    rates = [rate * fastest for rate in (*_RATES, *_SLOW_RATES)]
     kept = (step for step, w in enumerate(rates) if push(robot, v, w, acceleration) >= MARGIN)
     return rates[min(max(next(kept, len(rates)) + slower, 0), len(rates) - 1)]
 
@@ -106,7 +108,7 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
 
 def _gain(robot: Robot) -> float:
     """Return the greatest gain of speed with the ball in m/s^2."""
-    return min(robot.dribble_limits.a, robot.limits.a)
+    return min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
 
 
 def _shares(shares: Sequence[float], limit: float) -> list[float]:
