@@ -12,10 +12,11 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.experience.episode import coast, place
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
+from ator_ros.simulation.run import place, run_action, settle
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.tops.outcome import top_of
 from ator_ros.world.state import World
 
 _RATE = 20
@@ -34,17 +35,16 @@ class Run:
 
 def run(simulation: Simulation, action: Action, situation: Situation, *, time_limit: float = 30.0) -> Run:
     """Execute `action` in `situation` until it ends or `time_limit` (s) is over."""
-    place(simulation, situation)
-    worlds, steps = [simulation.world()], []
-    action.start(worlds[0], situation.goal)
-    for _ in range(round(time_limit * _RATE)):
-        steps.append(action.step(worlds[-1]))
-        if steps[-1].status is not Status.RUNNING:
-            break
-        simulation.command(steps[-1].command)
-        simulation.tick()
-        worlds.append(simulation.world())
-    end = coast(simulation, worlds[-1]) if situation.action == "shoot" else worlds[-1]
+    place(simulation, World(0.0, situation.robot, situation.objects))
+    worlds, steps = [], []
+
+    def observed(action: Action, world: World) -> Step:
+        worlds.append(world)
+        steps.append(action.step(world))
+        return steps[-1]
+
+    run_action(simulation, action, situation.goal, time_limit=time_limit, step=observed)
+    end = settle(simulation, top_of(situation, SOCCER.tops, simulation.robot), situation.goal)
     return Run(simulation.robot, situation, worlds, steps, end)
 
 

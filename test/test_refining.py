@@ -113,9 +113,8 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     assert STOP not in drive.commands[5:]
     assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, NEW_YAW)
     assert drive.to_the_end() is Ending.SUCCEEDED
-    refining = drive.run.refining
-    assert (refining.refined, refining.again) == (True, 1)
-    assert refining.reason == "the first answer; refined again after 1.20 s: 0.5 s faster"
+    assert (drive.run.refined, drive.run.refined_again) == (True, 1)
+    assert drive.run.refinement == "the first answer; refined again after 1.20 s: 0.5 s faster"
     outcomes = [(record.index, record.outcome) for record, *_ in drive.run.records]
     moved, answered = (0, Status.RUNNING), (0, Status.RUNNING)
     assert outcomes == [moved, answered, (0, Status.SUCCEEDED), (1, Status.SUCCEEDED)]
@@ -134,17 +133,17 @@ def test_without_an_answer_it_goes_on(drive: Drive) -> None:
     asked(drive)
     drive.tick(12)
     assert drive.run.question is None
-    assert "asked again after" in drive.run.refining.reason
-    assert "refinement failed: no answer within 0.5 s" in drive.run.refining.reason
+    assert "asked again after" in drive.run.refinement
+    assert "refinement failed: no answer within 0.5 s" in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert drive.run.refining.again == 0
+    assert drive.run.refined_again == 0
 
 
 def test_an_answer_with_other_steps_is_left_alone(drive: Drive) -> None:
     asked(drive)
     drive.run.refined_to(TopChain(CHAIN.calls[1:]), True, "nonsense")
     drive.tick()
-    assert "expected the steps of the question" in drive.run.refining.reason
+    assert "expected the steps of the question" in drive.run.refinement
     assert drive.run.ending is None
 
 
@@ -164,9 +163,9 @@ def test_an_answer_that_changes_what_it_may_not_is_left_alone_on_the_way(
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(step, goal), True, "nonsense")
     drive.tick()
     assert drive.run.chain == question.chain
-    assert f"refinement failed: its answer cannot be used: {told}" in drive.run.refining.reason
+    assert f"refinement failed: its answer cannot be used: {told}" in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert drive.run.refining.again == 0
+    assert drive.run.refined_again == 0
 
 
 def test_the_first_answer_is_looked_at_too() -> None:
@@ -174,8 +173,8 @@ def test_the_first_answer_is_looked_at_too() -> None:
         drive = Drive(simulation, refine=True, again_after=0.15, answer=TopChain(CHAIN.calls[:1]))
         assert drive.run.chain is CHAIN
         told = "its answer cannot be used: expected the steps of the question"
-        assert drive.run.refining.reason == f"executed as sent, refinement failed: {told}"
-        assert not drive.run.refining.refined
+        assert drive.run.refinement == f"executed as sent, refinement failed: {told}"
+        assert not drive.run.refined
 
 
 def test_a_question_on_the_way_is_a_valid_plan_also_while_the_ball_rolls(drive: Drive) -> None:

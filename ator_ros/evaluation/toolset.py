@@ -11,7 +11,7 @@ import pandas as pd
 
 from ator_ros.domains.domain import DEFAULT, find_domain
 from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
-from ator_ros.evaluation.heuristics import bitbots, booster, load_baselines
+from ator_ros.evaluation.heuristics import arriving, bitbots, booster, load_baselines
 from ator_ros.evaluation.policies import POLICIES, Models, Toolset
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
@@ -126,10 +126,11 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     domain, folder = find_domain(source.domain), source.folder()
     robot, features = domain.robot(), domain.known_features
     actions = list(domain.actions(source.action_set))
+    headed = arriving(domain.tops)
     models: dict[str, Models] = {
         "learned": {action: load_model(folder / f"{action}.json", robot, features) for action in actions},
-        "bitbots": {action: bitbots(action, robot) for action in actions},
-        "booster": {action: booster(action, robot) for action in actions},
+        "bitbots": {action: bitbots(robot, arrives=action in headed) for action in actions},
+        "booster": {action: booster(robot, arrives=action in headed) for action in actions},
         "ideal_time": ideal_times(domain, robot, source.action_set),
         "turn_drive_turn": plain_times(robot),
     }

@@ -73,6 +73,12 @@ def _planned(action: Action, world: World, goal: Goal) -> bool:
         action.start(world, goal)
     except ActionError:
         return False
+    planned = _search_ends(action, world)
+    action.end("rehearsed")
+    return planned
+
+
+def _search_ends(action: Action, world: World) -> bool:
     for tick in range(1, _MOST_TICKS):
         if not action.planning:
             return True

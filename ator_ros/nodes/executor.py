@@ -224,16 +224,18 @@ class ExecutorNode(Node):
         if self._run is None:
             return
         self._run.execution.end(ending, reason)
+        if at_once:
+            self._run.execution.drop()
         self._send(STOP)
-        self._follow(self._run, at_once=at_once)
+        self._follow(self._run)
 
-    def _follow(self, run: GoalRun, *, at_once: bool = False) -> None:
+    def _follow(self, run: GoalRun) -> None:
         """Tell the world what is new about a goal, and answer it when it has ended."""
         for record in run.new_records():
             self._actions.publish(record)
         run.request_refinement()
         run.publish_feedback()
-        if not (run.ended or at_once):
+        if not run.ended:
             return
         self._run = None
         self._send(STOP)
@@ -246,13 +248,17 @@ class ExecutorNode(Node):
 
     # Outputs
 
-    def _send(self, command: Command, *, answers: bool = False) -> None:
-        """Send a command, which counts as sent now, or with the newest state where it answers that."""
+    def _send(self, command: Command | None, *, answers: bool = False) -> None:
+        """Send a command, which counts as sent now, or with the newest state where it answers that.
+
+        None: somebody else moves the robot, so nothing is published.
+        """
         if self._inputs.time is not None:
             now = time.monotonic()
             after = 0.0 if answers else now - self._heard
             self._driving.sent(self._inputs.time + after, command, now)
-        self._commands.publish(command, self._inputs.time or 0.0)
+        if command is not None:
+            self._commands.publish(command, self._inputs.time or 0.0)
 
     def _note(self, error: str) -> None:
         self._last_error = error
@@ -281,6 +287,7 @@ class ExecutorNode(Node):
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
+        self._send(STOP)  # first: to end an action may fail
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
         executor: Any = self.executor

@@ -20,7 +20,7 @@ from ator_ros.motion.planning import SLICE, Search
 from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.robot.ramp import ramped
-from ator_ros.world.state import Command, ObjectState, RobotState, World
+from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 LIMIT_MS = 40.0
 _TICKS = 40
@@ -74,8 +74,9 @@ def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
         times.append(time.process_time() - began)
         if step.status is not Status.RUNNING:
             break
-        world = _after(action.robot, world, step.command)
+        world = _after(action.robot, world, step.command or STOP)
         began = time.process_time()
+    action.end("measured")
     return times
 
 

@@ -78,6 +78,7 @@ def _collect(domain: Domain, options: argparse.Namespace, command: str) -> int:
     with reserved(options.out.absolute().parent, room), cluster(options.cluster):
         episodes = collect(
             actions,
+            domain.tops,
             robot,
             episodes=options.episodes,
             seed=options.seed,

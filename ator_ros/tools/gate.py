@@ -85,7 +85,8 @@ def refit_rulers(source: ToolsetSource, experience: Sequence[str]) -> None:
     """Refit the rulers' time models to the starts of successful episodes, and write them to the models."""
     tables = read_rows(experience)
     starts = {action: rows[(rows["t"] == 0.0) & rows["success"]] for action, rows in tables.items()}
-    save_baselines(source.folder() / BASELINES, starts, find_domain(source.domain).robot())
+    domain = find_domain(source.domain)
+    save_baselines(source.folder() / BASELINES, starts, domain.robot(), domain.tops)
 
 
 def _report(training: dict[str, Any], shipped: str, path: Path) -> None:

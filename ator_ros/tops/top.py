@@ -25,6 +25,8 @@ class Top:
         Intended effect: the goal variables that it names say what the step is for.
     point : Point
         Point of the robot that the goal's position is meant for.
+    settles : float
+        Time in s that objects may move on after the action has ended, until `post` holds.
     """
 
     name: str
@@ -32,6 +34,7 @@ class Top:
     pre: Condition
     post: Condition
     point: Point = Point.AXLE
+    settles: float = 0.0
 
     @property
     def needs_holder(self) -> bool:

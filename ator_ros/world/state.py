@@ -42,6 +42,11 @@ class RobotState:
         """Whether the robot is at rest: at most 0.003 m/s and 0.006 rad/s, stricter than `is_standing`."""
         return abs(self.v) <= 0.003 and abs(self.w) <= 0.006
 
+    @property
+    def is_standing(self) -> bool:
+        """Whether the robot counts as standing: slower than 0.02 m/s and 0.05 rad/s."""
+        return abs(self.v) < 0.02 and abs(self.w) < 0.05
+
 
 @dataclass(frozen=True, slots=True)
 class ObjectState:
@@ -56,6 +61,11 @@ class ObjectState:
     def speed(self) -> float:
         """Speed in m/s."""
         return math.hypot(self.vx, self.vy)
+
+    @property
+    def rests(self) -> bool:
+        """Whether the object counts as resting: slower than 0.02 m/s."""
+        return self.speed < 0.02
 
     def after(self, seconds: float) -> ObjectState:
         """Return the state extrapolated at constant velocity; `seconds` may be negative."""
