@@ -33,7 +33,7 @@ from ator_ros.robot.description import ConfigError, load_robot
 ROBOT = load_robot()
 LOADERS: dict[str, tuple[Callable[[Path], Any], type[Exception]]] = {
     "pioneer.yaml": (load_robot, ConfigError),
-    "model.json": (lambda file: load_model(file, ROBOT), ModelFileError),
+    "model.json": (lambda file: load_model(file, ROBOT, SOCCER.known_features), ModelFileError),
     "gate.json": (load_gate, RefinementError),
     "calibration.json": (load_calibration, RefinementError),
     "table.parquet": (read_experience, ExperienceError),

@@ -58,7 +58,10 @@ def test_a_domain_of_any_objects_is_collected_and_learned(installed: Domain, tmp
     places = experience.frame[object_columns(installed.objects)]
     assert np.isfinite(places.to_numpy()).all()
     assert train.main(["--domain", installed.name, str(table), "--models", str(tmp_path / "models")]) == 0
-    assert load_model(tmp_path / "models" / "carry.json", installed.robot()).action == "carry"
+    assert (
+        load_model(tmp_path / "models" / "carry.json", installed.robot(), installed.known_features).action
+        == "carry"
+    )
 
 
 def old_table(file: Path) -> Path:
@@ -145,7 +148,7 @@ def test_records_of_any_action_are_learned_under_its_name(tmp_path: Path) -> Non
     assert rows[["station_x", "station_y", "box_x", "box_y"]].iloc[3].tolist() == [2.0, 0.5, 0.5, 1.0]
     assert rows["cart_x"].isna().all()
     assert train.main([str(tmp_path / "bag"), "--models", str(tmp_path / "models")]) == 0
-    model = load_model(tmp_path / "models" / "dock.json", ROBOT)
+    model = load_model(tmp_path / "models" / "dock.json", ROBOT, PARCELS.known_features)
     assert model.action == "dock"
     assert model.trees["duration"].samples[0] == 25
 

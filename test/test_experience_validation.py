@@ -133,10 +133,10 @@ def test_models_are_where_their_names_say(tmp_path: Path) -> None:
     with pytest.raises(
         ModelFileError, match=r"dribbleBall\.json: action: expected 'dribbleBall' in this place"
     ):
-        load_models(ROBOT, folder=tmp_path)
+        load_models(ROBOT, SOCCER.known_features, folder=tmp_path)
     save_model(tmp_path / "bezier" / "goToPose.json", model)
     with pytest.raises(ModelFileError, match=r"goToPose\.json: action_set: expected 'bezier' in this place"):
-        load_models(ROBOT, action_set="bezier", folder=tmp_path)
+        load_models(ROBOT, SOCCER.known_features, action_set="bezier", folder=tmp_path)
 
 
 def test_records_tell_their_action_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

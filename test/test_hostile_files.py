@@ -104,7 +104,7 @@ def test_a_pipe_that_nobody_writes_to_is_refused_at_once(tmp_path: Path) -> None
 
 def refuses_both(file: Path) -> None:
     with pytest.raises(ModelFileError, match="expected an ordinary file, got a folder, a pipe or a device"):
-        load_model(file, ROBOT)
+        load_model(file, ROBOT, SOCCER.known_features)
     with pytest.raises(RefinementError, match="expected an ordinary file"):
         load_gate(file)
 

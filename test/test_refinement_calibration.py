@@ -45,7 +45,7 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.resources import resource_path
 from ator_ros.tops.chain import TopChain
 
-LEARNED = load_models(ROBOT)
+LEARNED = load_models(ROBOT, SOCCER.known_features)
 ADDED = {"goToPose": 0.25, "dribbleBall": 0.5}
 
 

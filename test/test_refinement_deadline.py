@@ -21,6 +21,7 @@ from refinement_fakes import (
     world,
 )
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import search as search_module
@@ -196,7 +197,7 @@ def test_little_is_left_to_do_when_time_is_up(in_time: int) -> None:
 
 
 def test_steps_that_are_predicted_together_are_predicted_the_same_to_the_last_bit() -> None:
-    learned, chain = load_models(ROBOT), long_chain()
+    learned, chain = load_models(ROBOT, SOCCER.known_features), long_chain()
     together = predict_chain(world(), chain, learned, ROBOT)
     for direct, step, told in zip(
         chain_situations(world(), chain, ROBOT), chain.calls, together.actions, strict=True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import MappingProxyType
@@ -14,6 +15,7 @@ import numpy as np
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT as DEFAULT
 from ator_ros.domains.presentation import Presentation
+from ator_ros.performance.features import GENERAL, Feature
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
@@ -77,12 +79,14 @@ class Domain:
         Topics of objects; an object without one has the topic of its name, with Odometry.
     variables : mapping of str to callable
         Goal variables that refinement may change where a plan opens them, with their ranges.
+    features : tuple of Feature
+        The features that the domain adds to the general ones.
 
     Raises
     ------
     DomainError
-        There is no default set of actions, a set lacks an action that a TOP names, or a condition or a source
-        names an object that `objects` lacks.
+        There is no default set of actions, a set lacks an action that a TOP names, a condition or a source
+        names an object that `objects` lacks, or an action names a feature that there is not.
     """
 
     name: str
@@ -95,6 +99,7 @@ class Domain:
     bodies: Mapping[str, RoundObject] = field(default_factory=dict)
     bays: Callable[[Scene], tuple[Bay, ...]] = no_bays
     sources: tuple[ObjectSource, ...] = ()
+    features: tuple[Feature, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that objects and every set of actions are complete."""
@@ -119,6 +124,24 @@ class Domain:
                     f"domain {self.name}: action set {action_set!r}: expected the actions {missing} of its "
                     f"TOPs, it has {sorted(names)}"
                 )
+        self._check_features()
+
+    def _check_features(self) -> None:
+        names = [*GENERAL, *(feature.name for feature in self.features)]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise DomainError(f"domain {self.name}: features: expected each name once, {twice} are repeated")
+        for action_set, specs in self.action_sets.items():
+            for spec in specs:
+                if unknown := [name for name in spec.features if name not in names]:
+                    raise DomainError(
+                        f"domain {self.name}: action set {action_set!r}: {spec.name}: features: "
+                        f"expected some of {names}, got {unknown}"
+                    )
+
+    @cached_property
+    def known_features(self) -> Mapping[str, Feature]:
+        """The general features and the domain's own, by name: those that its model files may name."""
+        return {**GENERAL, **{feature.name: feature for feature in self.features}}
 
     @property
     def shipped_models(self) -> Path:
@@ -165,10 +188,10 @@ class Domain:
             )
         return {spec.name: spec for spec in self.action_sets[action_set]}
 
-    def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[str, ...]:
-        """Return the candidate features of an action; all general ones where the domain names none."""
+    def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
+        """Return the candidate features of an action; the general ones where the domain names none."""
         chosen = {spec.name: spec.features for spec in self.action_sets.get(action_set, ())}
-        return chosen.get(action) or CANDIDATES
+        return tuple(self.known_features[name] for name in chosen.get(action, ())) or CANDIDATES
 
     def source(self, name: str) -> ObjectSource:
         """Return where the state of an object comes from."""

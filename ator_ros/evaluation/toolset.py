@@ -79,9 +79,9 @@ class ToolsetSource:
         ModelFileError
             A model cannot be used.
         """
-        robot = self.described()
+        robot, features = self.described(), find_domain(self.domain).known_features
         files = {action: self.folder() / f"{action}.json" for action in self._actions(chain, robot)}
-        models = {action: model_digest(load_model(file, robot)) for action, file in files.items()}
+        models = {action: model_digest(load_model(file, robot, features)) for action, file in files.items()}
         return {"robot": robot.digest(), **models}
 
     def _actions(self, chain: str, robot: Robot) -> list[str]:
@@ -136,20 +136,21 @@ def make_toolset(source: ToolsetSource) -> Toolset:
         An existing file cannot be used; the message names it.
     """
     domain, robot, folder = find_domain(source.domain), source.described(), source.folder()
-    actions = list(domain.actions(source.action_set))
-    headed = arriving(domain.tops)
+    actions, features = list(domain.actions(source.action_set)), domain.known_features
+    headed, files = arriving(domain.tops), _files(folder, list(domain.actions(source.action_set)))
     models: dict[str, Models] = {
-        "learned": {action: load_model(file, robot) for action, file in _files(folder, actions).items()},
+        "learned": {action: load_model(file, robot, features) for action, file in files.items()},
         "bitbots": {action: bitbots(robot, arrives=action in headed) for action in actions},
         "booster": {action: booster(robot, arrives=action in headed) for action in actions},
-        "ideal_time": ideal_times(robot),
+        "ideal_time": ideal_times(domain, robot, source.action_set),
         "turn_drive_turn": plain_times(robot),
     }
     if (folder / BASELINES).exists():
         models |= load_baselines(folder / BASELINES, robot)
     if source.experience:
         models["hist_gradient_boosting"] = {
-            action: BoostedTime(robot).fit(rows) for action, rows in read_rows(source.experience).items()
+            action: BoostedTime(robot, tuple(features.values())).fit(rows)
+            for action, rows in read_rows(source.experience).items()
         }
     gate = load_gate(folder / GATE, source.action_set) if (folder / GATE).exists() else OpenGate()
     return Toolset(domain, robot, models, gate, load_calibration_if_any(folder))

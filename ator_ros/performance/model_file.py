@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
-from ator_ros.performance.features import FEATURES
+from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
 from ator_ros.resources import resource_path
@@ -87,7 +88,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         "action": model.action,
         "action_set": model.metadata.get("action_set", "default"),
         "robot_digest": model.metadata.get("robot_digest", model.robot.digest()),
-        "features": {name: FEATURES[name].unit for name in names},
+        "features": {name: model.features[name].unit for name in names},
         "training": model.metadata.get("training", {}),
         "versions": model.metadata.get("versions", {}),
         "accuracy": model.metadata.get("accuracy", {}),
@@ -96,7 +97,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
     write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
 
-def load_model(path: Path | str, robot: Robot) -> PerformanceModel:
+def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) -> PerformanceModel:
     """Read a model.
 
     Parameters
@@ -105,6 +106,8 @@ def load_model(path: Path | str, robot: Robot) -> PerformanceModel:
         The JSON file.
     robot : Robot
         For whose limits features are computed; another one than in learning raises a RobotMismatchWarning.
+    features : mapping of str to Feature
+        All features that the file may name; see `Domain.known_features`.
 
     Raises
     ------
@@ -112,10 +115,10 @@ def load_model(path: Path | str, robot: Robot) -> PerformanceModel:
         The file is missing, damaged, no model, or newer than this program.
     """
     data, file = _read(path)
-    units = {name: FEATURES[name].unit for name in file.features if name in FEATURES}
+    units = {name: features[name].unit for name in file.features if name in features}
     for name, unit in file.features.items():
         if units.get(name) != unit:
-            known = f"in {units[name]!r}" if name in units else f"one of {', '.join(FEATURES)}"
+            known = f"in {units[name]!r}" if name in units else f"one of {', '.join(features)}"
             raise ModelFileError(f"{path}: features.{name}: expected a feature {known}, got unit {unit!r}")
     trees = {}
     for measure, tree in file.trees.items():
@@ -136,17 +139,23 @@ def load_model(path: Path | str, robot: Robot) -> PerformanceModel:
     if file.robot_digest != robot.digest():
         _warn_of_robot(path, file, robot)
     metadata = {name: value for name, value in data.items() if name not in ("format", "trees")}
-    return PerformanceModel(file.action, robot, trees, metadata)
+    named = {name: features[name] for name in units}
+    return PerformanceModel(file.action, robot, trees, named, metadata)
 
 
 def load_models(
-    robot: Robot, *, action_set: str = "default", folder: Path | None = None
+    robot: Robot,
+    features: Mapping[str, Feature],
+    *,
+    action_set: str = "default",
+    folder: Path | None = None,
 ) -> dict[str, PerformanceModel]:
     """Read all models of an action set.
 
     Parameters
     ----------
     robot : Robot
+    features : mapping of str to Feature
         As for `load_model`.
     action_set : str
         Name of the set.
@@ -169,7 +178,8 @@ def load_models(
     if not top.is_dir():
         raise ModelFileError(f"{top}: expected a folder of models, found none")
     place = top / model_path("any", action_set).parent
-    models = {file.stem: load_model(file, robot) for file in sorted(place.glob("*.json")) if is_model(file)}
+    files = filter(is_model, sorted(place.glob("*.json")))
+    models = {file.stem: load_model(file, robot, features) for file in files}
     if not models:
         raise NoModelsError(f"{place}: expected model files such as goToPose.json: run train to make them")
     for name, model in models.items():

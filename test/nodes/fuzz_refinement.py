@@ -165,7 +165,8 @@ def main() -> None:
     options = parser.parse_args()
     robot = load_robot()
     began = time.monotonic()
-    counts = fuzz(options.requests, options.seed, Refiner(robot, load_models(robot), ranges=SOCCER.variables))
+    models = load_models(robot, SOCCER.known_features)
+    counts = fuzz(options.requests, options.seed, Refiner(robot, models, ranges=SOCCER.variables))
     report = {
         "command": "scripts/run python test/nodes/fuzz_refinement.py"
         f" --requests {options.requests} --seed {options.seed}",

@@ -143,6 +143,6 @@ def test_the_installed_train_learns_from_it(recording: Recording, tmp_path: Path
     )
     assert ended.returncode == 0, ended.stderr
     assert "dribbleBall: expected at least 20 episodes" in ended.stderr
-    model = load_model(models / "goToPose.json", load_robot())
+    model = load_model(models / "goToPose.json", load_robot(), SOCCER.known_features)
     assert model.metadata["training"]["episodes"] == DRIVES + TOUR + 1
     assert str(tmp_path) not in (models / "goToPose.json").read_text(encoding="utf-8")

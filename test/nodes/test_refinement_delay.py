@@ -35,7 +35,8 @@ DEADLINE = 0.05
 @pytest.fixture(scope="module")
 def refiner() -> Iterator[Refiner]:
     calibration = load_calibration_if_any(resource_path("models"))
-    made = Refiner(ROBOT, load_models(ROBOT), ranges=SOCCER.variables, calibration=calibration)
+    models = load_models(ROBOT, SOCCER.known_features)
+    made = Refiner(ROBOT, models, ranges=SOCCER.variables, calibration=calibration)
     for request in (worst_request(), short_request(0)):  # everything once
         serialize_message(completed(served(made, request)))
     gc.collect()

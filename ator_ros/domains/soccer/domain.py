@@ -6,6 +6,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.actions import ACTION_SETS
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.chains import CHAINS
+from ator_ros.domains.soccer.features import MOTIONS, SHOT
 from ator_ros.domains.soccer.field import goals_in
 from ator_ros.domains.soccer.presentation import PRESENTATION
 from ator_ros.domains.soccer.ranges import RANGES
@@ -20,4 +21,5 @@ SOCCER = Domain(
     variables=RANGES,
     presentation=PRESENTATION,
     bays=goals_in,
+    features=(*MOTIONS, *SHOT),
 )

@@ -19,7 +19,7 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.features import PAPER_11, feature_table, names_of
+from ator_ros.performance.features import PAPER_11, Feature, feature_table, names_of
 from ator_ros.performance.training import direct_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.robot.description import load_robot
@@ -69,14 +69,15 @@ def measure(tables: Mapping[str, Path], environment: Path = Path(".venv-peers"))
     cases: dict[str, Row] = {}
     experience, fresh = (_table(tables[kind], SEEDS[kind]) for kind in SEEDS)
     for action in ACTIONS:
-        for names, kind in (
-            (names_of(PAPER_11), "of the paper"),
+        for features, kind in (
+            (PAPER_11, "of the paper"),
             (DOMAIN.candidates(action), "shipped"),
         ):
+            names = names_of(features)
             subject = f"{action}, {len(names)} features {kind}"
             print(f"bench: learners: {subject}", flush=True)
-            X, y, groups = _rows(experience, action, names)
-            test_X, test_y, test_groups = _rows(fresh, action, names)
+            X, y, groups = _rows(experience, action, features)
+            test_X, test_y, test_groups = _rows(fresh, action, features)
             data = {"X": X, "y": y, "test_X": test_X, "test_y": test_y}
             results = compare(data, groups, names, environment)
             results[REQUIREMENTS] |= _many_rows(data, np.append(groups, test_groups + groups.max() + 1))
@@ -160,12 +161,12 @@ def _table(file: Path, seed: int) -> Experience:
 
 
 def _rows(
-    experience: Experience, action: str, names: tuple[str, ...]
+    experience: Experience, action: str, features: tuple[Feature, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return features, times to go and episodes of all examples of episodes of `action` that succeeded."""
     frame = experience.of(action)
     frame = frame[frame["success"]]
-    X = np.ascontiguousarray(feature_table(direct_of(frame), load_robot(), names))
+    X = np.ascontiguousarray(feature_table(direct_of(frame), load_robot(), features))
     return X, frame["time_to_go"].to_numpy(dtype=float), frame["episode"].to_numpy()
 
 

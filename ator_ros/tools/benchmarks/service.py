@@ -56,7 +56,8 @@ def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> Refi
 def _messages_alone() -> Answer:
     """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
     robot = DOMAIN.robot()
-    library, refiner = DOMAIN.library(robot), Refiner(robot, load_models(robot), ranges=DOMAIN.variables)
+    library, models = DOMAIN.library(robot), load_models(robot, DOMAIN.known_features)
+    refiner = Refiner(robot, models, ranges=DOMAIN.variables)
     known: list[Refinement] = []
 
     def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:

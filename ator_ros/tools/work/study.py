@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.domains.domain import Domain
+from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.storage import RESULT, read_result
 from ator_ros.evaluation.toolset import GATE, ToolsetSource, make_library
@@ -194,12 +194,12 @@ def _measured(
     tables = [read_experience(table).frame for table in kinds]
     ends = join(table.drop_duplicates("episode", keep="last") for table in tables)
     done = ends[ends["success"]]
-    file = source.folder() / f"{action}.json"
+    file, features = source.folder() / f"{action}.json", find_domain(options.domain).known_features
     return {
         "episodes": len(ends),
         "success": round(len(done) / len(ends), 5),
         "mean_duration_s": round(float(done["duration"].mean()), 3) if len(done) else None,
-        "accuracy": load_model(file, robot).metadata["accuracy"] if file.exists() else {},
+        "accuracy": load_model(file, robot, features).metadata["accuracy"] if file.exists() else {},
         "failures": {
             str(why): int(n) for why, n in ends.loc[~ends["success"], "reason"].value_counts().items()
         },

@@ -33,7 +33,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     robot = domain.robot(options.robot or None)
     folder = options.models if options.models is not None else domain.shipped_models
     if options.rules:
-        print(_rules(options, robot, folder))
+        print(_rules(domain, options, robot, folder))
         return 0
     if options.experience or options.fresh:
         with reserved(folder, _MODELS_BYTES):
@@ -103,7 +103,7 @@ def _measure_again(domain: Domain, options: argparse.Namespace, robot: Robot, fo
     fresh = _read(domain, options.fresh, robot, options.action_set)
     for action, tests in fresh.frame.groupby("action", sort=False):
         file = folder / model_path(action, fresh.metadata["action_set"])
-        model = load_model(file, robot)
+        model = load_model(file, robot, domain.known_features)
         measured = _measure(model, tests, fresh.seed)
         save_model(file, dataclasses.replace(model, metadata={**model.metadata, "accuracy": measured}))
         print(f"{file}: {_summary(model, measured)}")
@@ -127,7 +127,7 @@ def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
     return text
 
 
-def _rules(options: argparse.Namespace, robot: Robot, folder: Path) -> str:
+def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> str:
     by_file = options.rules.endswith(".json")
     file = Path(options.rules)
     if not by_file:
@@ -135,7 +135,7 @@ def _rules(options: argparse.Namespace, robot: Robot, folder: Path) -> str:
     if not file.exists():
         there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
         raise ModelFileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
-    model = load_model(file, robot)
+    model = load_model(file, robot, domain.known_features)
     if options.measure not in model.trees:
         raise ModelFileError(f"measure: expected one of {', '.join(model.trees)}, got {options.measure!r}")
     if not options.situation:
@@ -163,7 +163,7 @@ def _situation(words: Sequence[str]) -> dict[str, float]:
 
 def _report(domain: Domain, file: Path, robot: Robot, folder: Path) -> None:
     found = sorted(filter(is_model, folder.rglob("*.json")))
-    models = [load_model(path, robot) for path in found]
+    models = [load_model(path, robot, domain.known_features) for path in found]
     models = [model for model in models if model.metadata["accuracy"]]
     table = accuracy_table(models, domain.presentation.published)
     lines = [*table, "", "## Success", "", *success_table(models)]

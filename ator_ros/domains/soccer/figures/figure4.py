@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.drawing import BLUE, GREY, ORANGE, new_figure, save_svg
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.derived import Geometry
-from ator_ros.performance.features import table_of
+from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_model, model_path
 from ator_ros.resources import resource_path
@@ -56,7 +56,7 @@ def figure4(model: PerformanceModel, *, hold: bool = True) -> Any:
     assert prediction.duration is not None
     assert prediction.spread is not None
     tree = model.trees["duration"]
-    leaves = tree.apply(table_of(Geometry(direct, model.robot), tree.names))
+    leaves = tree.apply(feature_table(direct, model.robot, [model.features[name] for name in tree.names]))
     changes = np.flatnonzero(np.diff(leaves)) + 1
     figure = new_figure(8.0, 4.6)
     upper, lower = figure.subfigures(2, 1, height_ratios=(5.0, 1.6))
@@ -102,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         robot = load_robot()
         path = options.model or resource_path("models") / model_path("goToPose")
-        model = load_model(path, robot)
+        model = load_model(path, robot, SOCCER.known_features)
     except (ConfigError, ModelFileError) as error:
         print(f"figure4: {error}", file=sys.stderr)
         return 1

@@ -100,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         robot = load_robot()
         folder = Path(options.models) if options.models else SOCCER.shipped_models
-        models = load_models(robot, action_set=options.action_set, folder=folder)
+        models = load_models(robot, SOCCER.known_features, action_set=options.action_set, folder=folder)
         library = SOCCER.library(robot, options.action_set)
     except (ConfigError, DomainError, ModelFileError) as error:
         print(f"figure6: {error}", file=sys.stderr)

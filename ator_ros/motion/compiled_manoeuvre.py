@@ -1,6 +1,6 @@
 """A single manoeuvre in compiled code: its pieces, and the first turn with which it meets its goal.
 
-The same formulas as in `profiles`, `turns`, `manoeuvre` and `bundle`, to rounding.
+The same formulas as in `profiles`, `displacements`, `manoeuvre` and `bundle`, to rounding.
 """
 
 from __future__ import annotations
@@ -9,13 +9,12 @@ import math
 from typing import NamedTuple
 
 from ator_ros.compiled import compiled
-from ator_ros.domains.soccer.planned.turns import NODES, WEIGHTS
 from ator_ros.geometry import FloatArray
+from ator_ros.motion.displacements import NODES, WEIGHTS
+from ator_ros.motion.manoeuvre import STEPS, TOLERANCE
 
 PIECES = 13
 """Pieces of the translational velocity: three of a straight, two of a turn, three, two, three."""
-_TOLERANCE = 1e-7  # as of `manoeuvre.closed`
-_STEPS = 12
 _SURE = 8  # steps after which rounding may have led elsewhere
 
 
@@ -52,7 +51,7 @@ def turn_time(angle: float, rate: float, aw: float) -> float:
 
 @compiled
 def displacement(angle: float, side: FloatArray, bounds: Bounds) -> Turned:
-    """Return where a turn ends that is driven as `side`, shape (5,), says; see `turns.displacements`."""
+    """Return where a turn ends that is driven as `side`, shape (5,), says; see `displacements`."""
     aw, time = bounds.aw, turn_time(angle, side[4], bounds.aw)
     size = max(abs(angle), 1e-12)
     whole = turn_time(size, side[4], aw)
@@ -103,8 +102,8 @@ def close(
     x0, x1, total = first, first + 1e-4, first + last
     f0 = gap(x0, total - x0, start, goal, entry, leaving, bounds).y
     found = gap(x1, total - x1, start, goal, entry, leaving, bounds)
-    for step in range(_STEPS):
-        if abs(found.y) < _TOLERANCE:
+    for step in range(STEPS):
+        if abs(found.y) < TOLERANCE:
             return x1, total - x1, found.x, step < _SURE
         if found.y == f0:
             break

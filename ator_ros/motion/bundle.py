@@ -8,14 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.domains.soccer.planned.manoeuvre import Side
-from ator_ros.domains.soccer.planned.profiles import straight_pieces_of, turn_times
-from ator_ros.domains.soccer.planned.turns import TurnDriving, displacements
 from ator_ros.geometry import BoolArray, FloatArray, Pose
+from ator_ros.motion.displacements import TurnDriving, displacements
+from ator_ros.motion.manoeuvre import STEPS, TOLERANCE, Side
+from ator_ros.motion.profiles import straight_pieces_of, turn_times
 from ator_ros.robot.description import Limits
-
-_TOLERANCE = 1e-7  # as of `manoeuvre.closed`
-_STEPS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +84,10 @@ def closed_bundle(bundle: Bundle) -> tuple[Bundle, BoolArray]:
     x0, x1 = bundle.first, bundle.first + 1e-4
     (f0, _), (f1, distance) = _gaps(bundle, x0), _gaps(bundle, x1)
     first, drive = x1.copy(), distance.copy()
-    meets = np.abs(f1) < _TOLERANCE
+    meets = np.abs(f1) < TOLERANCE
     active = np.flatnonzero(~meets & (f1 != f0))
     x0, x1, f0, f1 = x0[active], x1[active], f0[active], f1[active]
-    for _ in range(_STEPS - 1):
+    for _ in range(STEPS - 1):
         if not len(active):
             break
         step = np.clip(-f1 * (x1 - x0) / (f1 - f0), -0.2, 0.2)
@@ -99,7 +96,7 @@ def closed_bundle(bundle: Bundle) -> tuple[Bundle, BoolArray]:
         chosen[active] = True
         f1, distance = _gaps(bundle.picked(chosen), x1)
         first[active], drive[active] = x1, distance
-        meets[active] = np.abs(f1) < _TOLERANCE
+        meets[active] = np.abs(f1) < TOLERANCE
         going = ~meets[active] & (f1 != f0)
         active, x0, x1, f0, f1 = active[going], x0[going], x1[going], f0[going], f1[going]
     last = bundle.last - (first - bundle.first)

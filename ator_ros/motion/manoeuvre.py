@@ -7,10 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.domains.soccer.planned.profiles import Piece, straight_pieces, turn_pieces, turn_times
-from ator_ros.domains.soccer.planned.turns import TurnDriving, displacements
 from ator_ros.geometry import Pose
+from ator_ros.motion.displacements import TurnDriving, displacements
+from ator_ros.motion.profiles import Piece, straight_pieces, turn_pieces, turn_times
 from ator_ros.robot.description import Limits
+
+TOLERANCE = 1e-7
+"""Distance in m within which the drive of a closed manoeuvre meets the last turn."""
+STEPS = 12
+"""Steps of the secant method after which a manoeuvre counts as one that cannot be closed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +108,7 @@ class Manoeuvre:
         ]
 
 
-def closed(manoeuvre: Manoeuvre, tolerance: float = 1e-7) -> Manoeuvre | None:
+def closed(manoeuvre: Manoeuvre) -> Manoeuvre | None:
     """Solve for the first turn that makes the manoeuvre meet its goal, near the one it has.
 
     Returns None where the secant method does not converge.
@@ -114,8 +119,8 @@ def closed(manoeuvre: Manoeuvre, tolerance: float = 1e-7) -> Manoeuvre | None:
 
     x0, x1 = manoeuvre.first, manoeuvre.first + 1e-4
     (f0, _), (f1, distance) = gap(x0), gap(x1)
-    for _ in range(12):
-        if abs(f1) < tolerance:
+    for _ in range(STEPS):
+        if abs(f1) < TOLERANCE:
             last = manoeuvre.last - (x1 - manoeuvre.first)
             return Manoeuvre(
                 manoeuvre.start, manoeuvre.goal, manoeuvre.entry, manoeuvre.exit,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
+from ator_ros.motion.displacements import NODES, WEIGHTS, speeds_after
 from ator_ros.robot.description import Limits
 
 RealArray = NDArray[np.floating[Any]]
@@ -21,8 +22,6 @@ SPEED_STEP = 0.02  # m/s
 TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
 WIDEST = (HALF + 0.99) * STEP  # up to which turns can be looked up
 EDGE = (HALF + 1) * FINE  # entries of the tables either side of no turn
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-_NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
 
 
 class Way(NamedTuple):
@@ -112,17 +111,17 @@ def _displacements(
     """Return along and across, shapes (speeds, angles), of turns to the left in one way."""
     ramp = np.minimum(np.sqrt(angles / limits.aw), way.rate / limits.aw)
     time = 2.0 * ramp + np.maximum(angles - limits.aw * ramp * ramp, 0.0) / way.rate
-    now, ramp = time[:, None] * _NODES, ramp[:, None]
+    now, ramp = time[:, None] * NODES, ramp[:, None]
     begin = np.minimum(now, ramp)
     end = np.minimum(time[:, None] - now, ramp)
     even = limits.aw * ramp * np.clip(now - ramp, 0.0, np.maximum(time[:, None] - 2.0 * ramp, 0.0))
     # Ramp up, even rate, ramp down: the last part is what the mirrored ramp still lacks.
     heading = 0.5 * limits.aw * (begin * begin + ramp * ramp - end * end) + even
-    weight = _WEIGHTS * time[:, None]
+    weight = WEIGHTS * time[:, None]
     left = angles[:, None] - heading
     cos, sin = weight * np.cos(left), -weight * np.sin(left)
     along, across = (np.empty((len(speeds), len(angles))) for _ in range(2))
     for row, speed in enumerate(speeds):
-        driven = np.clip(speed + way.change * now, -limits.v, limits.v)
+        driven = speeds_after(speed, way.change, now, limits.v)
         along[row], across[row] = (driven * cos).sum(axis=1), (driven * sin).sum(axis=1)
     return along, across

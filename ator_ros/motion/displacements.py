@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.domains.soccer.planned.profiles import turn_progress, turn_times
 from ator_ros.geometry import FloatArray
+from ator_ros.motion.profiles import turn_progress, turn_times
 from ator_ros.robot.description import Limits
 
 _POINTS, _OVER_TWO = np.polynomial.legendre.leggauss(16)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Generator
 from typing import TypeAlias, TypeVar
 
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
-from ator_ros.domains.soccer.planned.opening import Opening
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.opening import Opening
 from ator_ros.world.state import World
 
 Found = TypeVar("Found")

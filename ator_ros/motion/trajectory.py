@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
-from ator_ros.domains.soccer.planned.opening import Opening
-from ator_ros.domains.soccer.planned.profiles import Piece
 from ator_ros.geometry import FloatArray, Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.opening import Opening
+from ator_ros.motion.profiles import Piece
 from ator_ros.world.state import RobotState
 
 DT = 0.01

@@ -10,12 +10,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from ator_ros.domains.soccer.planned.bundle import side_table
-from ator_ros.domains.soccer.planned.manoeuvre import Side
-from ator_ros.domains.soccer.planned.planning import Planning
-from ator_ros.domains.soccer.planned.profiles import straight_times, turn_times
-from ator_ros.domains.soccer.planned.turns import TurnDriving, displacement_table
 from ator_ros.geometry import FloatArray
+from ator_ros.motion.bundle import side_table
+from ator_ros.motion.displacements import TurnDriving, displacement_table
+from ator_ros.motion.manoeuvre import Side
+from ator_ros.motion.planning import Planning
+from ator_ros.motion.profiles import straight_times, turn_times
 from ator_ros.robot.description import Limits
 
 STEP = math.radians(5.0)

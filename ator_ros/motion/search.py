@@ -9,13 +9,13 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.domains.soccer.planned.bundle import Bundle
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
-from ator_ros.domains.soccer.planned.planning import Planning
-from ator_ros.domains.soccer.planned.profiles import speed_change_distances, straight_times, turn_times
-from ator_ros.domains.soccer.planned.turns import speeds_after
-from ator_ros.domains.soccer.planned.ways import GRID, HALF, STEP, Ways, least_times
 from ator_ros.geometry import FloatArray, Pose
+from ator_ros.motion.bundle import Bundle
+from ator_ros.motion.displacements import speeds_after
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.planning import Planning
+from ator_ros.motion.profiles import speed_change_distances, straight_times, turn_times
+from ator_ros.motion.ways import GRID, HALF, STEP, Ways, least_times
 
 _Parts: TypeAlias = tuple[FloatArray, FloatArray]
 RANK_POINTS = 4
