@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.base import Action
+from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.situation import Situation
 from ator_ros.robot.description import Robot
 
@@ -29,9 +30,12 @@ class ActionSpec:
         Draws a situation to gather experience in; the generator is its only source of chance.
     features : tuple of str
         Candidate features of its performance model, of which the model tree selects; empty: all general ones.
+    remote : RemoteCall or None
+        The action server that executes it; None: the factory's action does.
     """
 
     name: str
     factory: ActionFactory
     sample: Sampler
     features: tuple[str, ...] = ()
+    remote: RemoteCall | None = None

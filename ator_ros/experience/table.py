@@ -26,10 +26,10 @@ from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.validation import checked_rows
 from ator_ros.files import is_name, limited_memory, replaced
 from ator_ros.printable import quoted
+from ator_ros.schema import Format, SchemaError, structured
 from ator_ros.world.state import World
 
-FORMAT = "ator_ros experience"
-SCHEMA_VERSION = 1
+FORMAT = Format("ator_ros experience", 1, "experience")
 _KEY = b"ator_ros"
 _MOST_ROWS = 5_000_000  # 30 times those of a thousand episodes of each action
 _MOST_BYTES = 4_000_000_000  # of memory
@@ -147,8 +147,7 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     arrow, parquet = require_pyarrow()
     table = arrow.Table.from_pandas(experience.frame, preserve_index=False)
     metadata = {
-        "format": FORMAT,
-        "schema_version": SCHEMA_VERSION,
+        **FORMAT.head(),
         "columns": columns(experience.objects),
         "objects": experience.objects,
         **experience.metadata,
@@ -207,21 +206,28 @@ def _objects(path: Path, metadata: dict[str, Any], names: list[str]) -> tuple[st
     return tuple(dict.fromkeys(objects))
 
 
+@dataclass(frozen=True)
+class _Metadata:
+    """The metadata that is used; a recording has no seed, and perhaps no action set."""
+
+    seed: int | None = None
+    robot_digest: str | None = None
+    domain: str | None = None
+    action_set: str | None = None
+    complete: bool = True
+    command: str | None = None
+    records_left_out: int = 0
+    versions: dict[str, str] | None = None
+
+
 def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:
     try:
-        metadata = json.loads(text or b"null")
-    except ValueError as error:
+        metadata = FORMAT.current(json.loads(text or b"null"))
+        structured(metadata, _Metadata)
+    except SchemaError as error:
+        raise ExperienceError(f"{path}: metadata.{error}") from error
+    except (ValueError, RecursionError) as error:
         raise ExperienceError(f"{path}: metadata: expected JSON: {error}") from error
-    if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
-        raise ExperienceError(
-            f"{path}: metadata.format: expected {FORMAT!r}: this is no experience of ator_ros"
-        )
-    found = metadata.get("schema_version")
-    if not isinstance(found, int) or not 1 <= found <= SCHEMA_VERSION:
-        raise ExperienceError(
-            f"{path}: metadata.schema_version: expected 1 to {SCHEMA_VERSION}, got {found!r}; "
-            "a newer one needs a newer ator_ros"
-        )
     return metadata
 
 

@@ -24,8 +24,8 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.bench_service import LIMIT_DELAY_MS
-from ator_ros.tools.requests import worst_request
+from ator_ros.tools.benchmarks.requests import worst_request
+from ator_ros.tools.benchmarks.service import LIMIT_DELAY_MS
 
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
