@@ -25,11 +25,11 @@ from ator_ros.domains.soccer.situations import (
 )
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import EpisodeTask, collect, run_task
+from ator_ros.experience.columns import columns
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import BackendError, run_tasks
 from ator_ros.experience.table import (
-    COLUMNS,
     Experience,
     join,
     read_experience,
@@ -48,7 +48,7 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="module")
 def frame(robot: Robot) -> pd.DataFrame:
-    return join(collect([TURNING], SOCCER.tops, robot, episodes=6, seed=5))
+    return join(collect([TURNING], SOCCER.tops, robot, objects=SOCCER.objects, episodes=6, seed=5))
 
 
 TURNING = ActionSpec("goToPose", TurnDriveTurn, SOCCER.actions()["goToPose"].sample)
@@ -147,21 +147,22 @@ def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None
 
 
 def test_table_holds_the_documented_columns_and_counts_down(frame: pd.DataFrame) -> None:
-    assert list(frame.columns) == list(COLUMNS)
+    assert list(frame.columns) == list(columns(SOCCER.objects))
     for _, rows in frame.groupby("episode"):
         assert rows["t"].iloc[0] == 0.0
         np.testing.assert_allclose(rows["t"] + rows["time_to_go"], rows["duration"])
 
 
 def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame: pd.DataFrame) -> None:
-    parallel = join(collect([TURNING], SOCCER.tops, robot, episodes=6, seed=5, jobs=2))
+    tops, objects = SOCCER.tops, SOCCER.objects
+    parallel = join(collect([TURNING], tops, robot, objects=objects, episodes=6, seed=5, jobs=2))
     pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
-    other = join(collect([TURNING], SOCCER.tops, robot, episodes=1, seed=6))
+    other = join(collect([TURNING], tops, robot, objects=objects, episodes=1, seed=6))
     assert other["x"].iloc[0] != frame["x"].iloc[0]
 
 
 def test_an_episode_does_not_depend_on_how_many_there_are(robot: Robot, frame: pd.DataFrame) -> None:
-    alone = run_task(EpisodeTask(TURNING, SOCCER.tops, robot, 5, 4))
+    alone = run_task(EpisodeTask(TURNING, SOCCER.tops, robot, 5, 4, SOCCER.objects))
     rows = frame[frame["episode"] == 4].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone.astype(rows.dtypes), rows, check_exact=True)
 

@@ -13,8 +13,10 @@ from experience_rows import made_up_experience
 from pyarrow import ArrowException
 from test_recordings import action_performance, write_records
 
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.columns import columns
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.table import COLUMNS, Experience, read_experience, write_experience
+from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import ModelFileError, load_models, model_path, save_model
 from ator_ros.performance.training import train
@@ -102,7 +104,7 @@ TYPES = (
 )
 
 
-@pytest.mark.parametrize("column", COLUMNS)
+@pytest.mark.parametrize("column", columns(SOCCER.objects))
 def test_columns_of_any_type_are_read_with_plain_ones_or_refused(tmp_path: Path, column: str) -> None:
     whole = made_up_experience("goToPose", episodes=5)
     plain = read_experience(table(tmp_path, whole)).frame.dtypes

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from experience_rows import made_up_experience
 
+from ator_ros.domains.soccer.figures import figure4
 from ator_ros.performance.features import feature_table
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
-from ator_ros.report import figure4
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()

@@ -26,12 +26,12 @@ from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import search as search_module
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.chain_model import REPORTED, predict_chain
-from ator_ros.refinement.free_variables import Range
 from ator_ros.refinement.projection import chain_situations
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.refinement.search import BLOCK, search, searching
 from ator_ros.refinement.slices import Result, Slices
 from ator_ros.tops.chain import TopChain
+from ator_ros.tops.ranges import Range
 
 CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
 SPEED = Range(0.0, 1.0, 6)

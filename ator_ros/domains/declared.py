@@ -10,10 +10,10 @@ from typing import Literal
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.remote import RemoteCall
 from ator_ros.files import is_name
-from ator_ros.refinement.free_variables import DOMAINS, Range
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
 from ator_ros.tops.conditions import Condition, Statement, Term
+from ator_ros.tops.ranges import USUAL_RANGES, Range
 from ator_ros.tops.state import GOAL_VARIABLES
 from ator_ros.tops.top import Top
 from ator_ros.world.sources import ObjectSource
@@ -110,7 +110,7 @@ class DeclaredVariable:
 
     def range(self, robot: Robot, goal: Goal) -> Range:
         """Return the values that it may take; a speed is at most what `robot` is searched with."""
-        usual = DOMAINS[self.name](robot, goal)
+        usual = USUAL_RANGES[self.name](robot, goal)
         if self.low is None or self.high is None:
             return usual
         low, high = self.low, self.high

@@ -11,16 +11,17 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ator_ros.actions.base import Goal
 from ator_ros.actions.specification import ActionFactory, ActionSpec
+from ator_ros.domains import DEFAULT as DEFAULT
+from ator_ros.domains.presentation import Presentation
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.printable import printable, quoted
-from ator_ros.refinement.free_variables import DOMAINS, Range
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
+from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.tops.top import Top
 from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.sources import ObjectSource
@@ -28,7 +29,6 @@ from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
 """Entry points of this group name the domains that are installed, ours and those of others."""
-DEFAULT = "soccer"
 DEFAULT_SET = "default"
 _LONGEST_REASON = 200
 _ENDINGS = (".yaml", ".yml")
@@ -62,6 +62,11 @@ class Domain:
         Names of the objects that conditions speak of; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute in them, by name; evaluations use them.
+    variables : mapping of str to callable
+        Goal variables that refinement may change where a plan opens them, with their ranges; by default
+        place, heading and arrival speed, in the scene's area and within the robot's limits.
+    presentation : Presentation
+        Words and drawings for reports.
     bodies : mapping of str to RoundObject
         The sizes of `objects`, by name, that robots' descriptions need not describe. What is described in
         neither place is a point, and not simulated.
@@ -85,10 +90,11 @@ class Domain:
     action_sets: Mapping[str, tuple[ActionSpec, ...]]
     objects: tuple[str, ...]
     chains: Mapping[str, ChainSampler]
+    variables: Ranges = field(default_factory=lambda: USUAL_RANGES)
+    presentation: Presentation = field(default_factory=Presentation)
     bodies: Mapping[str, RoundObject] = field(default_factory=dict)
     bays: Callable[[Scene], tuple[Bay, ...]] = no_bays
     sources: tuple[ObjectSource, ...] = ()
-    variables: Mapping[str, Callable[[Robot, Goal], Range]] = field(default_factory=lambda: DOMAINS)
 
     def __post_init__(self) -> None:
         """Check that objects and every set of actions are complete."""
@@ -190,7 +196,7 @@ class Domain:
         """
         made = {name: spec.factory for name, spec in self.actions(action_set).items()}
         made |= {name: factory for name, factory in factories.items() if name in made}
-        return TopLibrary(robot, action_set, tops=self.tops, actions=made)
+        return TopLibrary(robot, action_set, tops=self.tops, actions=made, ranges=self.variables)
 
 
 def installed_domains() -> dict[str, EntryPoint]:

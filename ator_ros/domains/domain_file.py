@@ -12,9 +12,9 @@ from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain
 from ator_ros.domains.domain import DEFAULT_SET, Domain, DomainError, find_domain, installed_domains
 from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
-from ator_ros.refinement.free_variables import DOMAINS
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured
+from ator_ros.tops.ranges import USUAL_RANGES
 
 _LARGEST = 200_000
 """Bytes of a file; one with a dozen TOPs has 5 kB."""
@@ -51,7 +51,7 @@ def read_domain(path: Path) -> Domain:
         objects=tuple(item.name for item in declared.objects),
         chains={},
         sources=declared.objects,
-        variables=DOMAINS if variables is None else {item.name: item.range for item in variables},
+        variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
     )
 
 

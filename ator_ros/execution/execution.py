@@ -58,7 +58,7 @@ class Execution:
         self._robot, self._deadlines, self._refining = library.robot, deadlines, refining
         self._course = GoalCourse()
         self._progress = Progress(library, predictor, chain, time_limit=deadlines.action, fetches=fetches)
-        self._answers = Answers(refining, self._progress, self._course, library.robot)
+        self._answers = Answers(refining, self._progress, self._course, library)
         self._guards = Guards(fence, library.robot, deadlines.longest_gap)
         self._seen: World | None = None
         self._accepted, self._heard = now, math.inf

@@ -7,15 +7,12 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import Domain
 from ator_ros.performance.accuracy import AT_REST, accuracy
 from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, names_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot
-
-PAPER = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
-"""Mean absolute and root-mean-square error in s that the paper reports."""
 
 _IDEAL = {*names_of(IDEAL), "shot_time"}
 ABLATION: dict[str, tuple[tuple[str, ...], Training]] = {
@@ -30,13 +27,21 @@ ABLATION: dict[str, tuple[tuple[str, ...], Training]] = {
 """Rows of the ablation: candidate features, and weights of starts and later examples."""
 
 
-def accuracy_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
-    """Yield lines of Markdown: what the model files say about themselves."""
+def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, str]) -> Iterator[str]:
+    """Yield lines of Markdown: what the model files say about themselves.
+
+    Parameters
+    ----------
+    models : iterable of PerformanceModel
+        Measured models.
+    published : mapping
+        Mean absolute and root-mean-square error in s that the paper reports, by action.
+    """
     yield "| action | set | kind of start | episodes | MAE (s) | RMSE (s) | relative | paper |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for model in models:
         measured = model.metadata["accuracy"]
-        paper = PAPER.get(model.action, "-")
+        paper = published.get(model.action, "-")
         for kind, numbers in {"at rest": measured, **measured.get("kinds", {})}.items():
             if numbers:
                 which = f"{model.action} | {model.metadata['action_set']} | {kind}"
@@ -60,7 +65,12 @@ def success_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
 
 
 def ablation_table(
-    experience: Mapping[str, pd.DataFrame], fresh: Mapping[str, pd.DataFrame], robot: Robot, *, seed: int
+    experience: Mapping[str, pd.DataFrame],
+    fresh: Mapping[str, pd.DataFrame],
+    robot: Robot,
+    domain: Domain,
+    *,
+    seed: int,
 ) -> Iterator[str]:
     """Yield lines of Markdown: accuracy at starts at rest for several sets of candidate features.
 
@@ -70,6 +80,8 @@ def ablation_table(
         Rows to learn from and rows of fresh episodes, by action.
     robot : Robot
         The robot of both.
+    domain : Domain
+        Whose actions choose features.
     seed : int
         Of the fresh episodes.
     """
@@ -80,7 +92,7 @@ def ablation_table(
             continue
         starts = fresh[action]
         starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST)]
-        for label, (features, how) in _candidates(action).items():
+        for label, (features, how) in _candidates(domain.candidates(action)).items():
             model = train(action, rows, robot, features=features, training=how)
             result = accuracy(model, starts, seed=seed)
             used, leaves = model.used_features, model.trees["duration"].n_leaves
@@ -90,9 +102,8 @@ def ablation_table(
             )
 
 
-def _candidates(action: str) -> dict[str, tuple[Sequence[str], Training]]:
+def _candidates(chosen: Sequence[str]) -> dict[str, tuple[Sequence[str], Training]]:
     rows: dict[str, tuple[Sequence[str], Training]] = dict(ABLATION)
-    chosen = SOCCER.candidates(action)
     rows["chosen, without ideal times, starts"] = (
         [name for name in chosen if name not in _IDEAL],
         Training(),

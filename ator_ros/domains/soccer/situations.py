@@ -11,8 +11,8 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import BALL, objects_of
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
+from ator_ros.domains.soccer.ranges import ARRIVAL_SPEED
 from ator_ros.geometry import Pose
-from ator_ros.refinement.free_variables import ARRIVAL_SPEED
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState
 

@@ -1,4 +1,4 @@
-"""Duration against the start's heading in a few slices: regular actions give smooth curves."""
+"""Duration of soccer's actions against the start's heading, in slices: regular actions give smooth curves."""
 
 from __future__ import annotations
 
@@ -25,17 +25,18 @@ GOALS = (Pose(1.0, 0.0, 0.0), Pose(2.0, 1.0, 1.5), Pose(1.5, -1.0, 3.0))
 
 @dataclass(frozen=True, slots=True)
 class SliceTask:
-    """One point of a slice: kind of motion, number of the goal, heading of the start in degrees."""
+    """One point of a slice: kind of motion, number of the goal, heading of the start in degrees, robot."""
 
     kind: str
     action_set: str
     goal: int
     degrees: int
+    robot: str = ""
 
 
 def execute_point(point: SliceTask) -> Outcome:
     """Execute one point of a slice; robot or held ball start at (-1, 0)."""
-    robot = load_robot()
+    robot = load_robot(point.robot or None)
     start = Pose(-1.0, 0.0, math.radians(point.degrees))
     goal = GOALS[point.goal]
     if point.kind == "dribble":
@@ -52,24 +53,24 @@ def execute_point(point: SliceTask) -> Outcome:
         )
     else:
         situation = Situation("goToPose", RobotState(start), {}, Goal(goal))
-    return execute_situation(situation, Task(point.kind, point.action_set, 0, 0))
+    return execute_situation(situation, Task(point.kind, point.action_set, 0, 0, robot=point.robot))
 
 
-def points(kind: str, action_set: str) -> Iterator[SliceTask]:
+def points(kind: str, action_set: str, robot: str = "") -> Iterator[SliceTask]:
     """Yield all points of the slices of one kind."""
     for goal in range(len(GOALS)):
         for degrees in range(-180, 181, STEP_DEGREES):
-            yield SliceTask(kind, action_set, goal, degrees)
+            yield SliceTask(kind, action_set, goal, degrees, robot)
 
 
-def draw_slices(path: Path, action_set: str, jobs: int) -> None:
+def draw_slices(path: Path, action_set: str, jobs: int, robot: str = "") -> None:
     """Execute the slices of all kinds and draw them to `path`."""
     from matplotlib.figure import Figure
 
     kinds = ("pose", "approach", "dribble")
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     for axes, kind in zip(figure.subplots(1, len(kinds), sharey=True), kinds, strict=True):
-        tasks = list(points(kind, action_set))
+        tasks = list(points(kind, action_set, robot))
         outcomes = list(run_tasks(execute_point, tasks, jobs=jobs))
         for number, goal in enumerate(GOALS):
             of_goal = [(t.degrees, o) for t, o in zip(tasks, outcomes, strict=True) if t.goal == number]

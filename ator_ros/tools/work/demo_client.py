@@ -25,7 +25,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of, robot_from, situation_of
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.robot.ball import ball_of
-from ator_ros.tools.demo_report import DemoRun
+from ator_ros.tools.work.demo_report import DemoRun
 from ator_ros.world.state import World
 
 _FRAME = "odom"

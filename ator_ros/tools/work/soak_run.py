@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.toolset import make_library
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.robot.description import Robot, load_robot
-from ator_ros.tools.processes import NodeProcesses, all_nodes
-from ator_ros.tools.soak_report import NODES, Soak, sample
+from ator_ros.tools.command_line import source_of
+from ator_ros.tools.processes import NodeProcesses, all_nodes, node_setting
+from ator_ros.tools.work.soak_report import NODES, Soak, sample
 
 if TYPE_CHECKING:
-    from ator_ros.tools.soak_client import SoakClient
+    from ator_ros.tools.work.soak_client import SoakClient
 
 WARM_UP_S = 10.0
 """Time in s before the first sample counts: caches fill, imports happen."""
@@ -29,10 +31,10 @@ class SoakRun:
 
     Parameters
     ----------
-    duration : float
-        Real time in s that chains are run.
-    seed : int
-        Of the situations.
+    options : Namespace
+        Those of `soak`: how long, of which chain, with which seed, robot and models.
+    domain : Domain
+        The domain that they name.
     nodes : NodeProcesses
         The three nodes, started.
     client : SoakClient
@@ -44,16 +46,16 @@ class SoakRun:
     def __init__(
         self,
         *,
-        duration: float,
-        seed: int,
+        options: argparse.Namespace,
+        domain: Domain,
         nodes: NodeProcesses,
         client: SoakClient,
         write: Callable[[Soak], None],
     ) -> None:
-        self._duration, self._seed, self._nodes, self._client = duration, seed, nodes, client
-        self._write = write
-        self._robot: Robot = load_robot()
-        self._library = SOCCER.library(self._robot)
+        self._options, self._domain, self._nodes, self._client = options, domain, nodes, client
+        self._duration, self._write = options.duration, write
+        source = source_of(options)
+        self._library = make_library(source.described(), source)
         self.soak = Soak()
 
     def go(self) -> None:
@@ -93,11 +95,15 @@ class SoakRun:
     def _chain(self, index: int, *, counts: bool) -> None:
         from ator_ros.nodes.conversions import chain_of
 
-        trial = random_trial(SOCCER, "dribble", self._library, seed=self._seed, index=index)
+        trial = random_trial(
+            self._domain, self._options.chain, self._library, seed=self._options.seed, index=index
+        )
         self._client.place(trial.world)
         self._client.take_answers()
         before, began = self._cpu(), time.monotonic()
-        ended = self._client.execute(chain_of(trial.chain, action_set="", frame="odom"), refine=True)
+        ended = self._client.execute(
+            chain_of(trial.chain, action_set=self._options.action_set, frame="odom"), refine=True
+        )
         took, after = time.monotonic() - began, self._cpu()
         soak = self.soak
         soak.chains += 1
@@ -112,14 +118,15 @@ class SoakRun:
             soak.samples[name].append(sample(self._nodes.pid(name)))
 
 
-def run(
-    *, duration: float, real_time_factor: float, seed: int, write: Callable[[Soak], None] = lambda _: None
+def run_soak(
+    options: argparse.Namespace, domain: Domain, *, write: Callable[[Soak], None] = lambda _: None
 ) -> Soak:
-    """Start the three nodes and execute random chains for `duration` (s of real time)."""
-    from ator_ros.tools.soak_client import SoakClient
+    """Start the three nodes and execute random chains for `options.duration` (s of real time)."""
+    from ator_ros.tools.work.soak_client import SoakClient
 
-    with all_nodes(real_time_factor) as nodes, SoakClient(nodes.domain, nodes.check) as client:
-        made = SoakRun(duration=duration, seed=seed, nodes=nodes, client=client, write=write)
+    started = all_nodes(options.real_time_factor, **node_setting(options))
+    with started as nodes, SoakClient(nodes.domain, nodes.check) as client:
+        made = SoakRun(options=options, domain=domain, nodes=nodes, client=client, write=write)
         try:
             made.go()
         finally:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.tools import peer_program
+from ator_ros.tools.benchmarks import peer_program
 
 PACKAGES = (
     "linear-tree==0.3.5",

@@ -15,7 +15,7 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegressor
 from sklearn.tree import DecisionTreeRegressor
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray
@@ -23,11 +23,13 @@ from ator_ros.performance.features import PAPER_11, feature_table, names_of
 from ator_ros.performance.training import direct_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.robot.description import load_robot
-from ator_ros.tools import collect, peers
-from ator_ros.tools.peer_program import measure as measured
-from ator_ros.tools.peer_program import predict_ms
+from ator_ros.tools import collect
+from ator_ros.tools.benchmarks import peers
+from ator_ros.tools.benchmarks.peer_program import measure as measured
+from ator_ros.tools.benchmarks.peer_program import predict_ms
 
-ACTIONS = ("goToPose", "dribbleBall")
+DOMAIN = find_domain()
+ACTIONS = tuple(DOMAIN.actions())[:2]
 SEEDS = {"experience": 101, "fresh": 211}
 OURS = "ator_ros"
 MODEL_TREES = ("m5py", "linear-tree", "Weka M5P")
@@ -69,7 +71,7 @@ def measure(tables: Mapping[str, Path], environment: Path = Path(".venv-peers"))
     for action in ACTIONS:
         for names, kind in (
             (names_of(PAPER_11), "of the paper"),
-            (SOCCER.candidates(action), "shipped"),
+            (DOMAIN.candidates(action), "shipped"),
         ):
             subject = f"{action}, {len(names)} features {kind}"
             print(f"bench: learners: {subject}", flush=True)

@@ -1,4 +1,4 @@
-"""What the figures of the report share; matplotlib without a window."""
+"""What figures share; matplotlib without a window."""
 
 from __future__ import annotations
 

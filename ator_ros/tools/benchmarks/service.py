@@ -1,6 +1,6 @@
 """The round trip of refine_subgoal, next to that of services of the same types that do less.
 
-As a program, ``python -m ator_ros.tools.bench_service NAME``, this is one of them.
+As a program, ``python -m ator_ros.tools.benchmarks.service NAME``, this is one of them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes import conversions
 from ator_ros.nodes.refinement_answers import answer_of
@@ -31,9 +31,8 @@ from ator_ros.nodes.running import run_node
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot.description import load_robot
+from ator_ros.tools.benchmarks.requests import worst_request
 from ator_ros.tools.processes import own_nodes
-from ator_ros.tools.requests import worst_request
 
 SEED = 802
 LIMIT_RATIO, LIMIT_P99_MS = 1.5, 5.0
@@ -42,6 +41,7 @@ LIMIT_DELAY_MS = 20.0
 WORST = "worst_requests"
 _FRAME = "odom"
 _WARM_UP = 20
+DOMAIN = find_domain()
 _PATIENCE = 40.0
 _UNTIL_ASKED = 10.0
 REFINE = "refine_subgoal"
@@ -55,8 +55,8 @@ def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> Refi
 
 def _messages_alone() -> Answer:
     """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
-    robot = load_robot()
-    library, refiner = SOCCER.library(robot), Refiner(robot, load_models(robot))
+    robot = DOMAIN.robot()
+    library, refiner = DOMAIN.library(robot), Refiner(robot, load_models(robot), ranges=DOMAIN.variables)
     known: list[Refinement] = []
 
     def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
@@ -93,7 +93,7 @@ def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
     with own_nodes() as nodes:
         nodes.start("refinement", {})
         environment = {**os.environ, "ROS_DOMAIN_ID": str(nodes.domain)}
-        program = [sys.executable, "-m", "ator_ros.tools.bench_service"]
+        program = [sys.executable, "-m", "ator_ros.tools.benchmarks.service"]
         others = [subprocess.Popen([*program, name], env=environment) for name in YARDSTICKS]
         try:
             rows = _measured(nodes.domain, nodes.pid("refinement"), requests)
@@ -178,11 +178,10 @@ def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
 
 def _times(clients: list[Any], count: int, first: int) -> list[list[float]]:
     """Ask each client `count` times; give the times of each in ms."""
-    robot = load_robot()
-    library = SOCCER.library(robot)
+    library = DOMAIN.library(DOMAIN.robot())
     times: list[list[float]] = [[] for _ in clients]
     for index in range(first, first + count):
-        trial = random_trial(SOCCER, "dribble", library, seed=SEED, index=index)
+        trial = random_trial(DOMAIN, next(iter(DOMAIN.chains)), library, seed=SEED, index=index)
         request = RefineSubgoal.Request(
             situation=conversions.situation_of(trial.world, frame=_FRAME),
             chain=conversions.chain_of(trial.chain, action_set="", frame=_FRAME),
@@ -211,5 +210,5 @@ if __name__ == "__main__":
     if sys.argv[1:] == [WORST]:
         _ask_the_worst()
     if len(sys.argv) < 2 or sys.argv[1] not in YARDSTICKS:
-        sys.exit(f"bench_service: expected one of {', '.join(YARDSTICKS)}")
+        sys.exit(f"service: expected one of {', '.join(YARDSTICKS)}")
     run_node(functools.partial(yardstick, sys.argv.pop(1)))

@@ -6,11 +6,11 @@ import os
 import statistics
 import time
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import collect
-from ator_ros.robot.description import load_robot
 
-ACTIONS = ("goToPose", "dribbleBall")
+DOMAIN = find_domain()
+ACTIONS = tuple(DOMAIN.actions())[:2]
 SEED = 803
 WORKERS = 2
 WHOLE = 1000
@@ -59,8 +59,10 @@ def measure(blocks: int = 3, episodes: int = 60) -> dict[str, dict[str, float]]:
 
 def _seconds(episodes: int, divisor: int, workers: int, seed: int) -> float:
     """Return the wall time in s that `episodes` of each action take, divided by `divisor`."""
-    actions = [SOCCER.actions()[name] for name in ACTIONS]
+    actions = [DOMAIN.actions()[name] for name in ACTIONS]
     began = time.perf_counter()
-    for _ in collect(actions, SOCCER.tops, load_robot(), episodes=episodes, seed=seed, jobs=workers):
+    robot, tops, objects = DOMAIN.robot(), DOMAIN.tops, DOMAIN.objects
+    run = collect(actions, tops, robot, objects=objects, episodes=episodes, seed=seed, jobs=workers)
+    for _ in run:
         pass
     return (time.perf_counter() - began) / divisor

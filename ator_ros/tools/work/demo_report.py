@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ator_ros.domains.soccer.field import field_of
+from ator_ros.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure
 from ator_ros.files import replaced
-from ator_ros.report.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure
 from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain

@@ -12,15 +12,17 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal
-from ator_ros.evaluation.policies import Models
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.domains.domain import DomainError
+from ator_ros.domains.presentation import Models
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure, save_svg
 from ator_ros.geometry import FloatArray, Pose
+from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.refinement.chain_model import ChainModel
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
-from ator_ros.report.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure, save_svg
 from ator_ros.robot.ball import objects_of
-from ator_ros.robot.description import Robot
+from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -95,9 +97,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")
     parser.add_argument("--out", type=Path, default=Path("docs/figure6.svg"))
     options = parser.parse_args(argv)
-    source = ToolsetSource(action_set=options.action_set, models=options.models)
-    tools = make_toolset(source)
-    save_svg(figure6(tools.robot, tools.models["learned"], make_library(tools.robot, source)), options.out)
+    try:
+        robot = load_robot()
+        folder = Path(options.models) if options.models else SOCCER.shipped_models
+        models = load_models(robot, action_set=options.action_set, folder=folder)
+        library = SOCCER.library(robot, options.action_set)
+    except (ConfigError, DomainError, ModelFileError) as error:
+        print(f"figure6: {error}", file=sys.stderr)
+        return 1
+    save_svg(figure6(robot, models, library), options.out)
     return 0
 
 

@@ -10,8 +10,8 @@ from nav_msgs.msg import Odometry
 
 from ator_ros.nodes.conversions import seconds_from
 from ator_ros.nodes.qos import COMMANDS
-from ator_ros.tools.demo_client import DemoClient
-from ator_ros.tools.soak_report import Answer
+from ator_ros.tools.work.demo_client import DemoClient
+from ator_ros.tools.work.soak_report import Answer
 
 
 class SoakClient(DemoClient):

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.drawing import BLUE, GREY, ORANGE, new_figure, save_svg
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import table_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_model, model_path
-from ator_ros.report.drawing import BLUE, GREY, ORANGE, new_figure, save_svg
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 
