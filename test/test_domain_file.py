@@ -14,10 +14,11 @@ from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.refinement.free_variables import DOMAINS, analyse
+from ator_ros.refinement.free_variables import analyse
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
+from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.tops.top import Top
 from ator_ros.world.sources import ObjectSource
 from ator_ros.world.state import RobotState, World
@@ -92,7 +93,7 @@ def test_a_file_declares_objects_tops_actions_and_variables(tour: Domain) -> Non
 def test_a_variable_has_its_declared_range(tour: Domain) -> None:
     goal = Goal(Pose(0.0, 0.0, 0.0))
     assert set(tour.variables) == {"yaw", "speed"}
-    assert tour.variables["yaw"](ROBOT, goal) == DOMAINS["yaw"](ROBOT, goal)
+    assert tour.variables["yaw"](ROBOT, goal) == USUAL_RANGES["yaw"](ROBOT, goal)
     speed = tour.variables["speed"](ROBOT, goal)
     assert (speed.low, speed.high, speed.rest) == (0.1, 0.4, 0.1)
 
@@ -101,7 +102,7 @@ def test_a_variable_that_is_not_declared_is_not_free(tour: Domain) -> None:
     visit = tour.library(ROBOT)["visit"]
     call = TopCall(visit, Goal(Pose(1.0, 1.0, 0.0)), frozenset({"x"}))
     analysis = analyse(TopChain((call,)), {}, ROBOT, tour.variables)
-    assert [item.reason for item in analysis.not_free] == ["without a domain"]
+    assert [item.reason for item in analysis.not_free] == ["without a range"]
 
 
 def test_a_heading_within_bounds_is_no_longer_periodic(tmp_path: Path) -> None:
@@ -112,7 +113,7 @@ def test_a_heading_within_bounds_is_no_longer_periodic(tmp_path: Path) -> None:
 
 def test_without_the_section_every_variable_may_be_opened(tmp_path: Path) -> None:
     data = {key: value for key, value in TOUR.items() if key != "variables"}
-    assert find_domain(str(file_of(tmp_path, data))).variables is DOMAINS
+    assert find_domain(str(file_of(tmp_path, data))).variables is USUAL_RANGES
 
 
 def test_a_remote_action_cannot_start_without_ros(tour: Domain) -> None:

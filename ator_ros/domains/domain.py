@@ -77,8 +77,6 @@ class Domain:
         does not suit. By default none.
     sources : tuple of ObjectSource
         Topics of objects; an object without one has the topic of its name, with Odometry.
-    variables : mapping of str to callable
-        Goal variables that refinement may change where a plan opens them, with their ranges.
     features : tuple of Feature
         The features that the domain adds to the general ones.
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import pytest
+from action_servers import Server
 from chain_client import ChainClient, call
 from conftest import Start
 from process import PATIENCE
@@ -16,7 +13,6 @@ from ros_client import Client
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 
-OUTSIDE = Path(__file__).resolve().parents[1] / "outside"
 DOMAIN = """
 name: hall
 tops:
@@ -45,22 +41,10 @@ actions:
 """
 
 
-@pytest.fixture
-def server(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Run the server of somebody else's."""
-    monkeypatch.syspath_prepend(str(OUTSIDE))
-    monkeypatch.delitem(sys.modules, "drive_server", raising=False)
-    import drive_server
-
-    running = drive_server.Running(domain)
-    yield running.node
-    running.close()
-
-
-def test_actions_of_others_and_of_ours_mix(start: Start, client: Client, server: Any, tmp_path: Path) -> None:
+def test_actions_of_others_and_of_ours_mix(start: Start, client: Client, tmp_path: Path) -> None:
     file = tmp_path / "hall.yaml"
     file.write_text(DOMAIN, encoding="utf-8")
-    start("simulation", real_time_factor=1.0)
+    start("simulation", domain=file, real_time_factor=1.0)
     start("executor", domain=file, odom_timeout=5.0, action_timeout=60.0)
     chains = ChainClient(client)
     services = ("place_robot", "execute_chain/_action/send_goal")
@@ -69,14 +53,21 @@ def test_actions_of_others_and_of_ours_mix(start: Start, client: Client, server:
     client.place(robot=Pose(0.0, 0.0, 0.0))
     calls = [
         call("dock", Pose(0.6, 0.3, 0.5)),
-        call("visit", Pose(1.4, 0.8, 1.2)),
+        call("visit", Pose(1.2, 0.6, 0.8)),
         call("dock", Pose(0.8, 1.0, 3.0)),
     ]
-    result = chains.send(calls).result()
+    server = client.within(lambda: Server(client.node))
+    sent = chains.send(calls)
+    client.eventually(lambda: server.goals, "the second step", 4 * PATIENCE)
+    client.place(robot=Pose(1.2, 0.6, 0.8))  # the server is somebody who moves the robot
+    client.eventually(lambda: client.robot().pose.distance(Pose(1.2, 0.6, 0.8)) < 0.05, "odometry of it")
+    client.within(server.finish)
+    result = sent.result(4 * PATIENCE)
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert [record.action for record in result.record.actions] == ["goToPose", "drive", "goToPose"]
     for record in result.record.actions:
         assert record.outcome.code == Outcome.SUCCEEDED
-        assert record.actual.duration > 0.5
+        assert record.actual.duration > 0.0
         assert record.actual.accuracy < 0.2
-    assert len(server.driven) == 1
+    assert len(server.goals) == 1
+    client.within(server.destroy)
