@@ -13,7 +13,7 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
-from ator_ros.performance.features import FEATURES, derived_from, feature_table
+from ator_ros.performance.features import FEATURES, PATHS, derived_from, feature_table, names_of
 from ator_ros.performance.training import direct_of
 from ator_ros.robot.description import Robot
 
@@ -80,7 +80,7 @@ def _turn_and_drive(geometry: Geometry) -> FloatArray:
 
 
 class BoostedTime:
-    """Predicts durations with histogram gradient boosting over all features; not a readable model.
+    """Predicts durations with histogram gradient boosting over all described features; not a readable model.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class BoostedTime:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self.names = tuple(FEATURES)
+        self.names = tuple(name for name in FEATURES if name not in names_of(PATHS))
         self.used_variables = derived_from(self.names)
         self._boosting = HistGradientBoostingRegressor(max_iter=250, learning_rate=0.08, random_state=0)
 

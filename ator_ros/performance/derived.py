@@ -12,6 +12,8 @@ from ator_ros.motion.durations import drive_time, rates_of, turn_time
 from ator_ros.motion.families import Family, approach_family, dribble_family, drive_family, shot_family
 from ator_ros.motion.ideal_times import Motions, fastest_motions
 from ator_ros.performance.direct import Direct, direct_arrays
+from ator_ros.performance.driving import Driving, plain_driving
+from ator_ros.performance.paths import path_times
 from ator_ros.robot.description import Robot
 
 # The ideal shots, nine of them; the action itself chooses among more: m before the goal at which the ball is
@@ -29,11 +31,14 @@ class Geometry:
         Direct variables, see `direct_arrays`.
     robot : Robot
         Limits, and where a ball is held.
+    driving : Driving, optional
+        How the action was observed to drive; by default at all limits of the base.
     """
 
-    def __init__(self, direct: Direct, robot: Robot) -> None:
+    def __init__(self, direct: Direct, robot: Robot, driving: Driving | None = None) -> None:
         self.direct = direct_arrays(direct)
         self.robot = robot
+        self.driving = driving if driving is not None else plain_driving(robot)
         self.features: dict[str, FloatArray] = {}  # by name, each computed for the first tree that asks
 
     @cached_property
@@ -128,6 +133,26 @@ class Geometry:
     def dribble(self) -> Motions:
         """The fastest ideal motion with the ball."""
         return self._to_goal(dribble_family(self.robot))
+
+    @cached_property
+    def path(self) -> Motions:
+        """The fastest turn-straight-turn path at the limits that were observed."""
+        d, (from_x, from_y, yaw, opening) = self.direct, self._opening
+        x, y = self.destination
+        dx, dy, cos, sin = x - from_x, y - from_y, np.cos(yaw), np.sin(yaw)
+        turn = wrap_angles(d["yawg"] - yaw)
+        ends = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn, d["v"], d["speedg"]])
+        time, turned = np.empty(len(ends)), np.empty(len(ends))
+        for holding in (False, True):
+            rows = (d["hold"] > 0.5) == holding
+            if rows.any():
+                found = path_times(ends[rows], self.driving, hold=self.robot.hold, holding=holding)
+                time[rows], turned[rows] = found.time, found.turn
+        # Where no path leads there the robot must turn on the spot, drive, and turn again.
+        missing = ~np.isfinite(time)
+        time[missing] = self.turn_drive_turn()[missing]
+        turned[missing] = (np.abs(self.to_dest) + np.abs(self.at_dest))[missing]
+        return Motions(time, turned).after(opening)
 
     def turn_drive_turn(self, *, reverse: bool = False) -> FloatArray:
         """Return the time in s of turning on the spot, driving, and turning again."""

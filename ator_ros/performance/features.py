@@ -14,6 +14,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
+from ator_ros.performance.driving import Driving
 from ator_ros.robot.description import Robot
 
 Mirror = Literal["even", "odd"]
@@ -109,7 +110,15 @@ SHOT = (
 )
 """Of a ball that is held and a goal whose heading doesn't matter, on the field's x axis."""
 
-FEATURES: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *IDEAL, *SHOT)}
+PATHS = (
+    Feature("path_time", "s", _MOTION, lambda g: g.path.time),
+    Feature("path_turn", "rad", _MOTION, lambda g: g.path.turn),
+)
+"""Time of and angle turned on the fastest path at the limits that odometry showed."""
+
+FEATURES: dict[str, Feature] = {
+    feature.name: feature for feature in (*PAPER_11, *SIGNED, *IDEAL, *SHOT, *PATHS)
+}
 """All features by name; a new one is a new row."""
 
 
@@ -118,7 +127,9 @@ def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
     return tuple(feature.name for feature in features)
 
 
-def feature_table(direct: Direct, robot: Robot, names: Sequence[str]) -> FloatArray:
+def feature_table(
+    direct: Direct, robot: Robot, names: Sequence[str], driving: Driving | None = None
+) -> FloatArray:
     """Compute features.
 
     Parameters
@@ -129,12 +140,14 @@ def feature_table(direct: Direct, robot: Robot, names: Sequence[str]) -> FloatAr
         Limits, and where a ball is held.
     names : sequence of str
         Which features.
+    driving : Driving, optional
+        How the action was observed to drive, for `PATHS`.
 
     Returns
     -------
     ndarray, shape (n, len(names))
     """
-    geometry = Geometry(direct, robot)
+    geometry = Geometry(direct, robot, driving)
     return table_of(geometry, names)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
+from ator_ros.performance.driving import Driving
 from ator_ros.performance.features import FEATURES, derived_from, table_of
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.performance.tree.rules import RuleWriter
@@ -58,12 +59,15 @@ class PerformanceModel:
         A tree for each measure that was learned; "duration" is always among them.
     metadata : mapping
         Where the model comes from and how accurate it is; see `model_file`.
+    driving : Driving or None
+        How the action was observed to drive; None where no feature needs it.
     """
 
     action: str
     robot: Robot
     trees: Mapping[str, ModelTree]
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    driving: Driving | None = None
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:
@@ -90,7 +94,7 @@ class PerformanceModel:
         ValueError
             A direct variable is missing or of another shape.
         """
-        geometry = Geometry(direct, self.robot)
+        geometry = Geometry(direct, self.robot, self.driving)
         fields: dict[str, FloatArray] = {}
         if "duration" in measures or "spread" in measures:
             tree = self.trees["duration"]
@@ -113,7 +117,7 @@ class PerformanceModel:
     def explain(self, direct: Direct, measure: str = "duration") -> str:
         """Return the rule that predicts `measure` in one situation, and what each of its terms adds."""
         tree = self.trees[measure]
-        row = table_of(Geometry(direct, self.robot), tree.names)[0]
+        row = table_of(Geometry(direct, self.robot, self.driving), tree.names)[0]
         return self._writer(measure).explanation(tree, row)
 
     def _writer(self, measure: str) -> RuleWriter:

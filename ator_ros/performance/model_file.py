@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
+from ator_ros.performance.driving import Driving
 from ator_ros.performance.features import FEATURES
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
@@ -31,7 +32,8 @@ FIELDS: dict[str, type] = {
     "accuracy": dict,
 }
 """The fields of a model file. features: unit by name; trees: by measure, see `tree_to_dict`; training:
-digest of the rows, episodes, examples, seed, command; accuracy: on fresh episodes, empty if not measured."""
+digest of the rows, episodes, examples, seed, command; accuracy: on fresh episodes, empty if not measured.
+Models that use the times of paths also have "driving", see `Driving`."""
 
 ACCURACY = ("mae_s", "rmse_s")
 
@@ -85,6 +87,8 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         "accuracy": model.metadata.get("accuracy", {}),
         "trees": {measure: tree_to_dict(tree) for measure, tree in model.trees.items()},
     }
+    if model.driving is not None:
+        data["driving"] = model.driving.to_dict()
     write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
 
@@ -128,8 +132,8 @@ def load_model(path: Path | str, robot: Robot) -> PerformanceModel:
     _check_accuracy(path, data["accuracy"])
     if data["robot_digest"] != robot.digest():
         _warn_of_robot(path, data, robot)
-    metadata = {name: value for name, value in data.items() if name not in ("format", "trees")}
-    return PerformanceModel(data["action"], robot, trees, metadata)
+    metadata = {name: value for name, value in data.items() if name not in ("format", "trees", "driving")}
+    return PerformanceModel(data["action"], robot, trees, metadata, _driving(path, data))
 
 
 def load_models(
@@ -202,6 +206,14 @@ def _read(path: Path | str) -> dict[str, Any]:
 
 def _refuse_constant(text: str) -> float:
     raise ValueError(f"expected finite numbers, got {text}")
+
+
+def _driving(path: Path | str, data: Mapping[str, Any]) -> Driving | None:
+    """Return how the action was observed to drive, None where that was not needed."""
+    try:
+        return Driving.from_dict(data["driving"]) if data.get("driving") is not None else None
+    except ValueError as error:
+        raise ModelFileError(f"{path}: driving: {error}") from error
 
 
 def _check_accuracy(path: Path | str, accuracy: Mapping[str, Any]) -> None:

@@ -10,14 +10,19 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import IDEAL, PAPER_3, SIGNED, feature_table, names_of
+from ator_ros.performance.driving import Driving
+from ator_ros.performance.features import IDEAL, PAPER_3, PATHS, SIGNED, feature_table, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
+from ator_ros.performance.observing import observed_driving
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
 CANDIDATES = (*names_of(PAPER_3), *names_of(SIGNED), *names_of(IDEAL))
 """Features that any action's model tree can select from; see `ActionSpec.features`."""
+
+OBSERVED = (*names_of(PAPER_3), *names_of(SIGNED), *names_of(PATHS))
+"""The same for a model that knows nothing but what was observed: no ideal times of our own actions."""
 
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
@@ -83,20 +88,37 @@ def train(
         raise TrainingError(
             f"{action}: expected at least 20 episodes that succeeded, got {len(good_starts)} of {len(starts)}"
         )
-    trees = {"duration": _duration_tree(good, robot, names, how)}
-    trees["success"] = _small_tree(starts, robot, names, starts["success"].to_numpy(dtype=float))
+    driving = observed_driving(rows, robot) if set(names) & set(names_of(PATHS)) else None
+    source = _Source(robot, names, driving)
+    trees = {"duration": _duration_tree(good, source, how)}
+    trees["success"] = _small_tree(starts, source, starts["success"].to_numpy(dtype=float))
     for measure, column in (("accuracy", "position_error"), ("heading", "heading_error")):
         values = good_starts[column].to_numpy(dtype=float)
         if np.isfinite(values).all():
-            trees[measure] = _small_tree(good_starts, robot, names, values)
-    return PerformanceModel(action, robot, {name: trees[name] for name in MEASURES if name in trees})
+            trees[measure] = _small_tree(good_starts, source, values)
+    chosen = {name: trees[name] for name in MEASURES if name in trees}
+    return PerformanceModel(action, robot, chosen, driving=driving)
 
 
-def _duration_tree(rows: pd.DataFrame, robot: Robot, names: Sequence[str], how: Training) -> ModelTree:
+@dataclass(frozen=True)
+class _Source:
+    """What candidate features are computed from."""
+
+    robot: Robot
+    names: tuple[str, ...]
+    driving: Driving | None
+
+    def table(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Return the features of rows of an experience table."""
+        features = feature_table(direct_of(rows), self.robot, self.names, self.driving)
+        return pd.DataFrame(features, columns=list(self.names))
+
+
+def _duration_tree(rows: pd.DataFrame, source: _Source, how: Training) -> ModelTree:
     weight = np.where(rows["t"] == 0.0, how.start_weight, how.later_weight)
     rows, weight = rows[weight > 0.0], weight[weight > 0.0]
     tree = ModelTreeRegressor(smoothing=_SMOOTHING).fit(
-        pd.DataFrame(feature_table(direct_of(rows), robot, names), columns=list(names)),
+        source.table(rows),
         rows["time_to_go"].to_numpy(dtype=float),
         sample_weight=weight,
         groups=rows["episode"].to_numpy(),
@@ -104,10 +126,10 @@ def _duration_tree(rows: pd.DataFrame, robot: Robot, names: Sequence[str], how: 
     return narrowed(tree.tree_)
 
 
-def _small_tree(rows: pd.DataFrame, robot: Robot, names: Sequence[str], values: np.ndarray) -> ModelTree:
+def _small_tree(rows: pd.DataFrame, source: _Source, values: np.ndarray) -> ModelTree:
     """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
-    table = pd.DataFrame(feature_table(direct_of(rows), robot, names), columns=list(names))
-    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0).fit(table, values)
+    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0)
+    tree.fit(source.table(rows), values)
     return narrowed(tree.tree_)
 
 

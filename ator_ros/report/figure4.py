@@ -56,7 +56,7 @@ def figure4(model: PerformanceModel, *, hold: bool = True) -> Any:
     assert prediction.duration is not None
     assert prediction.spread is not None
     tree = model.trees["duration"]
-    leaves = tree.apply(table_of(Geometry(direct, model.robot), tree.names))
+    leaves = tree.apply(table_of(Geometry(direct, model.robot, model.driving), tree.names))
     changes = np.flatnonzero(np.diff(leaves)) + 1
     figure = new_figure(8.0, 4.6)
     upper, lower = figure.subfigures(2, 1, height_ratios=(5.0, 1.6))

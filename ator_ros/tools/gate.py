@@ -8,13 +8,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
+from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.evaluation.gate_from_episodes import CrossFit
+from ator_ros.evaluation.gate_learning import (
+    GateExamples,
+    compare_gates,
+    fit_threshold,
+    fit_tree,
+    gate_examples,
+)
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import RESUMES
 from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, read_rows
+from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, make_library, read_rows
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.files import portable_command, reserved
+from ator_ros.performance.training import OBSERVED as OBSERVED_FEATURES
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import add_domain, add_parallel_options, domain_in, executed, guarded, whole
@@ -40,6 +49,12 @@ def arguments(domain: Domain) -> argparse.ArgumentParser:
         help="tables: refit the rulers' models to them",
     )
     parser.add_argument(
+        "--episodes",
+        nargs="+",
+        metavar="FILE",
+        help="learn the gate of the observed models from the tables that they learned from; execute nothing",
+    )
+    parser.add_argument(
         "--work",
         type=Path,
         default=Path("gate"),
@@ -60,26 +75,46 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _learn(options: argparse.Namespace, command: str) -> int:
     source = ToolsetSource(domain=options.domain, action_set=options.action_set, models=options.models)
+    if options.episodes:
+        return _learn_from_episodes(source, options, command)
     if options.experience is not None:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, policies=POLICIES, source=source)
     with reserved(source.folder(), _GATE_BYTES):
         records = executed(settings, options, options.work)
-    examples = gate_examples(records)
+    _save(gate_examples(records), source.folder() / GATE, options, command)
+    return 0
+
+
+def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, command: str) -> int:
+    """Learn the gate of the observed models, with those of the chain's actions that the tables hold."""
+    robot, domain = load_robot(), find_domain(options.domain)
+    library = make_library(robot, source)
+    trials = [
+        random_trial(domain, next(iter(domain.chains)), library, seed=options.seed, index=index)
+        for index in range(options.situations)
+    ]
+    actions = {call.top.action for call in trials[0].chain.calls}
+    rows = {action: table for action, table in read_rows(options.episodes).items() if action in actions}
+    fitted = CrossFit(robot, rows, OBSERVED_FEATURES)
+    _save(fitted.examples(trials, seed=options.seed), source.observed_folder() / GATE, options, command)
+    return 0
+
+
+def _save(examples: GateExamples, path: Path, options: argparse.Namespace, command: str) -> None:
     comparison = compare_gates(examples)
     tree, threshold = fit_tree(examples), fit_threshold(examples)
     best = tree if comparison["tree"]["utility"] > comparison["threshold"]["utility"] else threshold
     training: dict[str, Any] = {
         "command": command,
         "seed": options.seed,
-        "situations": len(records),
+        "situations": options.situations,
         "cross_validation": comparison,
         "tree_rules": tree.rules(),
         "threshold": {"gain": threshold.gain, "spread_factor": threshold.spread_factor},
     }
-    save_gate(source.folder() / GATE, best, training, options.action_set)
-    _report(training, best.kind, source.folder() / GATE)
-    return 0
+    save_gate(path, best, training, options.action_set)
+    _report(training, best.kind, path)
 
 
 def refit_rulers(source: ToolsetSource, experience: Sequence[str]) -> None:

@@ -21,7 +21,7 @@ from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
-from ator_ros.performance.training import TrainingError, digest, train
+from ator_ros.performance.training import OBSERVED, TrainingError, digest, train
 from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tools.command_line import add_domain, destination, domain_in, guarded
@@ -46,6 +46,11 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument(
         "--action-set", help="of odometry and commands that were recorded (tables and records know their own)"
+    )
+    parser.add_argument(
+        "--observed",
+        action="store_true",
+        help="learn from odometry, goals and results alone, without ideal times of our own actions",
     )
     parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
     parser.add_argument(
@@ -110,8 +115,9 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     errors: list[str] = []
     for action, examples in by_action.items():
         # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
+        features = OBSERVED if options.observed else domain.candidates(action, source["action_set"])
         try:
-            model = train(action, examples, robot, features=domain.candidates(action, source["action_set"]))
+            model = train(action, examples, robot, features=features)
         except TrainingError as error:
             errors.append(str(error))
             continue
