@@ -163,5 +163,5 @@ def make_toolset(source: ToolsetSource) -> Toolset:
 
 
 def _gate(folder: Path, action_set: str) -> Gate:
-    """Return the gate in a folder of models; one that refines wherever a gain is predicted if there is none."""
+    """Return the gate in a folder of models; an open one where there is none."""
     return load_gate(folder / GATE, action_set) if (folder / GATE).exists() else OpenGate()

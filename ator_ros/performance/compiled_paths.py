@@ -23,8 +23,8 @@ class Way(NamedTuple):
     """One way to drive: sides of the turns (1 left), direction of the straight, entry and exit.
 
     `lead` is the speed to reach straight before the first turn (negative: turn at once), `gain` the share of
-    the acceleration in it; `arrival` and `loss` are the same for the last turn, seen from the goal. `first` and
-    `last` number the tables of turns.
+    the acceleration in it; `arrival` and `loss` are the same for the last turn, seen from the goal. `first`
+    and `last` number the tables of turns.
     """
 
     side: float
@@ -90,7 +90,7 @@ def _ramp(before: float, after: float, rates: Rates) -> tuple[float, float]:
 
 @compiled
 def way_time(end: FloatArray, way: Way, rules: Rules, tables: FloatArray, most: float) -> tuple[float, float]:
-    """Return time (s) and angle turned (rad) of one way to drive; infinite where it does not lead to the goal.
+    """Return time (s) and angle turned (rad) of one way to drive; infinite where it misses the goal.
 
     Parameters
     ----------
@@ -103,7 +103,10 @@ def way_time(end: FloatArray, way: Way, rules: Rules, tables: FloatArray, most: 
     most : float
         Time in s from which on a way does not matter.
     """
-    rates, backing = rules.rates, Rates(rules.rates.v, rules.rates.w, rules.rates.brake, rules.rates.a, rules.rates.aw)
+    rates, backing = (
+        rules.rates,
+        Rates(rules.rates.v, rules.rates.w, rules.rates.brake, rules.rates.a, rules.rates.aw),
+    )
     turn, speed, final = end[2], end[3], end[4]
     spent, ahead = 0.0, 0.0
     if way.lead >= 0.0:
@@ -129,7 +132,9 @@ def way_time(end: FloatArray, way: Way, rules: Rules, tables: FloatArray, most: 
     before, missed, total = heading, 0.0, 0.0
     for step in range(_STEPS + 1):
         first, last = _wrapped(way.side * heading + 1e-7), _wrapped(way.last_side * (turn - heading) + 1e-7)
-        time1, x1, y1, speed1 = _turn(tables[way.first], first, way.side, speed, way.gain, rates, rules.forward)
+        time1, x1, y1, speed1 = _turn(
+            tables[way.first], first, way.side, speed, way.gain, rates, rules.forward
+        )
         time2, x2, y2, speed2 = _turn(
             tables[way.last], last, -way.last_side, arrival, way.loss, backing, rules.forward
         )

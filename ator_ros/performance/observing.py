@@ -88,8 +88,10 @@ def _best_approach(driving: Driving, starts: pd.DataFrame, robot: Robot) -> Driv
     """Choose run and passing with which the times of paths tell the durations best."""
     best, least = driving, _error(driving, starts, robot)
     for _ in range(2):
-        for name, values in (("run", _RUNS), ("passing", _PASSINGS)):
-            tried = [dataclasses.replace(best, **{name: value}) for value in values]
+        for tried in (
+            [dataclasses.replace(best, run=run) for run in _RUNS],
+            [dataclasses.replace(best, passing=passing) for passing in _PASSINGS],
+        ):
             errors = [_error(other, starts, robot) for other in tried]
             if min(errors) < _BETTER * least:
                 best, least = tried[int(np.argmin(errors))], min(errors)

@@ -40,8 +40,9 @@ def turn_table(rate: float, aw: float) -> FloatArray:
     Returns
     -------
     ndarray, shape (_ANGLES, 5)
-        Time (s), and the integrals over it of cosine, sine, time x cosine and time x sine of the heading: with
-        speed v at the start and acceleration a, v times the first two plus a times the last two is the way.
+        Time (s), and the integrals over it of cosine, sine, time x cosine and time x sine of the heading:
+        with speed v at the start and acceleration a, v times the first two plus a times the last two is the
+        way.
     """
     angles = np.linspace(0.0, 2.0 * math.pi, _ANGLES)[:, None]
     whole = turn_time(angles, rate, aw)
