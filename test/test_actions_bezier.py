@@ -17,14 +17,15 @@ from scenarios import (
 )
 
 from ator_ros.actions.base import ActionError, Goal, Point
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
 from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
 from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver, Pushing
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.evaluation.action_quality import execute, tasks
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
@@ -80,7 +81,7 @@ def test_same_start_gives_the_same_steps(robot: Robot, runs: dict[str, list[Run]
 @pytest.mark.parametrize("name", ["dribbleBall", "shoot"])
 def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
-    goal = Goal(Pose(*robot.field.goal_centre(), 0.0), point=Point.HOLD)
+    goal = Goal(Pose(*field_of(robot).goal_centre(), 0.0), point=Point.HOLD)
     with pytest.raises(ActionError, match="expected the ball within"):
         SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
 
@@ -150,7 +151,7 @@ def test_curve_is_continuous_in_the_heading_of_the_start() -> None:
 
 
 def test_way_round_the_goal_is_the_shorter_one_and_kept(robot: Robot) -> None:
-    driver = Driver(robot.dribble_limits, dribbling(1.0))
+    driver = Driver(robot.holder_for("a test").limits, dribbling(1.0))
     goal = Pose(0.0, 0.0, 0.0)
     left = driver.curve(Pose(0.5, 0.1, math.pi / 2), goal, 0.0)
     assert left.points[2][1] > 0.0
@@ -159,8 +160,9 @@ def test_way_round_the_goal_is_the_shorter_one_and_kept(robot: Robot) -> None:
 
 def test_way_round_a_goal_near_a_goal_wall_avoids_the_wall(robot: Robot) -> None:
     start, goal = Pose(-2.04, -1.86, -2.98), Pose(-2.06, 0.03, -2.07)
-    blind = Driver(robot.dribble_limits, dribbling(1.0)).curve(start, goal, 0.0)
-    seeing = Driver(robot.dribble_limits, dribbling(1.0), field=robot.field).curve(start, goal, 0.0)
+    limits = robot.holder_for("a test").limits
+    blind = Driver(limits, dribbling(1.0)).curve(start, goal, 0.0)
+    seeing = Driver(limits, dribbling(1.0), field=field_of(robot)).curve(start, goal, 0.0)
     assert blind.bulge[0][1] * seeing.bulge[0][1] < 0.0
 
 

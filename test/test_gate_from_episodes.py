@@ -27,7 +27,7 @@ class Prefers:
     def __init__(self, yaw: float, scale: float) -> None:
         self.yaw, self.scale = yaw, scale
 
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:
         off = np.abs((np.atleast_1d(direct["yawg"]) - self.yaw + np.pi) % (2.0 * np.pi) - np.pi)
         count = max(np.size(value) for value in direct.values())
         return SimpleNamespace(duration=np.broadcast_to(3.0 + self.scale * off, count).copy())

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import Driving, plain_driving
+from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.performance.features import feature_table
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.observing import from_odometry, observed_driving
@@ -20,11 +20,11 @@ from ator_ros.performance.training import OBSERVED, train
 from ator_ros.robot.description import Limits, load_robot
 
 ROBOT = load_robot()
-SLOW = Driving(Limits(0.5, 1.0, 0.4, 0.3, 2.0))
+SLOW = DrivingStyle(Limits(0.5, 1.0, 0.4, 0.3, 2.0))
 DESCRIBED = {"drive_time", "drive_turn", "dribble_time", "dribble_turn", "shot_time"}
 
 
-def time_to(x: float, y: float, turn: float, driving: Driving, *, speed: float = 0.0) -> float:
+def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, speed: float = 0.0) -> float:
     ends = np.array([[x, y, turn, 0.0, speed]])
     return float(path_times(ends, driving, hold=0.31, holding=False).time[0])
 

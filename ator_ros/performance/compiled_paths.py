@@ -19,7 +19,7 @@ _WAY_ROUND = 6.0  # s for each m that a straight drive passes too near
 _SLOW = 0.6  # share of the acceleration below which a start at low speed does not turn forward
 
 
-class Way(NamedTuple):
+class PathWay(NamedTuple):
     """One way to drive: sides of the turns (1 left), direction of the straight, entry and exit.
 
     `lead` is the speed to reach straight before the first turn (negative: turn at once), `gain` the share of
@@ -38,7 +38,7 @@ class Way(NamedTuple):
     last: int
 
 
-class Rules(NamedTuple):
+class PathRules(NamedTuple):
     """What holds for all ways: rates, run in m (negative: as long as needed), 1 if forward only, and so on.
 
     `passing` is the distance in m to keep from the point `hold` m ahead of the goal; `least` the speed in m/s
@@ -89,7 +89,9 @@ def _ramp(before: float, after: float, rates: Rates) -> tuple[float, float]:
 
 
 @compiled
-def way_time(end: FloatArray, way: Way, rules: Rules, tables: FloatArray, most: float) -> tuple[float, float]:
+def way_time(
+    end: FloatArray, way: PathWay, rules: PathRules, tables: FloatArray, most: float
+) -> tuple[float, float]:
     """Return time (s) and angle turned (rad) of one way to drive; infinite where it misses the goal.
 
     Parameters
@@ -172,14 +174,19 @@ def way_time(end: FloatArray, way: Way, rules: Rules, tables: FloatArray, most: 
 
 @compiled
 def fastest_ways(
-    ends: FloatArray, ways: FloatArray, rules: Rules, tables: FloatArray, times: FloatArray, turns: FloatArray
+    ends: FloatArray,
+    ways: FloatArray,
+    rules: PathRules,
+    tables: FloatArray,
+    times: FloatArray,
+    turns: FloatArray,
 ) -> None:
     """Write the least time of all `ways` (k, 9) to each of `ends` (n, 5), and the angle turned on it."""
     for row in range(len(ends)):
         times[row], turns[row] = np.inf, 0.0
         for number in range(len(ways)):
             w = ways[number]
-            way = Way(w[0], w[1], w[2], w[3], w[4], w[5], w[6], int(w[7]), int(w[8]))
+            way = PathWay(w[0], w[1], w[2], w[3], w[4], w[5], w[6], int(w[7]), int(w[8]))
             time, turned = way_time(ends[row], way, rules, tables, times[row])
             if time < times[row]:
                 times[row], turns[row] = time, turned

@@ -12,7 +12,7 @@ from ator_ros.motion.durations import drive_time, rates_of, turn_time
 from ator_ros.motion.families import Family, approach_family, dribble_family, drive_family, shot_family
 from ator_ros.motion.ideal_times import Motions, fastest_motions
 from ator_ros.performance.direct import Direct, direct_arrays
-from ator_ros.performance.driving import Driving, plain_driving
+from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.performance.paths import path_times
 from ator_ros.robot.description import Robot
 
@@ -31,11 +31,11 @@ class Geometry:
         Direct variables, see `direct_arrays`.
     robot : Robot
         Limits, and where a ball is held.
-    driving : Driving, optional
+    driving : DrivingStyle, optional
         How the action was observed to drive; by default at all limits of the base.
     """
 
-    def __init__(self, direct: Direct, robot: Robot, driving: Driving | None = None) -> None:
+    def __init__(self, direct: Direct, robot: Robot, driving: DrivingStyle | None = None) -> None:
         self.direct = direct_arrays(direct)
         self.robot = robot
         self.driving = driving if driving is not None else plain_driving(robot)
@@ -191,9 +191,10 @@ class Geometry:
     @cached_property
     def shot(self) -> Motions:
         """The fastest ideal motion with the ball to a run, at full speed, into the goal's mouth."""
-        d, width = self.direct, self.robot.field.goal_width
+        d, width = self.direct, self.robot.scene.bays[0].width
         back = RELEASE + self.robot.hold
         heading = np.where(d["xg"] > 0.0, 0.0, np.pi) + _SHOTS
         x = d["xg"] - back * np.cos(heading)
         y = d["yg"] + width * _AIMS - back * np.sin(heading)
-        return self._motions(shot_family(self.robot), x, y, heading, self.robot.dribble_limits.v + 0.0 * x)
+        fastest = self.robot.holder_for("a shot").limits.v
+        return self._motions(shot_family(self.robot), x, y, heading, fastest + 0.0 * x)

@@ -14,7 +14,7 @@ _FULL = (1.0,) * LEVELS
 
 
 @dataclass(frozen=True)
-class Driving:
+class DrivingStyle:
     """How an action drives, as far as odometry and durations show it.
 
     Attributes
@@ -45,7 +45,7 @@ class Driving:
         return asdict(self)
 
     @staticmethod
-    def from_dict(data: Mapping[str, Any]) -> Driving:
+    def from_dict(data: Mapping[str, Any]) -> DrivingStyle:
         """Return what `to_dict` turned into data.
 
         Raises
@@ -57,7 +57,7 @@ class Driving:
             limits = Limits(**{name: _positive(value) for name, value in data["limits"].items()})
             run = data["run"]
             steady, braking = (tuple(map(float, data[name])) for name in ("steady", "braking"))
-            read = Driving(
+            read = DrivingStyle(
                 limits,
                 bool(data["backward"]),
                 None if run is None else abs(float(run)),
@@ -72,9 +72,9 @@ class Driving:
         return read
 
 
-def plain_driving(robot: Robot) -> Driving:
+def plain_driving(robot: Robot) -> DrivingStyle:
     """Return what is assumed of an action that nobody has observed: all that the base can do."""
-    return Driving(robot.limits)
+    return DrivingStyle(robot.limits)
 
 
 def _positive(value: Any) -> float:

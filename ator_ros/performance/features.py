@@ -14,7 +14,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
-from ator_ros.performance.driving import Driving
+from ator_ros.performance.driving import DrivingStyle
 from ator_ros.robot.description import Robot
 
 Mirror = Literal["even", "odd"]
@@ -128,7 +128,7 @@ def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
 
 
 def feature_table(
-    direct: Direct, robot: Robot, names: Sequence[str], driving: Driving | None = None
+    direct: Direct, robot: Robot, names: Sequence[str], driving: DrivingStyle | None = None
 ) -> FloatArray:
     """Compute features.
 
@@ -140,7 +140,7 @@ def feature_table(
         Limits, and where a ball is held.
     names : sequence of str
         Which features.
-    driving : Driving, optional
+    driving : DrivingStyle, optional
         How the action was observed to drive, for `PATHS`.
 
     Returns

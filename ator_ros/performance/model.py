@@ -12,7 +12,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
-from ator_ros.performance.driving import Driving
+from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import FEATURES, derived_from, table_of
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.performance.tree.rules import RuleWriter
@@ -59,7 +59,7 @@ class PerformanceModel:
         A tree for each measure that was learned; "duration" is always among them.
     metadata : mapping
         Where the model comes from and how accurate it is; see `model_file`.
-    driving : Driving or None
+    driving : DrivingStyle or None
         How the action was observed to drive; None where no feature needs it.
     """
 
@@ -67,7 +67,7 @@ class PerformanceModel:
     robot: Robot
     trees: Mapping[str, ModelTree]
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    driving: Driving | None = None
+    driving: DrivingStyle | None = None
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:

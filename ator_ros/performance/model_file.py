@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
-from ator_ros.performance.driving import Driving
+from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import FEATURES
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
@@ -33,7 +33,7 @@ FIELDS: dict[str, type] = {
 }
 """The fields of a model file. features: unit by name; trees: by measure, see `tree_to_dict`; training:
 digest of the rows, episodes, examples, seed, command; accuracy: on fresh episodes, empty if not measured.
-Models that use the times of paths also have "driving", see `Driving`."""
+Models that use the times of paths also have "driving", see `DrivingStyle`."""
 
 ACCURACY = ("mae_s", "rmse_s")
 
@@ -208,10 +208,10 @@ def _refuse_constant(text: str) -> float:
     raise ValueError(f"expected finite numbers, got {text}")
 
 
-def _driving(path: Path | str, data: Mapping[str, Any]) -> Driving | None:
+def _driving(path: Path | str, data: Mapping[str, Any]) -> DrivingStyle | None:
     """Return how the action was observed to drive, None where that was not needed."""
     try:
-        return Driving.from_dict(data["driving"]) if data.get("driving") is not None else None
+        return DrivingStyle.from_dict(data["driving"]) if data.get("driving") is not None else None
     except ValueError as error:
         raise ModelFileError(f"{path}: driving: {error}") from error
 

@@ -10,7 +10,7 @@ import pandas as pd
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import LEVELS, Driving
+from ator_ros.performance.driving import LEVELS, DrivingStyle
 from ator_ros.robot.description import Limits, Robot
 
 _EPISODES = 300  # more don't change what is read off, and take longer
@@ -24,7 +24,7 @@ _BETTER = 0.97  # share of the error that a change of run or passing must leave 
 _FAILED = 9.0  # s, error where most paths don't lead to the goal
 
 
-def observed_driving(rows: pd.DataFrame, robot: Robot) -> Driving:
+def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     """Return how an action drives.
 
     Parameters
@@ -40,7 +40,7 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> Driving:
     return _best_approach(seen, starts, robot)
 
 
-def from_odometry(rows: pd.DataFrame, robot: Robot) -> Driving:
+def from_odometry(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     """Return limits, whether the action drives backward, and its turn rates by speed."""
     v, w = rows["v"].to_numpy(dtype=float), rows["w"].to_numpy(dtype=float)
     time, episode = rows["t"].to_numpy(dtype=float), rows["episode"].to_numpy()
@@ -63,7 +63,7 @@ def from_odometry(rows: pd.DataFrame, robot: Robot) -> Driving:
         _envelope(level[which], rates[which]) for which in (np.abs(change) < _STEADY, change < -_STEADY)
     )
     backward = bool(np.mean(v < _BACKWARD[0]) > _BACKWARD[1])
-    return Driving(limits, backward, 0.0, 0.0, steady, braking)
+    return DrivingStyle(limits, backward, 0.0, 0.0, steady, braking)
 
 
 def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
@@ -84,7 +84,7 @@ def _envelope(level: FloatArray, rates: FloatArray) -> tuple[float, ...]:
     return tuple(round(float(share), 3) for share in rising)
 
 
-def _best_approach(driving: Driving, starts: pd.DataFrame, robot: Robot) -> Driving:
+def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:
     """Choose run and passing with which the times of paths tell the durations best."""
     best, least = driving, _error(driving, starts, robot)
     for _ in range(2):
@@ -98,7 +98,7 @@ def _best_approach(driving: Driving, starts: pd.DataFrame, robot: Robot) -> Driv
     return best
 
 
-def _error(driving: Driving, starts: pd.DataFrame, robot: Robot) -> float:
+def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
     """Return the mean error in s of the durations as a linear function of the times of paths."""
     direct = {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
     times = Geometry(direct, robot, driving).path.time

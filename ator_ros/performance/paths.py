@@ -16,8 +16,8 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import rates_of, turn_time
 from ator_ros.motion.ideal_times import Motions
-from ator_ros.performance.compiled_paths import Rules, fastest_ways
-from ator_ros.performance.driving import LEVELS, Driving
+from ator_ros.performance.compiled_paths import PathRules, fastest_ways
+from ator_ros.performance.driving import LEVELS, DrivingStyle
 
 _ANGLES = 257  # of a table of turns, from 0 to a full turn
 _MOMENTS = 96  # at which a turn is summed up
@@ -62,8 +62,8 @@ def _tables(rate: float, aw: float) -> FloatArray:
 
 
 @lru_cache(maxsize=64)
-def _ways(driving: Driving, *, holding: bool) -> FloatArray:
-    """Return the ways to drive, one a row, see `compiled_paths.Way`."""
+def _ways(driving: DrivingStyle, *, holding: bool) -> FloatArray:
+    """Return the ways to drive, one a row, see `compiled_paths.PathWay`."""
     full = _RATES - 1
     if driving.backward:
         entries = [(-1.0, gain, full) for gain in _CHANGES]
@@ -94,7 +94,7 @@ def _number(shares: tuple[float, ...], speed: float) -> int:
     return round(_RATES * min(shares[min(int(speed * LEVELS), LEVELS - 1)], 1.0)) - 1
 
 
-def path_times(ends: FloatArray, driving: Driving, *, hold: float, holding: bool) -> Motions:
+def path_times(ends: FloatArray, driving: DrivingStyle, *, hold: float, holding: bool) -> Motions:
     """Return time and angle of the fastest paths.
 
     Parameters
@@ -102,7 +102,7 @@ def path_times(ends: FloatArray, driving: Driving, *, hold: float, holding: bool
     ends : ndarray, shape (n, 5)
         Where the axle shall come, ahead and to the left in m, the turn to its heading there in rad, and the
         speeds at start and goal in m/s.
-    driving : Driving
+    driving : DrivingStyle
         How the action drives.
     hold : float
         Distance in m from the axle to what the robot holds.
@@ -117,7 +117,7 @@ def path_times(ends: FloatArray, driving: Driving, *, hold: float, holding: bool
     rates = rates_of(driving.limits)
     run = (-1.0 if driving.run is None else driving.run) if holding else 0.0
     passing = driving.passing if holding else 0.0
-    rules = Rules(rates, run, not driving.backward, passing, hold, _TIGHT * rates.w)
+    rules = PathRules(rates, run, not driving.backward, passing, hold, _TIGHT * rates.w)
     times, turns = np.empty(len(ends)), np.empty(len(ends))
     ways = _ways(driving, holding=holding)
     fastest_ways(ends, ways, rules, _tables(rates.w, rates.aw), times, turns)

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import Driving
+from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import IDEAL, PAPER_3, PATHS, SIGNED, feature_table, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
 from ator_ros.performance.observing import observed_driving
@@ -106,7 +106,7 @@ class _Source:
 
     robot: Robot
     names: tuple[str, ...]
-    driving: Driving | None
+    driving: DrivingStyle | None
 
     def table(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Return the features of rows of an experience table."""

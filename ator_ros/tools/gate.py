@@ -25,7 +25,6 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.files import portable_command, reserved
 from ator_ros.performance.training import OBSERVED as OBSERVED_FEATURES
 from ator_ros.refinement.gate_file import save_gate
-from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import add_domain, add_parallel_options, domain_in, executed, guarded, whole
 
 _GATE_BYTES = 100_000
@@ -88,7 +87,8 @@ def _learn(options: argparse.Namespace, command: str) -> int:
 
 def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, command: str) -> int:
     """Learn the gate of the observed models, with those of the chain's actions that the tables hold."""
-    robot, domain = load_robot(), find_domain(options.domain)
+    domain = find_domain(options.domain)
+    robot = domain.robot()
     library = make_library(robot, source)
     trials = [
         random_trial(domain, next(iter(domain.chains)), library, seed=options.seed, index=index)
@@ -121,7 +121,8 @@ def refit_rulers(source: ToolsetSource, experience: Sequence[str]) -> None:
     """Refit the rulers' time models to the starts of successful episodes, and write them to the models."""
     tables = read_rows(experience)
     starts = {action: rows[(rows["t"] == 0.0) & rows["success"]] for action, rows in tables.items()}
-    save_baselines(source.folder() / BASELINES, starts, load_robot())
+    domain = find_domain(source.domain)
+    save_baselines(source.folder() / BASELINES, starts, domain.robot(), domain.tops)
 
 
 def _report(training: dict[str, Any], shipped: str, path: Path) -> None:

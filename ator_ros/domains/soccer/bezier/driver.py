@@ -6,10 +6,12 @@ import math
 from dataclasses import dataclass
 
 from ator_ros.actions.base import ActionError, Goal
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
+from ator_ros.domains.soccer.field import Field
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, Robot
-from ator_ros.world.state import Command, Field, RobotState
+from ator_ros.world.state import Command, RobotState
 
 PERIOD = 0.05
 """Control period in s for which changes of the command are limited."""
@@ -71,7 +73,7 @@ class Pushing:
     @classmethod
     def of(cls, robot: Robot) -> Pushing:
         """Return the physics of the robot's ball."""
-        return cls(robot.hold, robot.ball.rolling_deceleration)
+        return cls(robot.hold, robot.scene.objects[BALL].rolling_deceleration)
 
     def braking(self, v: float, curvature: float) -> float:
         """Return the greatest deceleration in m/s^2 at v (m/s) on a curve (1/m) with the ball pressed on.

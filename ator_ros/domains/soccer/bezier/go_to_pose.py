@@ -6,10 +6,11 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
+from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, ObjectState, World
 
@@ -39,7 +40,7 @@ class BezierGoToPose(Action):
         self._target = goal.robot_pose(self.robot)
         self._to_ball = self._lies_at_goal(ball_of(world))
         style = TO_BALL if self._to_ball else TO_POSE
-        self._driver = Driver(self.robot.limits, style, field=self.robot.field)
+        self._driver = Driver(self.robot.limits, style, field=field_of(self.robot))
         self._driver.reset(Command(world.robot.v, world.robot.w))
 
     def step(self, world: World) -> Step:
