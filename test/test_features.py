@@ -20,6 +20,7 @@ from ator_ros.performance.features import (
     IDEAL,
     PAPER_3,
     PAPER_11,
+    PATHS,
     Feature,
     derived_from,
     names_of,
@@ -105,9 +106,9 @@ def table(direct: Direct) -> dict[str, FloatArray]:
 
 def same(one: FloatArray, two: FloatArray, feature: Feature) -> bool:
     difference = np.abs(one - two)
-    if feature.unit == "rad" and feature not in (*IDEAL, *MOTIONS):
+    if feature.unit == "rad" and feature not in (*IDEAL, *MOTIONS, *PATHS):
         difference = np.minimum(difference, np.abs(2 * math.pi - difference))
-    if feature in (*IDEAL, *MOTIONS) or feature.name == "shot_time":
+    if feature in (*IDEAL, *MOTIONS, *PATHS) or feature.name == "shot_time":
         # Rounding decides between neighbouring entries of the tables, and between motions of one duration.
         return bool(np.mean(difference < 0.02) >= 0.94)
     return bool(np.all(difference < 1e-9))

@@ -38,7 +38,8 @@ def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
     assert len(training["digest"]) == 16
     assert {"python", "numpy", "scikit-learn"} <= model.metadata["versions"].keys()
     assert model.action == file.stem
-    assert model.metadata["action_set"] == ("default" if file.parent.name == "models" else file.parent.name)
+    expected = "default" if file.parent.name in ("models", "observed") else file.parent.name
+    assert model.metadata["action_set"] == expected
 
 
 def test_the_table_of_accuracy_is_theirs() -> None:

@@ -80,7 +80,7 @@ def _turn_and_drive(geometry: Geometry) -> FloatArray:
 
 
 class BoostedTime:
-    """Predicts durations with histogram gradient boosting over all features; not a readable model.
+    """Predicts durations with histogram gradient boosting over all described features; not a readable model.
 
     Parameters
     ----------

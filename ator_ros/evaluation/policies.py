@@ -40,6 +40,8 @@ class Toolset:
         there.
     gate : Gate
         The gate of the gated policies.
+    gates : mapping
+        Gates of other sets of models than the learned one, by the name of the set.
     calibration : Calibration
         Corrections of the learned models' predictions.
     """
@@ -49,10 +51,11 @@ class Toolset:
     models: Mapping[str, Models]
     gate: Gate
     calibration: Calibration = field(default_factory=Calibration)
+    gates: Mapping[str, Gate] = field(default_factory=dict)
 
     def refiner(self, models: str = "learned", *, gated: bool = False) -> Refiner:
         """Return a refiner with one of the sets of models."""
-        gate = self.gate if gated else OpenGate()
+        gate = self.gates.get(models, self.gate) if gated else OpenGate()
         return Refiner(
             self.robot, self.models[models], gate, ranges=self.domain.variables, calibration=self.calibration
         )
@@ -115,14 +118,14 @@ def refining(models: str = "learned", *, gated: bool = False, speed: bool = Fals
 
     def choose(tools: Toolset, trial: Trial) -> Choice:
         start = naive(tools, trial).chain
-        chain = _reopened(start, open_speeds(trial.chain) if speed else trial.chain)
+        chain = reopened(start, open_speeds(trial.chain) if speed else trial.chain)
         refinement = tools.refiner(models, gated=gated).refine(trial.world, chain)
         return Choice(refinement.chain, refinement)
 
     return choose
 
 
-def _reopened(chain: TopChain, plan: TopChain) -> TopChain:
+def reopened(chain: TopChain, plan: TopChain) -> TopChain:
     """Return the goals of `chain` with what `plan` leaves open."""
     pairs = zip(chain.calls, plan.calls, strict=True)
     return TopChain(tuple(dataclasses.replace(call, open=planned.open) for call, planned in pairs))
@@ -139,6 +142,9 @@ MODEL_SETS = (
 )
 """Sets of models that replace the learned ones, each in the policy of its name."""
 
+OBSERVED = "observed"
+"""Models that know nothing but what was observed, and the policy that refines headings with them."""
+
 #: A new policy is a new row. The oracle is no policy: it needs executions.
 POLICIES: Mapping[str, Policy] = MappingProxyType(
     {
@@ -151,5 +157,7 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "gated_speed": refining(gated=True, speed=True),
         **{name: refining(name) for name in MODEL_SETS},
         "ideal_time_speed": refining("ideal_time", speed=True),
+        OBSERVED: refining(OBSERVED, gated=True),
+        f"{OBSERVED}_speed": refining(OBSERVED, gated=True, speed=True),
     }
 )

@@ -12,13 +12,13 @@ import pandas as pd
 from ator_ros.domains.domain import DEFAULT, find_domain
 from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
 from ator_ros.evaluation.heuristics import arriving, bitbots, booster, load_baselines
-from ator_ros.evaluation.policies import POLICIES, Models, Toolset
+from ator_ros.evaluation.policies import OBSERVED, POLICIES, Models, Toolset
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
 from ator_ros.performance.model_file import load_model, model_path
 from ator_ros.refinement.calibration import model_digest
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
-from ator_ros.refinement.gate import OpenGate
+from ator_ros.refinement.gate import Gate, OpenGate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
@@ -57,8 +57,14 @@ class ToolsetSource:
 
     def folder(self) -> Path:
         """Return the folder of the model files."""
-        top = Path(self.models) if self.models else find_domain(self.domain).shipped_models
-        return top / model_path("gate", self.action_set).parent
+        return self._top() / model_path("gate", self.action_set).parent
+
+    def observed_folder(self) -> Path:
+        """Return the folder of the models that know nothing but what was observed."""
+        return self._top() / OBSERVED / model_path("gate", self.action_set).parent
+
+    def _top(self) -> Path:
+        return Path(self.models) if self.models else find_domain(self.domain).shipped_models
 
     def digest(self, policies: Iterable[str], chain: str) -> str:
         """Return a digest of the robot's description and of all files that the choices depend on."""
@@ -67,7 +73,11 @@ class ToolsetSource:
         names = [f"{action}.json" for action in self._actions(chain, robot)] + [CALIBRATION]
         names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
         names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []
-        for file in [*(self.folder() / name for name in names), *map(Path, self.experience)]:
+        files = [self.folder() / name for name in names]
+        if any(policy.startswith(OBSERVED) for policy in policies):
+            models = [f"{action}.json" for action in self._actions(chain, robot)]
+            files += [self.observed_folder() / name for name in (*models, GATE)]
+        for file in [*files, *map(Path, self.experience)]:
             sha.update(file.read_bytes() if file.exists() else b"none")
         return sha.hexdigest()[:16]
 
@@ -111,6 +121,9 @@ def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str
     if not (source.folder() / GATE).exists():
         why = f"{source.folder() / GATE} is not there; the tool `gate` makes it"
         missing |= {"gated": why, "gated_speed": why}
+    if not any(source.observed_folder().glob("*.json")):
+        why = f"{source.observed_folder()} has no models; `train --observed` makes them"
+        missing |= {OBSERVED: why, f"{OBSERVED}_speed": why}
     if not source.experience:
         missing["hist_gradient_boosting"] = "it needs the table of experience: --experience FILE"
     return tuple(name for name in POLICIES if name not in missing), missing
@@ -152,5 +165,18 @@ def make_toolset(source: ToolsetSource) -> Toolset:
             action: BoostedTime(robot, tuple(features.values())).fit(rows)
             for action, rows in read_rows(source.experience).items()
         }
-    gate = load_gate(folder / GATE, source.action_set) if (folder / GATE).exists() else OpenGate()
-    return Toolset(domain, robot, models, gate, load_calibration_if_any(folder))
+    observed = source.observed_folder()
+    if any(observed.glob("*.json")):
+        models[OBSERVED] = {
+            action: load_model(file, robot, features)
+            for action in actions
+            if (file := observed / f"{action}.json").exists()
+        }
+    gates = {OBSERVED: _gate(observed, source.action_set)}
+    gate = _gate(folder, source.action_set)
+    return Toolset(domain, robot, models, gate, load_calibration_if_any(folder), gates)
+
+
+def _gate(folder: Path, action_set: str) -> Gate:
+    """Return the gate in a folder of models; an open one where there is none."""
+    return load_gate(folder / GATE, action_set) if (folder / GATE).exists() else OpenGate()

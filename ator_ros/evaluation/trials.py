@@ -25,6 +25,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2005": "the evaluations of before, looked at while the gate was made",
         "2015": "the final evaluation of the paper's actions",
         "2026": "the final evaluation",
+        "2027": "the evaluation of the observed models",
         "3107": "further situations that the calibration is learned from",
         "3108": "the final errors of calibrated predictions",
     }

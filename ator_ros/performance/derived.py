@@ -13,6 +13,8 @@ from ator_ros.motion.durations import drive_time, rates_of, turn_time
 from ator_ros.motion.families import Family
 from ator_ros.motion.ideal_times import Motions, fastest_motions
 from ator_ros.performance.direct import Direct, direct_arrays
+from ator_ros.performance.driving import DrivingStyle, plain_driving
+from ator_ros.performance.paths import path_times
 from ator_ros.robot.description import Robot
 
 Derived = TypeVar("Derived")
@@ -27,11 +29,14 @@ class Geometry:
         Direct variables, see `direct_arrays`.
     robot : Robot
         Limits, and where it holds an object.
+    driving : DrivingStyle, optional
+        How the action was observed to drive; by default at all limits of the base.
     """
 
-    def __init__(self, direct: Direct, robot: Robot) -> None:
+    def __init__(self, direct: Direct, robot: Robot, driving: DrivingStyle | None = None) -> None:
         self.direct = direct_arrays(direct)
         self.robot = robot
+        self.driving = driving if driving is not None else plain_driving(robot)
         self._kept: dict[Callable[[Geometry], Any], Any] = {}
 
     def once(self, compute: Callable[[Geometry], Derived]) -> Derived:
@@ -119,6 +124,26 @@ class Geometry:
             row[...] = column
         motions = fastest_motions(ends.reshape(len(columns), -1), family, hold=self.robot.hold)
         return motions.best_of(len(opening)).after(opening)
+
+    @cached_property
+    def path(self) -> Motions:
+        """The fastest turn-straight-turn path at the limits that were observed."""
+        d, (from_x, from_y, yaw, opening) = self.direct, self._opening
+        x, y = self.destination
+        dx, dy, cos, sin = x - from_x, y - from_y, np.cos(yaw), np.sin(yaw)
+        turn = wrap_angles(d["yawg"] - yaw)
+        ends = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn, d["v"], d["speedg"]])
+        time, turned = np.empty(len(ends)), np.empty(len(ends))
+        for holding in (False, True):
+            rows = (d["hold"] > 0.5) == holding
+            if rows.any():
+                found = path_times(ends[rows], self.driving, hold=self.robot.hold, holding=holding)
+                time[rows], turned[rows] = found.time, found.turn
+        # Where no path leads there the robot must turn on the spot, drive, and turn again.
+        missing = ~np.isfinite(time)
+        time[missing] = self.turn_drive_turn()[missing]
+        turned[missing] = (np.abs(self.to_dest) + np.abs(self.at_dest))[missing]
+        return Motions(time, turned).after(opening)
 
     def turn_drive_turn(self, *, reverse: bool = False) -> FloatArray:
         """Return the time in s of turning on the spot, driving, and turning again."""

@@ -15,6 +15,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
+from ator_ros.performance.driving import DrivingStyle
 from ator_ros.robot.description import Robot
 
 Mirror = Literal["even", "odd"]
@@ -100,7 +101,14 @@ IDEAL = (
 )
 """Times at the robot's limits to turn on the spot, drive and turn again, forward and in reverse."""
 
-GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *IDEAL)}
+_MOTION = _POSES | {"v", "w", "speedg"}
+PATHS = (
+    Feature("path_time", "s", _MOTION, lambda g: g.path.time),
+    Feature("path_turn", "rad", _MOTION, lambda g: g.path.turn),
+)
+"""Time of and angle turned on the fastest path at the limits that odometry showed."""
+
+GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *IDEAL, *PATHS)}
 """The features that every domain has, by name."""
 
 
@@ -109,7 +117,9 @@ def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
     return tuple(feature.name for feature in features)
 
 
-def feature_table(direct: Direct, robot: Robot, features: Sequence[Feature]) -> FloatArray:
+def feature_table(
+    direct: Direct, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None = None
+) -> FloatArray:
     """Compute features.
 
     Parameters
@@ -120,12 +130,14 @@ def feature_table(direct: Direct, robot: Robot, features: Sequence[Feature]) -> 
         Limits, and where it holds an object.
     features : sequence of Feature
         Which features.
+    driving : DrivingStyle, optional
+        How the action was observed to drive, for `PATHS`.
 
     Returns
     -------
     ndarray, shape (n, len(features))
     """
-    return table_of(Geometry(direct, robot), features)
+    return table_of(Geometry(direct, robot, driving), features)
 
 
 def table_of(geometry: Geometry, features: Sequence[Feature]) -> FloatArray:

@@ -12,6 +12,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
+from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature, derived_from, table_of
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.performance.tree.rules import RuleWriter
@@ -60,6 +61,8 @@ class PerformanceModel:
         The features that the trees name, by name, and perhaps others.
     metadata : mapping
         Where the model comes from and how accurate it is; see `model_file`.
+    driving : DrivingStyle or None
+        How the action was observed to drive; None where no feature needs it.
     """
 
     action: str
@@ -67,6 +70,7 @@ class PerformanceModel:
     trees: Mapping[str, ModelTree]
     features: Mapping[str, Feature]
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    driving: DrivingStyle | None = None
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:
@@ -100,7 +104,7 @@ class PerformanceModel:
         ValueError
             A direct variable is missing or of another shape.
         """
-        geometry = Geometry(direct, self.robot)
+        geometry = Geometry(direct, self.robot, self.driving)
         fields: dict[str, FloatArray] = {}
         if "duration" in measures or "spread" in measures:
             tree = self.trees["duration"]
@@ -123,7 +127,7 @@ class PerformanceModel:
     def explain(self, direct: Direct, measure: str = "duration") -> str:
         """Return the rule that predicts `measure` in one situation, and what each of its terms adds."""
         tree = self.trees[measure]
-        row = self._table(Geometry(direct, self.robot), tree)[0]
+        row = self._table(Geometry(direct, self.robot, self.driving), tree)[0]
         return self._writer(measure).explanation(tree, row)
 
     def _table(self, geometry: Geometry, tree: ModelTree) -> FloatArray:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
+from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
@@ -94,6 +95,8 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         "accuracy": model.metadata.get("accuracy", {}),
         "trees": {measure: tree_to_dict(tree) for measure, tree in model.trees.items()},
     }
+    if model.driving is not None:
+        data["driving"] = model.driving.to_dict()
     write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
 
@@ -138,9 +141,9 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
         raise ModelFileError(f"{path}: trees.duration: expected a tree, found none")
     if file.robot_digest != robot.digest():
         _warn_of_robot(path, file, robot)
-    metadata = {name: value for name, value in data.items() if name not in ("format", "trees")}
+    metadata = {name: value for name, value in data.items() if name not in ("format", "trees", "driving")}
     named = {name: features[name] for name in units}
-    return PerformanceModel(file.action, robot, trees, named, metadata)
+    return PerformanceModel(file.action, robot, trees, named, metadata, _driving(path, data))
 
 
 def load_models(
@@ -213,6 +216,14 @@ def _read(path: Path | str) -> tuple[dict[str, Any], _ModelFile]:
 
 def _refuse_constant(text: str) -> float:
     raise ValueError(f"expected finite numbers, got {text}")
+
+
+def _driving(path: Path | str, data: Mapping[str, Any]) -> DrivingStyle | None:
+    """Return how the action was observed to drive, None where that was not needed."""
+    try:
+        return DrivingStyle.from_dict(data["driving"]) if data.get("driving") is not None else None
+    except ValueError as error:
+        raise ModelFileError(f"{path}: driving: {error}") from error
 
 
 def _warn_of_robot(path: Path | str, file: _ModelFile, robot: Robot) -> None:

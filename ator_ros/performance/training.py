@@ -10,14 +10,19 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import IDEAL, PAPER_3, SIGNED, Feature, feature_table, names_of
+from ator_ros.performance.driving import DrivingStyle
+from ator_ros.performance.features import IDEAL, PAPER_3, PATHS, SIGNED, Feature, feature_table, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
+from ator_ros.performance.observing import observed_driving
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *IDEAL)
 """Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
+
+OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
+"""The same for a model that knows nothing but what was observed: no ideal times of our own actions."""
 
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
@@ -82,21 +87,38 @@ def train(
         raise TrainingError(
             f"{action}: expected at least 20 episodes that succeeded, got {len(good_starts)} of {len(starts)}"
         )
-    trees = {"duration": _duration_tree(good, robot, features, how)}
-    trees["success"] = _small_tree(starts, robot, features, starts["success"].to_numpy(dtype=float))
+    driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
+    source = _Source(robot, tuple(features), driving)
+    trees = {"duration": _duration_tree(good, source, how)}
+    trees["success"] = _small_tree(starts, source, starts["success"].to_numpy(dtype=float))
     for measure, column in (("accuracy", "position_error"), ("heading", "heading_error")):
         values = good_starts[column].to_numpy(dtype=float)
         if np.isfinite(values).all():
-            trees[measure] = _small_tree(good_starts, robot, features, values)
-    ordered = {name: trees[name] for name in MEASURES if name in trees}
-    return PerformanceModel(action, robot, ordered, {feature.name: feature for feature in features})
+            trees[measure] = _small_tree(good_starts, source, values)
+    chosen = {name: trees[name] for name in MEASURES if name in trees}
+    named = {feature.name: feature for feature in features}
+    return PerformanceModel(action, robot, chosen, named, driving=driving)
 
 
-def _duration_tree(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature], how: Training) -> ModelTree:
+@dataclass(frozen=True)
+class _Source:
+    """What candidate features are computed from."""
+
+    robot: Robot
+    features: tuple[Feature, ...]
+    driving: DrivingStyle | None
+
+    def table(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Return the features of rows of an experience table."""
+        table = feature_table(direct_of(rows), self.robot, self.features, self.driving)
+        return pd.DataFrame(table, columns=list(names_of(self.features)))
+
+
+def _duration_tree(rows: pd.DataFrame, source: _Source, how: Training) -> ModelTree:
     weight = np.where(rows["t"] == 0.0, how.start_weight, how.later_weight)
     rows, weight = rows[weight > 0.0], weight[weight > 0.0]
     tree = ModelTreeRegressor(smoothing=_SMOOTHING).fit(
-        _table(rows, robot, features),
+        source.table(rows),
         rows["time_to_go"].to_numpy(dtype=float),
         sample_weight=weight,
         groups=rows["episode"].to_numpy(),
@@ -104,17 +126,11 @@ def _duration_tree(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]
     return narrowed(tree.tree_)
 
 
-def _small_tree(
-    rows: pd.DataFrame, robot: Robot, features: Sequence[Feature], values: np.ndarray
-) -> ModelTree:
+def _small_tree(rows: pd.DataFrame, source: _Source, values: np.ndarray) -> ModelTree:
     """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
-    table = _table(rows, robot, features)
-    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0).fit(table, values)
+    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0)
+    tree.fit(source.table(rows), values)
     return narrowed(tree.tree_)
-
-
-def _table(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> pd.DataFrame:
-    return pd.DataFrame(feature_table(direct_of(rows), robot, features), columns=list(names_of(features)))
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:

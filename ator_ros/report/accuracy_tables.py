@@ -45,9 +45,15 @@ def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, s
         paper = published.get(model.action, "-")
         for kind, numbers in {"at rest": measured, **measured.get("kinds", {})}.items():
             if numbers:
-                which = f"{model.action} | {model.metadata['action_set']} | {kind}"
+                which = f"{model.action} | {_set(model)} | {kind}"
                 yield f"| {which} | {_numbers(numbers)} | {paper} |"
             paper = ""
+
+
+def _set(model: PerformanceModel) -> str:
+    """Return the action set of a model, and whether it knows nothing but what was observed."""
+    observed = ", observed" if model.driving is not None else ""
+    return f"{model.metadata['action_set']}{observed}"
 
 
 def success_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
@@ -58,7 +64,7 @@ def success_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
         success = model.metadata["accuracy"].get("success")
         if success:
             low, high = success["brier_gain_ci95"]
-            which = f"{model.action} | {model.metadata['action_set']}"
+            which = f"{model.action} | {_set(model)}"
             yield (
                 f"| {which} | {100 * success['success_rate']:.2f} % | "
                 f"{success['brier']:.4f} | {success['brier_base_rate']:.4f} | {low:+.4f} to {high:+.4f} |"

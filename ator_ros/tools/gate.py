@@ -34,6 +34,12 @@ def arguments() -> argparse.ArgumentParser:
         help="tables: refit the rulers' models to them",
     )
     parser.add_argument(
+        "--episodes",
+        nargs="+",
+        metavar="FILE",
+        help="learn the gate of the observed models from the tables that they learned from; execute nothing",
+    )
+    parser.add_argument(
         "--work",
         type=Path,
         default=Path("gate"),

@@ -42,6 +42,11 @@ def arguments() -> argparse.ArgumentParser:
         metavar="MODEL",
         help="print the rules of a model, given by its action or file, and stop",
     )
+    parser.add_argument(
+        "--observed",
+        action="store_true",
+        help="learn from odometry, goals and results alone, without ideal times of our own actions",
+    )
     parser.add_argument("--measure", default="duration", help="whose rules (default: %(default)s)")
     parser.add_argument(
         "--situation", nargs="+", metavar="NAME=VALUE",

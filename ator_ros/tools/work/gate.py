@@ -8,11 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
+from ator_ros.evaluation.gate_from_episodes import CrossFit
+from ator_ros.evaluation.gate_learning import (
+    GateExamples,
+    compare_gates,
+    fit_threshold,
+    fit_tree,
+    gate_examples,
+)
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, read_rows
+from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, make_library, read_rows
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.files import reserved
+from ator_ros.performance.training import OBSERVED
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.tools.command_line import executed, source_of
 
@@ -23,27 +32,47 @@ POLICIES = ("naive", "refined", "refined_speed")
 def run(options: argparse.Namespace, command: str) -> int:
     """Do what the command line asks for; return the exit code."""
     source = source_of(options)
+    if options.episodes:
+        return _learn_from_episodes(source, options, command)
     if options.experience is not None:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, chain=options.chain, policies=POLICIES, source=source)
     source.digests(options.chain)  # before anything is executed: a missing model shall be told at once
     with reserved(source.folder(), _GATE_BYTES):
         records = executed(settings, options, options.work)
-    examples = gate_examples(records)
+    _save(gate_examples(records), source.folder() / GATE, options, command)
+    return 0
+
+
+def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, command: str) -> int:
+    """Learn the gate of the observed models, with those of the chain's actions that the tables hold."""
+    domain, robot = find_domain(source.domain), source.described()
+    library = make_library(robot, source)
+    trials = [
+        random_trial(domain, options.chain, library, seed=options.seed, index=index)
+        for index in range(options.situations)
+    ]
+    actions = {call.top.action for call in trials[0].chain.calls}
+    rows = {action: table for action, table in read_rows(options.episodes).items() if action in actions}
+    fitted = CrossFit(robot, rows, OBSERVED, domain.variables)
+    _save(fitted.examples(trials, seed=options.seed), source.observed_folder() / GATE, options, command)
+    return 0
+
+
+def _save(examples: GateExamples, path: Path, options: argparse.Namespace, command: str) -> None:
     comparison = compare_gates(examples)
     tree, threshold = fit_tree(examples), fit_threshold(examples)
     best = tree if comparison["tree"]["utility"] > comparison["threshold"]["utility"] else threshold
     training: dict[str, Any] = {
         "command": command,
         "seed": options.seed,
-        "situations": len(records),
+        "situations": options.situations,
         "cross_validation": comparison,
         "tree_rules": tree.rules(),
         "threshold": {"gain": threshold.gain, "spread_factor": threshold.spread_factor},
     }
-    save_gate(source.folder() / GATE, best, training, options.action_set)
-    _report(training, best.kind, source.folder() / GATE)
-    return 0
+    save_gate(path, best, training, options.action_set)
+    _report(training, best.kind, path)
 
 
 def refit_rulers(source: ToolsetSource, experience: Sequence[str]) -> None:

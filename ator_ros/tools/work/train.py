@@ -21,7 +21,7 @@ from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
-from ator_ros.performance.training import TrainingError, digest, train
+from ator_ros.performance.training import OBSERVED, TrainingError, digest, train
 from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.robot.description import Robot
 
@@ -56,9 +56,10 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     by_action = dict(iter(rows.groupby("action", sort=False)))
     errors: list[str] = []
     for action, examples in by_action.items():
+        features = OBSERVED if options.observed else domain.candidates(action, source["action_set"])
         # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
         try:
-            model = train(action, examples, robot, features=domain.candidates(action, source["action_set"]))
+            model = train(action, examples, robot, features=features)
         except TrainingError as error:
             errors.append(str(error))
             continue

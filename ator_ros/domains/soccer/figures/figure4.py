@@ -56,7 +56,8 @@ def figure4(model: PerformanceModel, *, hold: bool = True) -> Any:
     assert prediction.duration is not None
     assert prediction.spread is not None
     tree = model.trees["duration"]
-    leaves = tree.apply(feature_table(direct, model.robot, [model.features[name] for name in tree.names]))
+    features = [model.features[name] for name in tree.names]
+    leaves = tree.apply(feature_table(direct, model.robot, features, model.driving))
     changes = np.flatnonzero(np.diff(leaves)) + 1
     figure = new_figure(8.0, 4.6)
     upper, lower = figure.subfigures(2, 1, height_ratios=(5.0, 1.6))

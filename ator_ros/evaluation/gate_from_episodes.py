@@ -1,0 +1,103 @@
+"""Learning a gate from the episodes that the models learned from: no chain is executed for it.
+
+The episodes are halved. What models of one half choose, models of the other half judge, which do not share
+the errors by which the choice was made; the errors that both share are drawn from what either predicted
+wrongly of the other half's episodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import pandas as pd
+
+from ator_ros.evaluation.gate_learning import GateExamples
+from ator_ros.evaluation.policies import reopened
+from ator_ros.evaluation.trials import Trial, open_speeds
+from ator_ros.geometry import FloatArray
+from ator_ros.performance.features import Feature
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.training import direct_of, train
+from ator_ros.refinement.chain_model import predict_chain
+from ator_ros.refinement.gate import FEATURES
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.ranges import USUAL_RANGES, Ranges
+
+Halves = tuple[Mapping[str, PerformanceModel], Mapping[str, PerformanceModel]]
+
+
+class CrossFit:
+    """Models of both halves of the episodes, and what each predicts wrongly of the other half.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot of the experience.
+    rows : mapping
+        Rows of an experience table by action.
+    features : tuple of Feature
+        Candidate features of every action.
+    ranges : mapping, optional
+        Goal variable to its range.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        rows: Mapping[str, pd.DataFrame],
+        features: tuple[Feature, ...],
+        ranges: Ranges = USUAL_RANGES,
+    ) -> None:
+        self.robot, self.ranges = robot, ranges
+        parts = {action: _halves(table) for action, table in rows.items()}
+        first, second = (
+            {action: train(action, part[half], robot, features=features) for action, part in parts.items()}
+            for half in (0, 1)
+        )
+        self.models: Halves = (first, second)
+        self._errors = {
+            action: np.concatenate([_errors(first[action], part[1]), _errors(second[action], part[0])])
+            for action, part in parts.items()
+        }
+
+    def examples(self, trials: list[Trial], *, seed: int) -> GateExamples:
+        """Return what refinement is expected to bring in each of `trials`, with and without speeds."""
+        rng = np.random.default_rng(seed)
+        columns = list(zip(*(row for trial in trials for row in self._of_trial(trial, rng)), strict=True))
+        return GateExamples(*(np.array(column) for column in columns))
+
+    def _of_trial(
+        self, trial: Trial, rng: np.random.Generator
+    ) -> Iterator[tuple[list[float], float, float, int, int]]:
+        for chooser, judge in (self.models, self.models[::-1]):
+            refiner = Refiner(self.robot, chooser, ranges=self.ranges)
+            naive = refiner.naive(trial.world, open_speeds(trial.chain))
+            for kind, plan in enumerate((trial.chain, open_speeds(trial.chain))):
+                refinement = refiner.refine(trial.world, reopened(naive, plan))
+                values = [refinement.features.get(name, 0.0) for name in FEATURES]
+                before, after = (
+                    predict_chain(trial.world, chain, judge, self.robot).cost + self._error(chain, rng)
+                    for chain in (naive, refinement.chain)
+                )
+                yield values, before, after, trial.index, kind
+
+    def _error(self, chain: TopChain, rng: np.random.Generator) -> float:
+        """Draw by how much a chain takes longer than predicted, in s."""
+        return float(sum(rng.choice(self._errors[call.top.action]) for call in chain.calls))
+
+
+def _halves(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    even = rows["episode"].isin(rows["episode"].unique()[::2])
+    return rows[even], rows[~even]
+
+
+def _errors(model: PerformanceModel, rows: pd.DataFrame) -> FloatArray:
+    """Return by how much the episodes that succeeded took longer than predicted, in s."""
+    starts = rows[(rows["t"] == 0.0) & rows["success"]]
+    predicted = model.predict(direct_of(starts)).duration
+    assert predicted is not None
+    errors: FloatArray = starts["duration"].to_numpy(dtype=float) - predicted
+    return errors

@@ -1,0 +1,192 @@
+"""The fastest turn-straight-turn path between two poses, compiled where numba is there."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ator_ros.compiled import compiled
+from ator_ros.geometry import FloatArray
+from ator_ros.motion.durations import Rates, drive_time
+
+_FULL_TURN = 2.0 * math.pi
+_STEPS = 5  # of the search for the direction of the straight; more change nothing that matters
+_OFF = 0.02  # m beside the goal at which a path counts as found
+_EARLY = 0.02  # m that a forward drive may be too short for its change of speed
+_WAY_ROUND = 6.0  # s for each m that a straight drive passes too near
+_SLOW = 0.6  # share of the acceleration below which a start at low speed does not turn forward
+
+
+class PathWay(NamedTuple):
+    """One way to drive: sides of the turns (1 left), direction of the straight, entry and exit.
+
+    `lead` is the speed to reach straight before the first turn (negative: turn at once), `gain` the share of
+    the acceleration in it; `arrival` and `loss` are the same for the last turn, seen from the goal. `first`
+    and `last` number the tables of turns.
+    """
+
+    side: float
+    last_side: float
+    direction: float
+    lead: float
+    gain: float
+    arrival: float
+    loss: float
+    first: int
+    last: int
+
+
+class PathRules(NamedTuple):
+    """What holds for all ways: rates, run in m (negative: as long as needed), 1 if forward only, and so on.
+
+    `passing` is the distance in m to keep from the point `hold` m ahead of the goal; `least` the speed in m/s
+    below which a steady turn is too tight.
+    """
+
+    rates: Rates
+    run: float
+    forward: bool
+    passing: float
+    hold: float
+    least: float
+
+
+@compiled
+def _wrapped(angle: float) -> float:
+    """Return an angle in rad brought to 0 to 2 pi."""
+    return angle - _FULL_TURN * math.floor(angle / _FULL_TURN)
+
+
+@compiled
+def _turn(
+    table: FloatArray, angle: float, side: float, speed: float, share: float, rates: Rates, forward: bool
+) -> tuple[float, float, float, float]:
+    """Return time (s), displacement along and across (m) and speed after a turn that changes it evenly."""
+    at = angle * ((len(table) - 1) / _FULL_TURN)
+    row = min(int(at), len(table) - 2)
+    upper = at - row
+    lower = 1.0 - upper
+    time = lower * table[row, 0] + upper * table[row + 1, 0]
+    change = share * (rates.a if share * (speed + 1e-9 * share) > 0.0 else rates.brake)
+    per_time = 1.0 / max(time, 1e-6)
+    change = min(max(change, (-rates.v - speed) * per_time), (rates.v - speed) * per_time)
+    if forward:
+        change = max(change, -speed * per_time)
+    along = speed * (lower * table[row, 1] + upper * table[row + 1, 1])
+    along += change * (lower * table[row, 3] + upper * table[row + 1, 3])
+    across = speed * (lower * table[row, 2] + upper * table[row + 1, 2])
+    across += change * (lower * table[row, 4] + upper * table[row + 1, 4])
+    return time, along, side * across, speed + change * time
+
+
+@compiled
+def _ramp(before: float, after: float, rates: Rates) -> tuple[float, float]:
+    """Return time (s) and distance (m) of a straight change of speed between speeds of one direction."""
+    rate = rates.a if after > before else rates.brake
+    return abs(after - before) / rate, abs(after * after - before * before) / (2.0 * rate)
+
+
+@compiled
+def way_time(
+    end: FloatArray, way: PathWay, rules: PathRules, tables: FloatArray, most: float
+) -> tuple[float, float]:
+    """Return time (s) and angle turned (rad) of one way to drive; infinite where it misses the goal.
+
+    Parameters
+    ----------
+    end : ndarray, shape (5,)
+        The goal ahead and to the left in m, the turn to it in rad, speeds at start and goal in m/s.
+    way, rules
+        What to drive.
+    tables : ndarray, shape (k, m, 5)
+        See `ator_ros.performance.paths.turn_table`.
+    most : float
+        Time in s from which on a way does not matter.
+    """
+    rates, backing = (
+        rules.rates,
+        Rates(rules.rates.v, rules.rates.w, rules.rates.brake, rules.rates.a, rules.rates.aw),
+    )
+    turn, speed, final = end[2], end[3], end[4]
+    spent, ahead = 0.0, 0.0
+    if way.lead >= 0.0:
+        if speed < 0.0:
+            return np.inf, 0.0
+        spent, ahead = _ramp(speed, way.lead * rates.v, rates)
+        speed = way.lead * rates.v
+    elif rules.forward and abs(way.gain) < _SLOW and speed < rules.least:
+        return np.inf, 0.0
+    if rules.run < 0.0:
+        arrival = way.arrival * rates.v
+        time, run = _ramp(arrival, final, rates)
+        spent += time
+    else:
+        run = rules.run
+        lowest = math.sqrt(max(final * final - 2.0 * rates.a * run, 0.0))
+        highest = min(math.sqrt(final * final + 2.0 * rates.brake * run), rates.v)
+        arrival = lowest + way.arrival * (highest - lowest)
+        spent += drive_time(run, arrival, final, rates) if run > 0.0 else 0.0
+    cos, sin = math.cos(turn), math.sin(turn)
+    goal_x, goal_y = end[0] - ahead - run * cos, end[1] - run * sin
+    heading = math.atan2(way.direction * goal_y, way.direction * goal_x)
+    before, missed, total = heading, 0.0, 0.0
+    for step in range(_STEPS + 1):
+        first, last = _wrapped(way.side * heading + 1e-7), _wrapped(way.last_side * (turn - heading) + 1e-7)
+        time1, x1, y1, speed1 = _turn(
+            tables[way.first], first, way.side, speed, way.gain, rates, rules.forward
+        )
+        time2, x2, y2, speed2 = _turn(
+            tables[way.last], last, -way.last_side, arrival, way.loss, backing, rules.forward
+        )
+        total = spent + time1 + time2
+        if step >= 2 and total >= most:
+            return np.inf, 0.0
+        dx, dy = goal_x - x1 - (cos * x2 - sin * y2), goal_y - y1 - (sin * x2 + cos * y2)
+        if step == _STEPS:
+            break
+        # A secant step toward the direction in which the straight meets both turns.
+        off = _wrapped(math.atan2(way.direction * dy, way.direction * dx) - heading + math.pi) - math.pi
+        if step > 0 and abs(off) < 1e-3:
+            break
+        change = off
+        if step > 0 and abs(missed - off) > 1e-9:
+            change = off * (heading - before) / (missed - off)
+            if not abs(change) < 1.0:
+                change = min(max(off, -0.7), 0.7)
+        before, missed, heading = heading, off, heading + change
+    cos1, sin1 = math.cos(heading), math.sin(heading)
+    distance, beside = dx * cos1 + dy * sin1, abs(dy * cos1 - dx * sin1)
+    if beside > _OFF:
+        return np.inf, 0.0
+    if rules.forward and distance < _ramp(speed1, speed2, rates)[1] - _EARLY:
+        return np.inf, 0.0
+    total += drive_time(distance, speed1, speed2, rates) + beside / rates.v
+    if rules.passing > 0.0:
+        point_x, point_y = end[0] + rules.hold * cos - ahead - x1, end[1] + rules.hold * sin - y1
+        nearest = point_x * cos1 + point_y * sin1
+        nearest = min(max(nearest, min(distance, 0.0)), max(distance, 0.0))
+        gap = math.hypot(point_x - nearest * cos1, point_y - nearest * sin1)
+        total += _WAY_ROUND * max(rules.passing - gap, 0.0)
+    return total, first + last
+
+
+@compiled
+def fastest_ways(
+    ends: FloatArray,
+    ways: FloatArray,
+    rules: PathRules,
+    tables: FloatArray,
+    times: FloatArray,
+    turns: FloatArray,
+) -> None:
+    """Write the least time of all `ways` (k, 9) to each of `ends` (n, 5), and the angle turned on it."""
+    for row in range(len(ends)):
+        times[row], turns[row] = np.inf, 0.0
+        for number in range(len(ways)):
+            w = ways[number]
+            way = PathWay(w[0], w[1], w[2], w[3], w[4], w[5], w[6], int(w[7]), int(w[8]))
+            time, turned = way_time(ends[row], way, rules, tables, times[row])
+            if time < times[row]:
+                times[row], turns[row] = time, turned

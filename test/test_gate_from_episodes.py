@@ -1,0 +1,67 @@
+"""The gate of observed models: what one half of the episodes chooses, the other half judges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from refinement_fakes import LIBRARY, ROBOT
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation import gate_from_episodes
+from ator_ros.evaluation.gate_from_episodes import CrossFit
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.refinement.gate import FEATURES
+
+
+class Prefers:
+    """Predicts `scale` s more, the farther the heading at the goal is from `yaw`."""
+
+    used_variables = frozenset({"yawg"})
+
+    def __init__(self, yaw: float, scale: float) -> None:
+        self.yaw, self.scale = yaw, scale
+
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:
+        off = np.abs((np.atleast_1d(direct["yawg"]) - self.yaw + np.pi) % (2.0 * np.pi) - np.pi)
+        count = max(np.size(value) for value in direct.values())
+        return SimpleNamespace(duration=np.broadcast_to(3.0 + self.scale * off, count).copy())
+
+
+def fitted(monkeypatch: pytest.MonkeyPatch, models: Mapping[tuple[str, int], Prefers]) -> CrossFit:
+    """Return a cross-fit whose models of episodes 0, 2, … and 1, 3, … are `models`."""
+
+    def train(action: str, rows: pd.DataFrame, *_: Any, **__: Any) -> Prefers:
+        return models[action, int(rows["episode"].iloc[0]) % 2]
+
+    monkeypatch.setattr(gate_from_episodes, "train", train)
+    row = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"t": 0.0, "success": True, "yawg": 0.5 * np.pi}
+    row["duration"] = float(models["goToPose", 0].predict({"yawg": row["yawg"]}).duration[0])
+    rows = pd.DataFrame([row | {"episode": number} for number in range(6)])
+    return CrossFit(ROBOT, {"goToPose": rows, "dribbleBall": rows.assign(duration=3.0)}, ())
+
+
+def test_a_gain_that_only_the_choosing_half_sees_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = {("goToPose", half): Prefers(0.0, 0.3) for half in (0, 1)}
+    models |= {("dribbleBall", half): Prefers(0.0, 0.0) for half in (0, 1)}
+    trials = [random_trial(SOCCER, "dribble", LIBRARY, seed=403, index=index) for index in range(3)]
+    examples = fitted(monkeypatch, models).examples(trials, seed=0)
+    assert examples.features.shape == (12, len(FEATURES))
+    assert sorted(set(examples.kind)) == [0, 1]
+    # What both halves think best is the naive chain itself.
+    assert np.allclose(examples.naive, examples.refined, atol=1e-6)
+
+
+def test_the_other_half_judges(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = {("goToPose", 0): Prefers(0.0, 0.3), ("goToPose", 1): Prefers(np.pi, 0.3)}
+    models |= {("dribbleBall", half): Prefers(0.0, 0.0) for half in (0, 1)}
+    trials = [random_trial(SOCCER, "dribble", LIBRARY, seed=403, index=0)]
+    cross = fitted(monkeypatch, models)
+    examples = cross.examples(trials, seed=0)
+    # The chooser's best heading is the worst there is for the judge.
+    assert examples.naive.min() > 6.9

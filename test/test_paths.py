@@ -1,0 +1,125 @@
+"""Times of paths at observed limits: what the paths are, and what is read off odometry."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.driving import DrivingStyle, plain_driving
+from ator_ros.performance.features import feature_table
+from ator_ros.performance.model_file import ModelFileError, load_model, save_model
+from ator_ros.performance.observing import from_odometry, observed_driving
+from ator_ros.performance.paths import path_times
+from ator_ros.performance.training import OBSERVED, train
+from ator_ros.robot.description import Limits, load_robot
+
+ROBOT = load_robot()
+SLOW = DrivingStyle(Limits(0.5, 1.0, 0.4, 0.3, 2.0))
+DESCRIBED = {"drive_time", "drive_turn", "dribble_time", "dribble_turn", "shot_time"}
+
+
+def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, speed: float = 0.0) -> float:
+    ends = np.array([[x, y, turn, 0.0, speed]])
+    return float(path_times(ends, driving, hold=0.31, holding=False).time[0])
+
+
+def test_straight_ahead_is_a_drive_at_the_limits() -> None:
+    ramps = 0.5 * 0.5**2 * (1 / 0.4 + 1 / 0.3)
+    expected = 0.5 / 0.4 + 0.5 / 0.3 + (2.0 - ramps) / 0.5
+    assert time_to(2.0, 0.0, 0.0, SLOW) == pytest.approx(expected, abs=0.02)
+
+
+def test_straight_back_is_as_fast_unless_the_action_never_drives_backward() -> None:
+    assert time_to(-2.0, 0.0, 0.0, SLOW) == pytest.approx(time_to(2.0, 0.0, 0.0, SLOW), abs=0.02)
+    forward = dataclasses.replace(SLOW, backward=False)
+    assert time_to(-2.0, 0.0, 0.0, forward) > time_to(2.0, 0.0, 0.0, forward) + 2.0
+
+
+@pytest.mark.parametrize(("x", "y", "turn"), [(1.5, 0.8, 0.7), (-0.6, 1.1, 2.0), (0.9, -0.9, -2.4)])
+def test_no_path_is_slower_than_turning_on_the_spot_or_faster_than_the_crow(
+    x: float, y: float, turn: float
+) -> None:
+    time = time_to(x, y, turn, SLOW)
+    direct = {name: np.zeros(1) for name in DIRECT_VARIABLES} | {"xg": np.array([x]), "yg": np.array([y])}
+    robot = dataclasses.replace(ROBOT, limits=SLOW.limits)
+    names = ["turn_drive_turn", "reverse_turn_drive_turn"]
+    stops = feature_table({**direct, "yawg": np.array([turn])}, robot, names).min()
+    assert math.hypot(x, y) / 0.5 < time < stops + 0.05
+
+
+def test_what_stands_at_the_goal_is_not_driven_over() -> None:
+    ends = np.array([[1.5, 0.0, math.pi, 0.0, 0.0]])
+    free = dataclasses.replace(SLOW, run=0.2)
+    around = dataclasses.replace(free, passing=1.0)
+    times = [path_times(ends, driving, hold=0.31, holding=True).time[0] for driving in (free, around)]
+    assert times[1] > times[0] + 0.1
+
+
+def episodes(count: int = 40) -> pd.DataFrame:
+    """Return drives straight ahead at 0.4 m/s, with a turn at 0.8 rad/s at the end of each."""
+    rows = []
+    for number in range(count):
+        length = 0.5 + 0.05 * number
+        times = np.arange(0.0, 2.0 + length / 0.4 + 1.0, 0.1)
+        speed = np.clip(np.minimum(0.2 * times, 0.4), 0.0, np.maximum(0.0, 0.1 * (times[-1] - times)))
+        for time, v in zip(times, speed, strict=True):
+            row = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"v": v, "xg": length}
+            row |= {"w": 0.8 if v > 0.35 else 0.0, "t": round(time, 1), "episode": number, "action": "drive"}
+            left = times[-1] - time
+            row |= {"time_to_go": left, "duration": times[-1], "success": True}
+            rows.append(row | {"position_error": 0.0, "heading_error": 0.0})
+    return pd.DataFrame(rows)
+
+
+def test_limits_are_read_off_odometry() -> None:
+    seen = from_odometry(episodes(), ROBOT)
+    assert seen.limits.v == pytest.approx(0.4, abs=0.01)
+    assert seen.limits.w == pytest.approx(0.8, abs=0.01)
+    assert seen.limits.a == pytest.approx(0.2, rel=0.05)
+    assert seen.limits.brake == pytest.approx(0.1, rel=0.05)
+    assert not seen.backward
+
+
+def test_limits_of_the_base_hold_where_nothing_was_seen() -> None:
+    still = episodes().assign(v=0.0, w=0.0)
+    assert from_odometry(still, ROBOT).limits == ROBOT.limits
+
+
+def test_what_was_seen_counts_and_not_what_the_description_says() -> None:
+    rows = episodes()
+    rows["w"] = 0.4 * np.sin(2.0 * rows["t"])
+    other = dataclasses.replace(ROBOT, limits=ROBOT.limits.scaled(1.5))
+    assert observed_driving(rows, ROBOT) == observed_driving(rows, other)
+
+
+def test_observed_models_use_nothing_described() -> None:
+    assert not DESCRIBED & set(OBSERVED)
+
+
+def test_a_model_keeps_how_its_action_drives(tmp_path: Path) -> None:
+    model = train("drive", episodes(), ROBOT, features=OBSERVED)
+    assert model.driving is not None
+    save_model(tmp_path / "drive.json", model)
+    read = load_model(tmp_path / "drive.json", ROBOT)
+    assert read.driving == model.driving
+    assert read.driving != plain_driving(ROBOT)
+    direct = dict.fromkeys(DIRECT_VARIABLES, 0.1) | {"xg": 2.0}
+    again, once = read.predict(direct).duration, model.predict(direct).duration
+    assert again is not None
+    assert once is not None
+    assert np.array_equal(again, once)
+
+
+@pytest.mark.parametrize(("word", "other"), [('"run"', '"walk"'), ('"limits": {', '"limits": {"x": 1, ')])
+def test_a_damaged_driving_is_refused(tmp_path: Path, word: str, other: str) -> None:
+    file = tmp_path / "drive.json"
+    save_model(file, train("drive", episodes(), ROBOT, features=OBSERVED))
+    file.write_text(file.read_text(encoding="utf-8").replace(word, other, 1), encoding="utf-8")
+    with pytest.raises(ModelFileError, match="driving"):
+        load_model(file, ROBOT)
