@@ -37,7 +37,7 @@ def trial(index: int = 0, chain: str = "dribble") -> Trial:
 @pytest.fixture(scope="module")
 def tools() -> Toolset:
     plain = {action: bitbots(ROBOT, arrives=action in HEADED) for action in models()}
-    sets = dict.fromkeys(MODEL_SETS, plain)
+    sets = dict.fromkeys((*MODEL_SETS, OBSERVED), plain)
     return Toolset(SOCCER, ROBOT, {"learned": models(), **sets}, ThresholdGate(0.1))
 
 
