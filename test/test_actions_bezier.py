@@ -24,7 +24,7 @@ from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver, Pushing
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.evaluation.action_quality import execute, tasks
+from ator_ros.domains.soccer.quality.action_quality import execute, tasks
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.world.state import Command, ObjectState, RobotState, World

@@ -17,7 +17,7 @@ from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import push
 from ator_ros.domains.soccer.planned.planner import free_sides
-from ator_ros.evaluation.action_quality import KINDS, Task, execute, execute_situation
+from ator_ros.domains.soccer.quality.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import closed
 from ator_ros.motion.opening import opening_of

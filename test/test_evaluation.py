@@ -17,7 +17,7 @@ from ator_ros.domains.soccer.situations import SHORTEST
 from ator_ros.domains.soccer.thresholds import ball_clearance
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.heuristics import LinearTime, arriving, bitbots, booster, linear_terms, refit
-from ator_ros.evaluation.policies import MODEL_SETS, POLICIES, Toolset
+from ator_ros.evaluation.policies import MODEL_SETS, OBSERVED, POLICIES, Toolset
 from ator_ros.evaluation.trials import (
     Trial,
     open_speeds,

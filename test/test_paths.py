@@ -12,7 +12,7 @@ import pytest
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle, plain_driving
-from ator_ros.performance.features import feature_table
+from ator_ros.performance.features import GENERAL, IDEAL, feature_table, names_of
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.observing import from_odometry, observed_driving
 from ator_ros.performance.paths import path_times
@@ -48,8 +48,7 @@ def test_no_path_is_slower_than_turning_on_the_spot_or_faster_than_the_crow(
     time = time_to(x, y, turn, SLOW)
     direct = {name: np.zeros(1) for name in DIRECT_VARIABLES} | {"xg": np.array([x]), "yg": np.array([y])}
     robot = dataclasses.replace(ROBOT, limits=SLOW.limits)
-    names = ["turn_drive_turn", "reverse_turn_drive_turn"]
-    stops = feature_table({**direct, "yawg": np.array([turn])}, robot, names).min()
+    stops = feature_table({**direct, "yawg": np.array([turn])}, robot, IDEAL).min()
     assert math.hypot(x, y) / 0.5 < time < stops + 0.05
 
 
@@ -99,14 +98,14 @@ def test_what_was_seen_counts_and_not_what_the_description_says() -> None:
 
 
 def test_observed_models_use_nothing_described() -> None:
-    assert not DESCRIBED & set(OBSERVED)
+    assert not DESCRIBED & set(names_of(OBSERVED))
 
 
 def test_a_model_keeps_how_its_action_drives(tmp_path: Path) -> None:
     model = train("drive", episodes(), ROBOT, features=OBSERVED)
     assert model.driving is not None
     save_model(tmp_path / "drive.json", model)
-    read = load_model(tmp_path / "drive.json", ROBOT)
+    read = load_model(tmp_path / "drive.json", ROBOT, GENERAL)
     assert read.driving == model.driving
     assert read.driving != plain_driving(ROBOT)
     direct = dict.fromkeys(DIRECT_VARIABLES, 0.1) | {"xg": 2.0}
@@ -122,4 +121,4 @@ def test_a_damaged_driving_is_refused(tmp_path: Path, word: str, other: str) -> 
     save_model(file, train("drive", episodes(), ROBOT, features=OBSERVED))
     file.write_text(file.read_text(encoding="utf-8").replace(word, other, 1), encoding="utf-8")
     with pytest.raises(ModelFileError, match="driving"):
-        load_model(file, ROBOT)
+        load_model(file, ROBOT, GENERAL)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.evaluation.action_quality import Outcome
-from ator_ros.evaluation.ruler import over_time_optimal
+from ator_ros.domains.soccer.quality.action_quality import Outcome
+from ator_ros.domains.soccer.quality.ruler import over_time_optimal
 from ator_ros.geometry import Pose
 
 START, GOAL = Pose(0.0, 0.0, 0.0), Pose(1.0, 2.0, 0.5)

@@ -38,7 +38,7 @@ class Goal:
     speed : float
         Translational velocity at arrival in m/s, not negative.
     point : Point
-        AXLE for plain navigation; HOLD where the position is that of the ball in the robot's front.
+        AXLE for plain navigation; HOLD where the position is that of the object in front of the robot.
     """
 
     pose: Pose

@@ -12,13 +12,13 @@ import pandas as pd
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from ator_ros.domains.domain import Domain
-from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.features import hold_angle, hold_dist
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
-from ator_ros.performance.features import GENERAL, Feature, derived_from, feature_table
+from ator_ros.performance.features import GENERAL, Feature, derived_from, feature_table, variables
+from ator_ros.performance.hold import hold_angle, hold_dist
 from ator_ros.performance.training import direct_of
 from ator_ros.robot.description import Robot
+from ator_ros.tops.objects import kept
 
 START_WEIGHT = 20.0
 """Weight of the start of an episode; its other rows weigh 1."""
@@ -57,21 +57,26 @@ def ideal_times(domain: Domain, robot: Robot, action_set: str) -> dict[str, Idea
     }
 
 
-def plain_times(robot: Robot) -> dict[str, IdealTime]:
+def plain_times(domain: Domain, robot: Robot, action_set: str) -> dict[str, IdealTime]:
     """Return by action the time to turn, drive straight and turn again at the robot's limits.
 
-    The drive may go backward unless the ball is held. For a shot: turn toward the goal and drive.
+    The drive may go backward unless the robot holds an object all the way. An action that does not move the
+    robot to its goal turns the hold toward it and drives there.
     """
 
     def either_way(geometry: Geometry) -> FloatArray:
         return np.minimum(geometry.turn_drive_turn(), geometry.turn_drive_turn(reverse=True))
 
-    turning, aiming = GENERAL["turn_drive_turn"], SOCCER.known_features["hold_angle"].derives
-    return {
-        "goToPose": IdealTime(robot, turning.derives, either_way),
-        "dribbleBall": IdealTime(robot, turning.derives, turning.compute),
-        "shoot": IdealTime(robot, aiming, _turn_and_drive),
-    }
+    turning, arriving = GENERAL["turn_drive_turn"], {top.action for top in domain.tops if top.arrives}
+    holding = {top.action for top in domain.tops if kept(top) is not None}
+    times = {}
+    for action in domain.actions(action_set):
+        if action not in arriving:
+            times[action] = IdealTime(robot, variables("x y yaw xg yg"), _turn_and_drive)
+        else:
+            compute = turning.compute if action in holding else either_way
+            times[action] = IdealTime(robot, turning.derives, compute)
+    return times
 
 
 def _turn_and_drive(geometry: Geometry) -> FloatArray:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Status
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
-from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
 from ator_ros.simulation.run import TIME_LIMIT, judge, place, run
@@ -38,8 +37,9 @@ class ChainRun:
     error : float
         Final distance in m from the last goal, of the axle or the hold; NaN where the last TOP does not place
         the robot.
-    path : tuple of (x, y, ball x, ball y)
-        In m at 10 Hz, NaN without a ball; empty unless asked for.
+    path : tuple of (x, y, object x, object y)
+        Positions in m of the robot and of the first object, at 10 Hz; NaN without an object; empty
+        unless asked for.
     """
 
     duration: float
@@ -66,15 +66,15 @@ def run_chain(
     Parameters
     ----------
     robot : Robot
-        Shape, limits, ball and field.
+        Shape, limits and scene.
     library : TopLibrary
         TOPs and actions.
     start : World
-        Robot and ball at the start.
+        Robot and objects at the start.
     chain : TopChain
         The chain to execute.
     keep_path : bool
-        Whether to log the positions of robot and ball.
+        Whether to log the path.
     observe : callable, optional
         Returns the state that the executor observes, once per tick; by default the true state.
     fetches : int
@@ -113,5 +113,5 @@ def run_chain(
 
 
 def _place(world: World) -> tuple[float, float, float, float]:
-    pose, ball = world.robot.pose, ball_of(world)
-    return pose.x, pose.y, *((math.nan, math.nan) if ball is None else (ball.x, ball.y))
+    pose, first = world.robot.pose, next(iter(world.objects.values()), None)
+    return pose.x, pose.y, *((math.nan, math.nan) if first is None else (first.x, first.y))

@@ -1,4 +1,4 @@
-"""Linear models of duration in distance and turns, as robot-soccer teams use them without learning.
+"""Linear models of duration in distance and turns, as RoboCup teams use them without learning.
 
 Each model replaces the learned ones in the same search, with the coefficients that its team chose by hand
 and with coefficients refitted to our robot's experience.
@@ -41,7 +41,7 @@ class LinearTime:
     per_start_turn, per_goal_turn : float
         In s/rad.
     hold : float
-        Distance in m between the axle and a held ball.
+        Distance in m between the axle and a held object.
     constant : float
         In s.
     """
@@ -75,7 +75,7 @@ def linear_terms(
     direct : mapping
         Direct variables.
     hold : float
-        Distance in m between the axle and a held ball.
+        Distance in m between the axle and a held object.
     aims : bool
         Whether the goal has a heading; otherwise its position is that of the axle.
     """
@@ -99,7 +99,7 @@ def bitbots(robot: Robot, *, arrives: bool) -> LinearTime:
 
 
 def booster(robot: Robot, *, arrives: bool) -> LinearTime:
-    """Return the cost of Booster's soccer demo: range at 1 m/s, turn at 1 rad/s, 1.33 s/rad of angle."""
+    """Return the cost of Booster's RoboCup demo: range at 1 m/s, turn at 1 rad/s, 1.33 s/rad of angle."""
     return LinearTime(1.0, 1.0, 1.33 if arrives else 0.0, robot.hold)
 
 

@@ -156,7 +156,7 @@ def make_toolset(source: ToolsetSource) -> Toolset:
         "bitbots": {action: bitbots(robot, arrives=action in headed) for action in actions},
         "booster": {action: booster(robot, arrives=action in headed) for action in actions},
         "ideal_time": ideal_times(domain, robot, source.action_set),
-        "turn_drive_turn": plain_times(robot),
+        "turn_drive_turn": plain_times(domain, robot, source.action_set),
     }
     if (folder / BASELINES).exists():
         models |= load_baselines(folder / BASELINES, robot)

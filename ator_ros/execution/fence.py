@@ -84,7 +84,7 @@ class Fence:
         """Return whether the goal of a step puts the robot, or the object that it holds, out of the area.
 
         The robot must come to rest `room_inside` the edge, also after an arrival at speed. Steps whose
-        post-condition does not move the robot to the goal, such as a shot, never lead out.
+        post-condition does not move the robot to the goal never lead out.
         """
         if not call.top.arrives:
             return False

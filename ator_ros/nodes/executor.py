@@ -54,7 +54,7 @@ class ExecutorNode(Node):
         refused. A base that does not follow its commands ends a goal, and so does a way that leads out of the
         fence.
     Subscribes to
-        odom (nav_msgs/Odometry), and the topics of the domain's objects, in soccer ball: their stamps,
+        odom (nav_msgs/Odometry), and the topics of the domain's objects: their stamps,
         `latency` later, are the time of the control programs.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active.

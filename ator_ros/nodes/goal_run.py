@@ -46,7 +46,7 @@ class GoalRun:
     fence : Fence
         Where the robot may drive.
     refine_again_after : float
-        Distance in m by which the ball must have moved to ask refinement again; 0: never.
+        Distance in m by which a followed object must have moved to ask refinement again; 0: never.
     frame : str
         The frame of all poses.
 

@@ -14,9 +14,6 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot
 
-PAPER = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
-"""Mean absolute and root-mean-square error in s that the paper reports."""
-
 _Row = tuple[Sequence[Feature], Training]
 ABLATION: dict[str, _Row] = {
     "the paper's 3, all 10 Hz examples": (PAPER_3, Training(later_weight=1.0)),

@@ -9,11 +9,12 @@ import numpy as np
 from ator_ros.domains.soccer.families import approach_family, dribble_family, shot_family
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.release import usual_release
-from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.geometry import wrap_angles
 from ator_ros.motion.families import Family, drive_family
 from ator_ros.motion.ideal_times import Motions
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, variables
+from ator_ros.performance.hold import hold_angle, hold_bearing, hold_dist
 
 # The ideal shots, nine of them; the action itself chooses among more: where into the goal's mouth, in shares
 # of its width from the middle, in which direction (rad).
@@ -52,31 +53,6 @@ def shot(geometry: Geometry) -> Motions:
     y = d["yg"] + width * _AIMS - back * np.sin(heading)
     fastest = robot.holder_for("a shot").limits.v
     return geometry.fastest_to(shot_family(robot), x, y, heading, fastest + 0.0 * x)
-
-
-def _from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
-    """Return the way in m, along x and y, from the hold at the start to the goal's position."""
-    d, hold = geometry.direct, geometry.robot.hold
-    dx = d["xg"] - d["x"] - hold * np.cos(d["yaw"])
-    dy = d["yg"] - d["y"] - hold * np.sin(d["yaw"])
-    return dx, dy
-
-
-def hold_dist(geometry: Geometry) -> FloatArray:
-    """Return the distance in m from the hold at the start to the goal's position."""
-    dx, dy = geometry.once(_from_hold)
-    return np.asarray(np.sqrt(dx * dx + dy * dy))
-
-
-def hold_bearing(geometry: Geometry) -> FloatArray:
-    """Return the bearing in rad, in the world, of the goal's position seen from the hold at the start."""
-    dx, dy = geometry.once(_from_hold)
-    return np.arctan2(dy, dx)
-
-
-def hold_angle(geometry: Geometry) -> FloatArray:
-    """Return the signed angle in rad from the heading to the goal's position, seen from the hold."""
-    return wrap_angles(geometry.once(hold_bearing) - geometry.direct["yaw"])
 
 
 _TO_POSE = variables("x y yaw v w xg yg yawg speedg hold")

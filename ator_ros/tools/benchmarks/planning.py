@@ -11,13 +11,13 @@ from contextlib import suppress
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
+from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.geometry import Pose
 from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import SLICE, Search
-from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.robot.ramp import ramped
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.base import Goal
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes import conversions
 from ator_ros.refinement.refiner import LONGEST_CHAIN
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.world.state import ObjectState, RobotState, World

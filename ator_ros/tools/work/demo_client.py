@@ -21,10 +21,10 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import PlaceBall, PlaceRobot, RefineSubgoal
+from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of, robot_from, situation_of
 from ator_ros.nodes.qos import SENSOR_DATA
-from ator_ros.robot.ball import ball_of
 from ator_ros.tools.work.demo_report import DemoRun
 from ator_ros.world.state import World
 

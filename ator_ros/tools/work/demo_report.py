@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure
 from ator_ros.files import replaced
-from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World

@@ -10,12 +10,12 @@ from tqdm import tqdm
 
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.action_quality import KINDS, Outcome, execute, regularity, summary, tasks
+from ator_ros.domains.soccer.quality.action_quality import KINDS, Outcome, execute, regularity, summary, tasks
+from ator_ros.domains.soccer.quality.ruler import over_time_optimal
+from ator_ros.domains.soccer.quality.slices import draw_slices
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.ruler import over_time_optimal
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import write_text
-from ator_ros.report.soccer_slices import draw_slices
 
 RULED = ("pose", "approach", "dribble")
 

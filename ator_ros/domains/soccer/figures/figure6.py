@@ -14,6 +14,7 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import DomainError
 from ator_ros.domains.presentation import Models
+from ator_ros.domains.soccer.ball import objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure, save_svg
 from ator_ros.geometry import FloatArray, Pose
@@ -21,7 +22,6 @@ from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.refinement.chain_model import ChainModel
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
-from ator_ros.robot.ball import objects_of
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary

@@ -12,10 +12,10 @@ import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.ball import ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.run import TIME_LIMIT, judge, place, run_action
 from ator_ros.simulation.simulation import Simulation

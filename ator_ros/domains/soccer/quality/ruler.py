@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.evaluation.action_quality import Outcome
+from ator_ros.domains.soccer.quality.action_quality import Outcome
 from ator_ros.files import UnreadableError, read_json, write_text
 
 

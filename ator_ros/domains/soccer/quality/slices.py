@@ -11,11 +11,11 @@ import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
-from ator_ros.evaluation.action_quality import Outcome, Task, execute_situation
+from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.quality.action_quality import Outcome, Task, execute_situation
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import replaced
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
 from ator_ros.world.state import ObjectState, RobotState
 
