@@ -104,7 +104,7 @@ def _onto_circle(x: float, y: float, radius: float) -> tuple[float, float, float
 
 
 def _ahead(straight: float, heading: float, turn: float, radius: float, way: float) -> tuple[float, float]:
-    """Return the displacement (m), in the frame of the goal, after a `way` (m) along tangent, circle, run-in."""
+    """Return the displacement (m) after a `way` (m) along tangent, circle and run-in, in the goal's frame."""
     first = min(straight, way)
     angle = min((way - first) / radius, turn)
     last, end = way - first - angle * radius, heading + angle
