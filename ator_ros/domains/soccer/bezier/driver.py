@@ -19,7 +19,7 @@ LATERAL, HEADING = 0.04, 0.1
 
 _SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may stand
 _AT_REST = 0.03  # m/s
-_CREEP = 0.05  # m/s
+_CREEP = 0.04  # m/s
 _FAITH = 0.3  # s by which the way round the other side must be quicker to be preferred
 _RESERVE = 1.2  # greatest deceleration over the planned one
 _SLIGHT = 0.3  # rad on the circle up to which it may be driven faster, as rotation needs time to build up
