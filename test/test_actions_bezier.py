@@ -17,12 +17,13 @@ from scenarios import (
 )
 
 from ator_ros.actions.base import ActionError, Goal, Point
+from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
 from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
 from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.action_quality import execute, tasks
+from ator_ros.evaluation.action_quality import Task, execute, execute_situation, tasks
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot, load_robot
@@ -171,6 +172,20 @@ def test_turning_the_start_by_a_degree_hardly_changes_the_duration(robot: Robot)
         runs = [[execute(task) for task in tasks(kind, "bezier", 31, 3, turn)] for turn in (0, 1)]
         changes = [abs(one.duration - other.duration) for one, other in zip(*runs, strict=True)]
         assert max(changes) <= 0.151
+
+
+def test_duration_of_a_dribble_hardly_depends_on_the_signs_of_its_angles(robot: Robot) -> None:
+    """The paper's features don't tell left from right."""
+    durations = []
+    for sign in (1.0, -1.0):
+        start, goal = Pose(-1.2, 0.0, -math.pi / 2), Pose(0.8, 0.0, sign * math.pi / 2)
+        ball = robot.hold_point(start)
+        to = Goal(robot.hold_point(goal), point=Point.HOLD)
+        situation = Situation("dribbleBall", RobotState(start), {BALL: ObjectState(ball.x, ball.y)}, to)
+        outcome = execute_situation(situation, Task("dribble", "bezier", 0, 0))
+        assert outcome.success
+        durations.append(outcome.duration)
+    assert abs(durations[0] - durations[1]) < 0.6
 
 
 def test_ramp_changes_no_faster_than_the_limits(robot: Robot) -> None:
