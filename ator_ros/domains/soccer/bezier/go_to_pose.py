@@ -14,7 +14,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, ObjectState, World
 
 TO_POSE = Style(CurveShape(0.3, 0.05, 0.12, 0.25), 60.0, 2.2, 0.6)
-TO_BALL = Style(CurveShape(0.4, 0.2, 0.12, 0.25), 60.0, 2.2, 0.6)
+TO_BALL = Style(CurveShape(0.25, 0.3, 0.12, 0.25), 60.0, 2.0, 0.6)
 
 _AT_BALL = 0.2  # m between the ball and the hold of a robot at the goal
 _STRAIGHTENING = 0.5  # rad that a robot may turn on the spot with the ball between its fins
