@@ -44,7 +44,7 @@ def _installed_share(checkout: Path) -> Path:
 
 
 def resource_path(*parts: str) -> Path:
-    """Return the path of a shipped file or folder, as in ``resource_path("config", "pioneer.yaml")``.
+    """Return the path of a shipped file or folder, as in ``resource_path("models", "gate.json")``.
 
     Raises
     ------

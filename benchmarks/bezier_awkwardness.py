@@ -113,7 +113,7 @@ def row(
     """Return gains of refined headings and of the oracle with one style of dribbling, as cells of a table."""
 
     def dribble(start: Pose, target: Pose) -> float:
-        return duration(robot.dribble_limits, style, start, target, turns=False)
+        return duration(robot.holder_for("dribbleBall").limits, style, start, target, turns=False)
 
     tree, accuracy, mean = learned(robot, "dribble_ball", dribble, episodes, episodes)
     sums = {"naive": 0.0, "refined": 0.0, "oracle": 0.0}

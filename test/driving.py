@@ -6,16 +6,16 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.execution.driving import Driving
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Refining
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.pioneer import TICK, PioneerSimulation
-from ator_ros.simulation.sensors import SensorConfig, Sensors
+from ator_ros.simulation.sensors import SensorConfig, Sensors, Sight
+from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, Command, World
@@ -112,13 +112,14 @@ def drive(
         fence=fence or Fence.around(robot),
     )
     done, driving, sensors = Drive(execution), Driving(robot, base.latency), Sensors(base.sensors, seed)
-    noise, velocity_noise = base.sensors.ball_noise, base.sensors.ball_velocity_noise
+    sight = base.sensors.objects.get(BALL, Sight())
+    noise, velocity_noise = sight.noise, sight.velocity_noise
     tracker, last = ObjectTracker(noise, velocity_noise), -1.0
-    with PioneerSimulation(base.robot(robot)) as simulation:
+    with Simulation(base.robot(robot)) as simulation:
         simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
         if ball_of(start) is not None:
-            simulation.place_ball(
-                ball_of(start).x, ball_of(start).y, vx=ball_of(start).vx, vy=ball_of(start).vy
+            simulation.place_object(
+                BALL, ball_of(start).x, ball_of(start).y, vx=ball_of(start).vx, vy=ball_of(start).vy
             )
         while execution.phase is not Phase.ENDED and simulation.time < limit:
             world = simulation.world()

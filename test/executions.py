@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import Goal
+from ator_ros.domains.soccer.ball import objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.fence import Fence
@@ -10,7 +11,6 @@ from ator_ros.execution.phases import Deadlines
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Refining
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import objects_of
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import ObjectState, RobotState, World

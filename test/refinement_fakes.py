@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angles
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import ObjectState, RobotState, World

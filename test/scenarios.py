@@ -9,12 +9,14 @@ import numpy as np
 
 from ator_ros.actions.base import Action, Status, Step
 from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.episode import coast, place
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.geometry import wrap_angle
-from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.run import place, run_action, settle
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.tops.outcome import top_of
 from ator_ros.world.state import World
 
 _RATE = 20
@@ -31,28 +33,25 @@ class Run:
     end: World
 
 
-def run(
-    simulation: PioneerSimulation, action: Action, situation: Situation, *, time_limit: float = 30.0
-) -> Run:
+def run(simulation: Simulation, action: Action, situation: Situation, *, time_limit: float = 30.0) -> Run:
     """Execute `action` in `situation` until it ends or `time_limit` (s) is over."""
-    place(simulation, situation)
-    worlds, steps = [simulation.world()], []
-    action.start(worlds[0], situation.goal)
-    for _ in range(round(time_limit * _RATE)):
-        steps.append(action.step(worlds[-1]))
-        if steps[-1].status is not Status.RUNNING:
-            break
-        simulation.command(steps[-1].command)
-        simulation.tick()
-        worlds.append(simulation.world())
-    end = coast(simulation, worlds[-1]) if situation.action == "shoot" else worlds[-1]
+    place(simulation, World(0.0, situation.robot, situation.objects))
+    worlds, steps = [], []
+
+    def observed(action: Action, world: World) -> Step:
+        worlds.append(world)
+        steps.append(action.step(world))
+        return steps[-1]
+
+    run_action(simulation, action, situation.goal, time_limit=time_limit, step=observed)
+    end = settle(simulation, top_of(situation, SOCCER.tops, simulation.robot), situation.goal)
     return Run(simulation.robot, situation, worlds, steps, end)
 
 
 def run_many(robot: Robot, action: Action, *, seed: int, count: int) -> list[Run]:
     """Execute `action` in `count` random situations, all drawn from `seed`, in one world."""
     rng = np.random.default_rng(seed)
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         runs: list[Run] = []
         while len(runs) < count:
             situation = SOCCER.actions()[action.name].sample(robot, rng)
@@ -63,7 +62,7 @@ def run_many(robot: Robot, action: Action, *, seed: int, count: int) -> list[Run
 
 def _in_a_post(robot: Robot, situation: Situation) -> bool:
     """Return whether robot or ball would start inside a goal's post, where physics throws them out."""
-    pose, field = situation.robot.pose, robot.field
+    pose, field = situation.robot.pose, field_of(robot)
     points = [
         (pose.x, pose.y),
         *([(ball_of(situation).x, ball_of(situation).y)] if ball_of(situation) else []),
@@ -116,5 +115,5 @@ def always_holds_the_ball(run: Run, *, distance: float = 0.1) -> bool:
 
 def ball_in_the_goal(run: Run) -> bool:
     """Return whether the ball ended behind the goal line, between the posts."""
-    ball, field = ball_of(run.end), run.robot.field
+    ball, field = ball_of(run.end), field_of(run.robot)
     return ball is not None and abs(ball.x) > field.length / 2 and abs(ball.y) < field.goal_width / 2

@@ -18,14 +18,15 @@ from scenarios import (
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
 from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
 from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.evaluation.action_quality import Task, execute, execute_situation, tasks
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
@@ -81,7 +82,7 @@ def test_same_start_gives_the_same_steps(robot: Robot, runs: dict[str, list[Run]
 @pytest.mark.parametrize("name", ["dribbleBall", "shoot"])
 def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
-    goal = Goal(Pose(*robot.field.goal_centre(), 0.0), point=Point.HOLD)
+    goal = Goal(Pose(*field_of(robot).goal_centre(), 0.0), point=Point.HOLD)
     with pytest.raises(ActionError, match="expected the ball within"):
         SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
 
@@ -151,7 +152,7 @@ def test_curve_is_continuous_in_the_heading_of_the_start() -> None:
 
 
 def test_way_round_the_goal_is_the_quicker_one_and_kept(robot: Robot) -> None:
-    driver = Driver(robot.dribble_limits, dribbling())
+    driver = Driver(robot.holder_for("a test").limits, dribbling())
     goal = Pose(0.0, 0.0, 0.0)
     left = driver.curve(Pose(0.5, 0.05, math.pi), goal, 0.0)
     assert left.turn > math.pi / 2

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from ator_ros.actions.base import Goal, Point, Status
+from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import load_robot
-from ator_ros.simulation.pioneer import TICK, PioneerSimulation
+from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.world.state import STOP
 
 ROBOT = load_robot()
@@ -22,9 +22,9 @@ def approach(late: int, unseen: int = 0) -> tuple[float, float]:
 
     The first `late` commands are lost, and then the action does not see the next `unseen` states.
     """
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        simulation.place_ball(*BALL)
+        simulation.place_object("ball", *BALL)
         action = GoToPose(ROBOT)
         action.start(simulation.world(), Goal(Pose(*BALL, 0.0), 0.0, Point.HOLD))
         for tick in range(400):
@@ -57,7 +57,7 @@ def test_a_state_that_is_missed_at_the_start_costs_its_time_and_the_ball_stays(l
 
 
 def test_a_robot_that_never_starts_does_not_make_the_plan_wait_for_ever() -> None:
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
         action = GoToPose(ROBOT)
         action.start(simulation.world(), Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.AXLE))

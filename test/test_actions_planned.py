@@ -11,6 +11,7 @@ from candidates import candidates_between
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.planned.clearance import ball_distances
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
@@ -22,9 +23,8 @@ from ator_ros.domains.soccer.planned.profiles import straight_pieces, straight_t
 from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.evaluation.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import Limits, load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -82,8 +82,8 @@ def test_every_closed_candidate_meets_its_goal_within_the_limits() -> None:
 
 def test_clearance_is_the_distance_to_the_outline() -> None:
     poses = np.array([[0.0, 0.0, 0.0]])
-    radius = ROBOT.ball.radius
-    tip = ROBOT.front + ROBOT.fin_length
+    radius = ROBOT.scene.radius(BALL)
+    tip = ROBOT.front + ROBOT.holder_length
     for x, y, expected in (
         (tip + 0.3 + radius, 0.0, 0.3),
         (-ROBOT.rear - 0.2 - radius, 0.1, 0.2),
@@ -110,13 +110,13 @@ def test_the_actions_reach_their_goals_within_the_limits(kind: str) -> None:
 
 def test_a_ball_that_rolls_is_followed() -> None:
     action = GoToPose(ROBOT)
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        simulation.place_ball(0.0, 0.0)
+        simulation.place_object(BALL, 0.0, 0.0)
         action.start(simulation.world(), Goal(Pose(0.0, 0.0, 0.5), 0.0, Point.HOLD))
         for tick in range(600):
             if tick == 20:
-                simulation.place_ball(0.0, 0.0, vx=0.6, vy=0.4)
+                simulation.place_object(BALL, 0.0, 0.0, vx=0.6, vy=0.4)
             step = action.step(simulation.world())
             if step.status is not Status.RUNNING:
                 break
@@ -132,11 +132,11 @@ def test_a_ball_that_rolls_is_followed() -> None:
 
 def test_a_ball_taken_away_while_dribbling_is_reported() -> None:
     action = DribbleBall(ROBOT)
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         simulation.place_robot(Pose(0.0, 0.0, 0.0))
-        simulation.place_ball(ROBOT.hold, 0.0)
+        simulation.place_object(BALL, ROBOT.hold, 0.0)
         action.start(simulation.world(), Goal(Pose(2.0, 0.0, 0.0), 0.0, Point.HOLD))
-        simulation.place_ball(2.0, 2.0)
+        simulation.place_object(BALL, 2.0, 2.0)
         step = action.step(simulation.world())
     assert step.status is Status.FAILED
     assert "lost the ball" in step.message

@@ -8,19 +8,20 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.release import release, release_poses, scoring_time
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = Shoot(ROBOT).plan_limits
-MOUTH = Pose(*ROBOT.field.goal_centre(), 0.0)
+MOUTH = Pose(*field_of(ROBOT).goal_centre(), 0.0)
 
 
 def planned(start: Pose, speed: float = 0.0, mouth: Pose = MOUTH) -> Manoeuvre:
@@ -56,10 +57,10 @@ def test_every_run_up_ends_where_the_ball_rolls_between_the_posts() -> None:
     for state in starts(71, 25):
         plan = planned(state.pose, max(0.0, state.v))
         ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
-        way = (ROBOT.ball.radius - ball.x) / math.cos(ball.yaw)
-        rolled_out = plan.exit.outer_speed**2 / (2.0 * ROBOT.ball.rolling_deceleration)
+        way = (ROBOT.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
+        rolled_out = plan.exit.outer_speed**2 / (2.0 * ROBOT.scene.objects[BALL].rolling_deceleration)
         assert 0.0 <= way < 0.7 * rolled_out
-        assert abs(crossing(plan)) + ROBOT.ball.radius < ROBOT.field.goal_width / 2.0 - 0.2
+        assert abs(crossing(plan)) + ROBOT.scene.radius(BALL) < field_of(ROBOT).goal_width / 2.0 - 0.2
         trajectory = Trajectory(plan)
         unspread = trajectory.at(trajectory.duration - 1e-9).pose
         assert unspread.distance(plan.goal) < 1e-3
@@ -70,8 +71,8 @@ def test_the_robot_stops_before_the_wall_of_the_goal() -> None:
     for state in starts(72, 25):
         plan = planned(state.pose)
         stop = MOUTH.relative(plan.goal).ahead(plan.exit.outer_speed**2 / (2.0 * ROBOT.limits.brake))
-        assert stop.x + ROBOT.reach < ROBOT.field.goal_depth
-        assert abs(stop.y) + ROBOT.reach < ROBOT.field.goal_width / 2.0
+        assert stop.x + ROBOT.reach < field_of(ROBOT).goal_depth
+        assert abs(stop.y) + ROBOT.reach < field_of(ROBOT).goal_width / 2.0
 
 
 def test_the_planned_time_hardly_changes_with_a_degree() -> None:

@@ -12,9 +12,10 @@ from refinement_fakes import LIBRARY, ROBOT, models
 
 from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.situations import CLEARANCE, SHORTEST
-from ator_ros.evaluation.chain_run import TIME_LIMIT, run_chain
-from ator_ros.evaluation.heuristics import LinearTime, bitbots, booster, linear_terms, refit
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.heuristics import LinearTime, arriving, bitbots, booster, linear_terms, refit
 from ator_ros.evaluation.policies import MODEL_SETS, POLICIES, Toolset
 from ator_ros.evaluation.trials import (
     Trial,
@@ -23,6 +24,9 @@ from ator_ros.evaluation.trials import (
     with_headings,
 )
 from ator_ros.refinement.gate import ThresholdGate
+from ator_ros.simulation.run import TIME_LIMIT
+
+HEADED = arriving(SOCCER.tops)
 
 
 def trial(index: int = 0, chain: str = "dribble") -> Trial:
@@ -31,7 +35,8 @@ def trial(index: int = 0, chain: str = "dribble") -> Trial:
 
 @pytest.fixture(scope="module")
 def tools() -> Toolset:
-    sets = {name: {action: bitbots(action, ROBOT) for action in models()} for name in MODEL_SETS}
+    plain = {action: bitbots(ROBOT, arrives=action in HEADED) for action in models()}
+    sets = dict.fromkeys(MODEL_SETS, plain)
     return Toolset(SOCCER, ROBOT, {"learned": models(), **sets}, ThresholdGate(0.1))
 
 
@@ -60,7 +65,7 @@ class TestTrials:
             assert ball.distance(goal) >= SHORTEST
 
     def test_shooting_positions_lie_before_the_goal(self) -> None:
-        x, y = ROBOT.field.goal_centre()
+        x, y = field_of(ROBOT).goal_centre()
         for index in range(100):
             place = trial(index, "shoot").chain.calls[1].goal.pose
             low, high = SHOOTING_DISTANCE
@@ -115,19 +120,19 @@ class TestHeuristics:
             "x": 0.0, "y": 0.0, "yaw": 0.5, "v": 0.0, "w": 0.0,
             "xg": 2.0, "yg": 0.0, "yawg": 1.0, "speedg": 0.0, "hold": 0.0,
         }  # fmt: skip
-        assert bitbots("goToPose", ROBOT).predict(direct).duration == pytest.approx([14.0 + 3.82 * 1.5])
-        assert booster("goToPose", ROBOT).predict(direct).duration == pytest.approx([2.0 + 0.5 + 1.33])
+        assert bitbots(ROBOT, arrives=True).predict(direct).duration == pytest.approx([14.0 + 3.82 * 1.5])
+        assert booster(ROBOT, arrives=True).predict(direct).duration == pytest.approx([2.0 + 0.5 + 1.33])
 
     @pytest.mark.parametrize("team", [bitbots, booster])
     def test_refit_finds_the_coefficients_that_made_the_times(self, team: object) -> None:
         rng = np.random.default_rng(0)
         rows = pd.DataFrame(rng.uniform(-3.0, 3.0, (200, 6)), columns=["x", "y", "yaw", "xg", "yg", "yawg"])
         rows["hold"] = 1.0
-        hand_set = team("goToPose", ROBOT)  # type: ignore[operator]
+        hand_set = team(ROBOT, arrives=True)  # type: ignore[operator]
         alike = hand_set.per_start_turn == hand_set.per_goal_turn
         truth = LinearTime(1.1, 0.7, 0.7 if alike else 0.4, ROBOT.hold, constant=0.3)
         rows["duration"] = truth.predict(rows).duration
-        found = refit(hand_set, "goToPose", rows.assign(v=0.0, w=0.0, speedg=0.0))
+        found = refit(hand_set, rows.assign(v=0.0, w=0.0, speedg=0.0))
         assert dataclasses.astuple(found) == pytest.approx(dataclasses.astuple(truth))
 
     def test_a_held_ball_is_approached_with_the_axle_behind_it(self) -> None:
@@ -137,7 +142,7 @@ class TestHeuristics:
         assert turns == [0.0, 0.0]
 
     def test_shots_have_no_heading_at_the_goal(self) -> None:
-        assert "yawg" not in bitbots("shoot", ROBOT).used_variables
+        assert "yawg" not in bitbots(ROBOT, arrives="shoot" in HEADED).used_variables
 
 
 class TestExecution:

@@ -116,7 +116,7 @@ def test_refinement_is_waited_for_until_its_deadline() -> None:
     run.tick(world(1.4), 100.55)
     run.watch(100.55)
     assert run.tick(world(1.5), 100.6).v > 0.0
-    assert run.refining.reason == "executed as sent, refinement failed: no answer within 0.5 s"
+    assert run.refinement == "executed as sent, refinement failed: no answer within 0.5 s"
     run.refined_to(FORWARD_LEFT, True, "too late")
     assert run.chain is FORWARD
 
@@ -129,13 +129,13 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     run.tick(world(), 100.0)
     run.refined_to(forward_left, True, "0.5 s faster")
     run.tick(world(1.05), 100.1)
-    assert (run.chain, run.refining.refined, run.refining.reason) == (forward_left, True, "0.5 s faster")
+    assert (run.chain, run.refined, run.refinement) == (forward_left, True, "0.5 s faster")
     other = execution(FORWARD, refine=True)
     other.tick(world(), 100.0)
     other.refined_to(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "nonsense")
     assert other.chain is FORWARD
-    assert "expected the steps of the question" in other.refining.reason
-    assert not other.refining.refined
+    assert "expected the steps of the question" in other.refinement
+    assert not other.refined
 
 
 def test_open_variables_are_filled_in_also_where_nothing_is_refined() -> None:
@@ -148,7 +148,7 @@ def test_open_variables_are_filled_in_also_where_nothing_is_refined() -> None:
     run.refined_to(filled, False, "the gate is closed")
     run.tick(dataclasses.replace(state, time=1.05), 100.1)
     assert run.chain == filled
-    assert (run.refining.refined, run.refining.reason) == (False, "the gate is closed")
+    assert (run.refined, run.refinement) == (False, "the gate is closed")
 
 
 def test_without_models_nothing_is_predicted() -> None:

@@ -6,11 +6,11 @@ import dataclasses
 
 from executions import FORWARD, ROBOT, chain, execution, world
 
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import STOP, ObjectState, World
 
 
@@ -82,8 +82,8 @@ CARRY = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 
 def carrying(*, fetches: int = 0) -> tuple[Execution, World]:
     """Return an execution of CARRY that dribbles, and the state that it is in."""
     run = execution(CARRY, fetches=fetches)
-    with PioneerSimulation(ROBOT) as simulation:
-        simulation.place_ball(1.0, 0.0)
+    with Simulation(ROBOT) as simulation:
+        simulation.place_object(BALL, 1.0, 0.0)
         while run.top.name != "dribbleBall":
             simulation.command(run.tick(simulation.world(), 100.0))
             simulation.tick()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
 from pathlib import Path
@@ -13,13 +14,16 @@ from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.specification import ActionSpec
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
 from ator_ros.domains.soccer.situations import (
     CLEARANCE,
     SHOT_RANGE,
     Situation,
 )
+from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import EpisodeTask, collect, run_task
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.errors import ExperienceError
@@ -32,9 +36,8 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState
 
 
@@ -45,7 +48,7 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="module")
 def frame(robot: Robot) -> pd.DataFrame:
-    return join(collect([TURNING], robot, episodes=6, seed=5))
+    return join(collect([TURNING], SOCCER.tops, robot, episodes=6, seed=5))
 
 
 TURNING = ActionSpec("goToPose", TurnDriveTurn, SOCCER.actions()["goToPose"].sample)
@@ -60,11 +63,11 @@ def draw(action: str, robot: Robot, count: int = 300) -> list[Situation]:
 def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: Robot) -> None:
     for situation in draw(action, robot):
         for x, y in [situation.goal.pose[:2]] + [(b.x, b.y) for b in [ball_of(situation)] if b]:
-            assert abs(x) <= robot.field.length / 2
-            assert abs(y) <= robot.field.width / 2
+            assert abs(x) <= field_of(robot).length / 2
+            assert abs(y) <= field_of(robot).width / 2
         assert abs(situation.robot.v) <= robot.limits.v
         assert abs(situation.robot.w) <= robot.limits.w
-        assert 0.0 <= situation.goal.speed <= robot.dribble_limits.v
+        assert 0.0 <= situation.goal.speed <= robot.holder_for("a test").limits.v
 
 
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
@@ -96,7 +99,7 @@ def test_the_ball_is_held_and_moves_with_the_robot_at_the_start(action: str, rob
 
 
 def test_shots_start_within_range_of_the_goal(robot: Robot) -> None:
-    x, y = robot.field.goal_centre()
+    x, y = field_of(robot).goal_centre()
     distances = [math.hypot(ball_of(s).x - x, ball_of(s).y - y) for s in draw("shoot", robot) if ball_of(s)]
     assert min(distances) >= SHOT_RANGE[0]
     assert max(distances) <= SHOT_RANGE[1]
@@ -106,9 +109,12 @@ def plain(robot: Robot, goal: Pose) -> Situation:
     return Situation("goToPose", RobotState(Pose(0.0, 0.0, 0.0)), {}, Goal(goal))
 
 
+to_pose = functools.partial(run_episode, top=GO_TO_POSE)
+
+
 def test_episode_logs_at_10_hz_until_the_action_has_ended(robot: Robot) -> None:
-    with PioneerSimulation(robot) as simulation:
-        episode = run_episode(simulation, TurnDriveTurn(robot), plain(robot, Pose(1.0, 0.5, 1.0)))
+    with Simulation(robot) as simulation:
+        episode = to_pose(simulation, TurnDriveTurn(robot), plain(robot, Pose(1.0, 0.5, 1.0)))
     assert episode.success
     assert episode.position_error < 0.06
     assert episode.heading_error < 0.06
@@ -117,18 +123,16 @@ def test_episode_logs_at_10_hz_until_the_action_has_ended(robot: Robot) -> None:
 
 
 def test_episode_ends_at_the_time_limit_as_a_failure(robot: Robot) -> None:
-    with PioneerSimulation(robot) as simulation:
-        episode = run_episode(
-            simulation, TurnDriveTurn(robot), plain(robot, Pose(3.0, 0.0, 0.0)), time_limit=1.0
-        )
+    with Simulation(robot) as simulation:
+        episode = to_pose(simulation, TurnDriveTurn(robot), plain(robot, Pose(3.0, 0.0, 0.0)), time_limit=1.0)
     assert not episode.success
     assert episode.reason == "time limit of 1 s reached"
     assert episode.duration == pytest.approx(1.0)
 
 
 def test_an_action_that_cannot_start_is_a_failure_with_its_reason(robot: Robot) -> None:
-    with PioneerSimulation(robot) as simulation:
-        episode = run_episode(simulation, TurnDriveTurn(robot), plain(robot, Pose(math.nan, 0.0, 0.0)))
+    with Simulation(robot) as simulation:
+        episode = to_pose(simulation, TurnDriveTurn(robot), plain(robot, Pose(math.nan, 0.0, 0.0)))
     assert not episode.success
     assert episode.reason.startswith("not started: expected a finite goal")
 
@@ -136,10 +140,10 @@ def test_an_action_that_cannot_start_is_a_failure_with_its_reason(robot: Robot) 
 def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None:
     goal = Goal(Pose(1.0, 0.0, math.pi), 0.0, Point.HOLD)  # straight through the ball
     situation = Situation("goToPose", RobotState(Pose(-0.5, 0.0, 0.0)), {BALL: ObjectState(0.9, 0.0)}, goal)
-    with PioneerSimulation(robot) as simulation:
-        episode = run_episode(simulation, TurnDriveTurn(robot), situation)
+    with Simulation(robot) as simulation:
+        episode = run_episode(simulation, TurnDriveTurn(robot), situation, top=GO_TO_BALL)
     assert not episode.success
-    assert "but the ball is not held" in episode.reason
+    assert "but post-condition of goToBall: expected hold.x within 0.1 of ball.x" in episode.reason
 
 
 def test_table_holds_the_documented_columns_and_counts_down(frame: pd.DataFrame) -> None:
@@ -150,14 +154,14 @@ def test_table_holds_the_documented_columns_and_counts_down(frame: pd.DataFrame)
 
 
 def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame: pd.DataFrame) -> None:
-    parallel = join(collect([TURNING], robot, episodes=6, seed=5, jobs=2))
+    parallel = join(collect([TURNING], SOCCER.tops, robot, episodes=6, seed=5, jobs=2))
     pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
-    other = join(collect([TURNING], robot, episodes=1, seed=6))
+    other = join(collect([TURNING], SOCCER.tops, robot, episodes=1, seed=6))
     assert other["x"].iloc[0] != frame["x"].iloc[0]
 
 
 def test_an_episode_does_not_depend_on_how_many_there_are(robot: Robot, frame: pd.DataFrame) -> None:
-    alone = run_task(EpisodeTask(TURNING, robot, 5, 4))
+    alone = run_task(EpisodeTask(TURNING, SOCCER.tops, robot, 5, 4))
     rows = frame[frame["episode"] == 4].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone.astype(rows.dtypes), rows, check_exact=True)
 

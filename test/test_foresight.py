@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import Goal, Point, Status
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import load_robot
 from ator_ros.robot.foresight import Foresight
-from ator_ros.simulation.pioneer import TICK, PioneerSimulation
 from ator_ros.simulation.sensors import SensorConfig, Sensors
+from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -85,7 +85,7 @@ def test_it_foresees_what_the_simulated_base_does(ticks: int) -> None:
     rng, limits = np.random.default_rng(5), ROBOT.limits
     foresight, seen, worst = Foresight(ROBOT, ticks * TICK), deque[World](maxlen=ticks + 1), np.zeros(2)
     command = STOP
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         for tick in range(200):
             if tick % 20 == 0:
                 goal = Command(*rng.uniform((-0.8, -1.5), (0.8, 1.5)))
@@ -112,9 +112,9 @@ def approach(ticks: int, *, late: int, held_back: bool) -> tuple[float, float]:
     """
     foresight, seen = Foresight(ROBOT, ticks * TICK), deque[World](maxlen=ticks + 1)
     action = GoToPose(ROBOT)
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        simulation.place_ball(0.0, 0.0)
+        simulation.place_object(BALL, 0.0, 0.0)
         began = False
         while simulation.time < 20.0:
             seen.append(simulation.world())

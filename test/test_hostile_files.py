@@ -27,6 +27,7 @@ from ator_ros.tools import train
 
 ROBOT = load_robot()
 PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
+FORMER = Path(__file__).with_name("former_pioneer.yaml").read_text(encoding="utf-8")
 
 
 def laughs() -> str:
@@ -54,8 +55,23 @@ def laughs() -> str:
         ),
         (
             PIONEER.replace("length: 8.0", "length: 8000000000.0"),
+            "scene.area.length: expected a number from 0.001 to 1000",
+        ),
+        (
+            FORMER.replace("length: 8.0", "length: 8000000000.0"),
             "field.length: expected a number from 0.001 to 1000",
         ),
+        (FORMER.replace("width: 5.0", "width: wide"), "field.width: expected a positive number, got 'wide'"),
+        (FORMER.replace("goal_depth: 0.6", "goal_depth: -1"), "field.goal_depth: expected a positive number"),
+        (FORMER.replace("  fin_gap: 0.25\n", ""), "missing or unknown: ['fin_gap']"),
+        (FORMER.replace("w: 1.2", "w: 120"), "robot.dribble_limits.w: expected a number from 0.01 to 50"),
+        (FORMER.replace("radius: 0.11", "radius: 11"), "ball.radius: expected a number from 0.001 to 10"),
+        (PIONEER.replace("    gap: 0.25\n", ""), "robot.holder: expected the fields ['gap', 'length'"),
+        (
+            PIONEER.replace("    ball:", "    my ball:"),
+            "scene.objects: expected names of letters, digits and _",
+        ),
+        (PIONEER.replace("x: -4.0", "x: left"), "scene.bays[0].x: expected a number, got 'left'"),
         (
             PIONEER.replace("v: 1.2", f"v: [{'1, ' * 20_000}]", 1),
             "robot.limits.v: expected a positive number",

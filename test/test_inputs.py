@@ -6,8 +6,8 @@ import contextlib
 
 import pytest
 
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.world.inputs import ClockJumpError, Inputs, StampError
 from ator_ros.world.sightings import Sightings
 from ator_ros.world.state import ObjectState, RobotState

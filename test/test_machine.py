@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 from ator_ros.nodes import machine
 from ator_ros.nodes.machine import MachineError, check_machine, check_shared_memory, log_folder
 from ator_ros.nodes.parameters import Parameter, SetupError
-from ator_ros.nodes.simulation import PARAMETERS
+from ator_ros.nodes.simulation_settings import parameters_for
 
 Space = namedtuple("Space", ["f_bavail", "f_frsize"])
 
@@ -85,7 +85,7 @@ def test_a_node_ends_with_one_line(full: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", [1e-12, 5e-4])
 def test_a_time_that_hardly_passes_is_refused(value: float) -> None:
-    factor: Parameter = next(p for p in PARAMETERS if p.name == "real_time_factor")
+    factor: Parameter = next(p for p in parameters_for([]) if p.name == "real_time_factor")
     factor.check(0.0)
     factor.check(0.001)
     with pytest.raises(SetupError, match="real_time_factor: expected 0, or a number"):

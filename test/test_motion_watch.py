@@ -19,7 +19,6 @@ from ator_ros.execution.driving import Driving
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import MotionWatch, Thresholds
 from ator_ros.execution.phases import Ending
-from ator_ros.execution.step_run import is_standing
 from ator_ros.geometry import Pose
 from ator_ros.robot.ramp import ramped
 from ator_ros.world.state import STOP, Command, RobotState, World
@@ -54,7 +53,7 @@ class Frozen:
 def stood(done: Drive, since: float) -> float:
     """Return for how long from `since` (s) the robot truly moved."""
     return (
-        max([w.time for w in done.worlds if w.time >= since and not is_standing(w.robot)], default=since)
+        max([w.time for w in done.worlds if w.time >= since and not w.robot.is_standing], default=since)
         - since
     )
 

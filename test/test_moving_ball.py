@@ -7,13 +7,13 @@ from collections.abc import Callable
 import pytest
 
 from ator_ros.actions.base import Goal, Status
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.execution.step_run import StepRun
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.objects import fetched, followed, has_left, held_first, kept, objects_in
@@ -24,7 +24,7 @@ ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
 HEADING = 0.4
 
-Disturb = Callable[[PioneerSimulation, ChainExecutor, ChainStep], bool]
+Disturb = Callable[[Simulation, ChainExecutor, ChainStep], bool]
 
 
 def call(top: str, x: float, y: float, yaw: float = 0.0) -> TopCall:
@@ -43,14 +43,14 @@ class Drive:
         self.steps: list[ChainStep] = []
         self.speeds: list[float] = []
         self.disturbed: list[float] = []
-        with PioneerSimulation(ROBOT) as simulation:
+        with Simulation(ROBOT) as simulation:
             simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-            simulation.place_ball(0.0, 0.0)
+            simulation.place_object(BALL, 0.0, 0.0)
             while not self.steps or self.steps[-1].status is Status.RUNNING:
                 self._tick(simulation, disturb)
             self.world = simulation.world()
 
-    def _tick(self, simulation: PioneerSimulation, disturb: Disturb) -> None:
+    def _tick(self, simulation: Simulation, disturb: Disturb) -> None:
         self.steps.append(self.executor.step(simulation.world()))
         self.speeds.append(simulation.world().robot.v)
         simulation.command(self.steps[-1].command)
@@ -67,11 +67,11 @@ class Drive:
         return [(record.top, record.outcome) for record in self.executor.records]
 
 
-def once(index: int, after: float, move: Callable[[PioneerSimulation], None], times: int = 1) -> Disturb:
+def once(index: int, after: float, move: Callable[[Simulation], None], times: int = 1) -> Disturb:
     """Move the ball in step `index`, `after` s from its start; again in as many further steps of the kind."""
     done: set[int] = set()
 
-    def disturb(simulation: PioneerSimulation, executor: ChainExecutor, step: ChainStep) -> bool:
+    def disturb(simulation: Simulation, executor: ChainExecutor, step: ChainStep) -> bool:
         run, since = len(executor.records), sum(record.duration for record in executor.records)
         if step.index != index or len(done) == times or run in done or step.elapsed - since < after:
             return False
@@ -82,10 +82,10 @@ def once(index: int, after: float, move: Callable[[PioneerSimulation], None], ti
     return disturb
 
 
-def away(simulation: PioneerSimulation) -> None:
+def away(simulation: Simulation) -> None:
     ball = ball_of(simulation.world())
     assert ball is not None
-    simulation.place_ball(ball.x, ball.y + (1.0 if ball.y < 0.5 else -1.0))
+    simulation.place_object(BALL, ball.x, ball.y + (1.0 if ball.y < 0.5 else -1.0))
 
 
 def test_what_a_top_does_with_the_ball_follows_from_its_conditions() -> None:
@@ -118,7 +118,7 @@ def test_an_object_whose_name_ends_like_the_one_that_is_followed_has_not_left_fo
 
 
 def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:
-    drive = Drive(APPROACH, once(0, 1.0, lambda simulation: simulation.place_ball(0.3, 0.5)))
+    drive = Drive(APPROACH, once(0, 1.0, lambda simulation: simulation.place_object(BALL, 0.3, 0.5)))
     assert drive.status is Status.SUCCEEDED
     assert drive.tops == [("goToBall", Status.RUNNING), ("goToBall", Status.SUCCEEDED)]
     goal = drive.executor.chain.calls[0].goal
@@ -132,7 +132,9 @@ def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:
 
 
 def test_a_rolling_ball_is_approached_where_it_rolls_out() -> None:
-    drive = Drive(APPROACH, once(0, 0.5, lambda simulation: simulation.place_ball(0.0, 0.0, vx=0.3, vy=-0.9)))
+    drive = Drive(
+        APPROACH, once(0, 0.5, lambda simulation: simulation.place_object(BALL, 0.0, 0.0, vx=0.3, vy=-0.9))
+    )
     assert drive.status is Status.SUCCEEDED
     assert ball_of(drive.world) is not None
     assert ball_of(drive.world).y < -0.3
@@ -140,9 +142,9 @@ def test_a_rolling_ball_is_approached_where_it_rolls_out() -> None:
 
 
 def test_a_ball_that_comes_into_the_way_is_stopped_for() -> None:
-    def into_the_way(simulation: PioneerSimulation) -> None:
+    def into_the_way(simulation: Simulation) -> None:
         ahead = simulation.world().robot.pose.ahead(0.75)
-        simulation.place_ball(ahead.x, ahead.y)
+        simulation.place_object(BALL, ahead.x, ahead.y)
 
     drive = Drive(APPROACH, once(0, 1.5, into_the_way))
     assert drive.status is Status.SUCCEEDED
@@ -151,15 +153,15 @@ def test_a_ball_that_comes_into_the_way_is_stopped_for() -> None:
 
 
 def test_an_approach_that_follows_the_ball_has_one_time_limit() -> None:
-    def aside(simulation: PioneerSimulation) -> None:
+    def aside(simulation: Simulation) -> None:
         ball = ball_of(simulation.world())
         assert ball is not None
-        simulation.place_ball(0.3, 0.5 if ball.y < 0.25 else 0.0)
+        simulation.place_object(BALL, 0.3, 0.5 if ball.y < 0.25 else 0.0)
 
     executor = ChainExecutor(LIBRARY, APPROACH, time_limit=1.0)
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        simulation.place_ball(0.0, 0.0)
+        simulation.place_object(BALL, 0.0, 0.0)
         for tick in range(30):
             if tick % 8 == 7:
                 aside(simulation)
@@ -222,9 +224,9 @@ def test_a_chain_without_a_fetching_step_cannot_fetch() -> None:
 def test_a_failed_shot_is_no_lost_ball() -> None:
     chain = TopChain((*APPROACH.calls, call("shoot", 4.0, 0.0)))
 
-    def stop_it(simulation: PioneerSimulation, _: ChainExecutor, step: ChainStep) -> bool:
+    def stop_it(simulation: Simulation, _: ChainExecutor, step: ChainStep) -> bool:
         if "released" in step.message:
-            simulation.place_ball(2.0, 1.5)
+            simulation.place_object(BALL, 2.0, 1.5)
         return False
 
     drive = Drive(chain, stop_it)

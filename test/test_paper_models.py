@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.paper_models import at_rest, main
 

@@ -10,7 +10,9 @@ import pytest
 from candidates import candidates_between
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
+from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned import planning
 from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
@@ -26,7 +28,6 @@ from ator_ros.domains.soccer.planned.screening import (
 )
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.bench_planning import hard_situations, slices_of
 from ator_ros.tops.chain import TopCall, TopChain
@@ -112,7 +113,7 @@ def test_an_ordinary_way_is_planned_in_one_tick(action: str) -> None:
 def test_tables_that_happen_to_be_there_cost_the_same() -> None:
     ball = ROBOT.hold_point(Pose(1.0, 1.0, 2.0))
     world = World(0.0, RobotState(Pose(1.0, 1.0, 2.0), 0.4321), {BALL: ObjectState(ball.x, ball.y)})
-    goal = Goal(Pose(*ROBOT.field.goal_centre(), 0.0), 0.0, Point.HOLD)
+    goal = Goal(Pose(*field_of(ROBOT).goal_centre(), 0.0), 0.0, Point.HOLD)
     first, again = (slices_of(SOCCER.actions()["shoot"].factory(ROBOT), world, goal) for _ in range(2))
     assert first == again
 

@@ -16,7 +16,7 @@ from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.robot.description import load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import STOP, Command, World
 
 ROBOT = load_robot()
@@ -38,7 +38,7 @@ def record(
     durations = []
     with (
         Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
-        PioneerSimulation(ROBOT) as sim,
+        Simulation(ROBOT) as sim,
     ):
         links = {
             topic.rpartition("/")[2]: writer.add_connection(

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from ator_ros.actions.base import Goal, Status
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.fence import Fence
@@ -17,9 +18,8 @@ from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, Refining, refined_chain
 from ator_ros.geometry import Pose
 from ator_ros.refinement.free_variables import with_values
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
@@ -39,11 +39,11 @@ class Drive:
     """An execution of CHAIN in the simulation, for which the test answers in refinement's place."""
 
     def __init__(
-        self, simulation: PioneerSimulation, *, refine: bool, again_after: float, answer: TopChain = CHAIN
+        self, simulation: Simulation, *, refine: bool, again_after: float, answer: TopChain = CHAIN
     ) -> None:
         self.simulation = simulation
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        simulation.place_ball(0.0, 0.0)
+        simulation.place_object(BALL, 0.0, 0.0)
         self.run = Execution(
             LIBRARY,
             CHAIN,
@@ -73,7 +73,7 @@ class Drive:
 
 
 def start(**options: object) -> Iterator[Drive]:
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         yield Drive(simulation, **{"refine": True, "again_after": 0.15, **options})  # type: ignore[arg-type]
 
 
@@ -91,7 +91,7 @@ def asked(drive: Drive) -> Question:
     """Drive, move the ball aside, and give the question that this raises."""
     drive.tick(20)
     assert drive.run.question is None
-    drive.simulation.place_ball(0.3, 0.4)
+    drive.simulation.place_object(BALL, 0.3, 0.4)
     drive.tick()
     assert drive.run.question is not None
     return drive.run.question
@@ -113,9 +113,8 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     assert STOP not in drive.commands[5:]
     assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, NEW_YAW)
     assert drive.to_the_end() is Ending.SUCCEEDED
-    refining = drive.run.refining
-    assert (refining.refined, refining.again) == (True, 1)
-    assert refining.reason == "the first answer; refined again after 1.20 s: 0.5 s faster"
+    assert (drive.run.refined, drive.run.refined_again) == (True, 1)
+    assert drive.run.refinement == "the first answer; refined again after 1.20 s: 0.5 s faster"
     outcomes = [(record.index, record.outcome) for record, *_ in drive.run.records]
     moved, answered = (0, Status.RUNNING), (0, Status.RUNNING)
     assert outcomes == [moved, answered, (0, Status.SUCCEEDED), (1, Status.SUCCEEDED)]
@@ -123,7 +122,7 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
 
 def test_a_ball_that_moves_on_after_the_question_keeps_its_place(drive: Drive) -> None:
     question = asked(drive)
-    drive.simulation.place_ball(0.3, 0.6)
+    drive.simulation.place_object(BALL, 0.3, 0.6)
     drive.tick()
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster")
     drive.tick()
@@ -134,17 +133,17 @@ def test_without_an_answer_it_goes_on(drive: Drive) -> None:
     asked(drive)
     drive.tick(12)
     assert drive.run.question is None
-    assert "asked again after" in drive.run.refining.reason
-    assert "refinement failed: no answer within 0.5 s" in drive.run.refining.reason
+    assert "asked again after" in drive.run.refinement
+    assert "refinement failed: no answer within 0.5 s" in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert drive.run.refining.again == 0
+    assert drive.run.refined_again == 0
 
 
 def test_an_answer_with_other_steps_is_left_alone(drive: Drive) -> None:
     asked(drive)
     drive.run.refined_to(TopChain(CHAIN.calls[1:]), True, "nonsense")
     drive.tick()
-    assert "expected the steps of the question" in drive.run.refining.reason
+    assert "expected the steps of the question" in drive.run.refinement
     assert drive.run.ending is None
 
 
@@ -164,23 +163,23 @@ def test_an_answer_that_changes_what_it_may_not_is_left_alone_on_the_way(
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(step, goal), True, "nonsense")
     drive.tick()
     assert drive.run.chain == question.chain
-    assert f"refinement failed: its answer cannot be used: {told}" in drive.run.refining.reason
+    assert f"refinement failed: its answer cannot be used: {told}" in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert drive.run.refining.again == 0
+    assert drive.run.refined_again == 0
 
 
 def test_the_first_answer_is_looked_at_too() -> None:
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         drive = Drive(simulation, refine=True, again_after=0.15, answer=TopChain(CHAIN.calls[:1]))
         assert drive.run.chain is CHAIN
         told = "its answer cannot be used: expected the steps of the question"
-        assert drive.run.refining.reason == f"executed as sent, refinement failed: {told}"
-        assert not drive.run.refining.refined
+        assert drive.run.refinement == f"executed as sent, refinement failed: {told}"
+        assert not drive.run.refined
 
 
 def test_a_question_on_the_way_is_a_valid_plan_also_while_the_ball_rolls(drive: Drive) -> None:
     drive.tick(20)
-    drive.simulation.place_ball(0.3, 0.4, vx=0.5)
+    drive.simulation.place_object(BALL, 0.3, 0.4, vx=0.5)
     drive.tick()
     question = drive.run.question
     assert question is not None
@@ -191,10 +190,10 @@ def test_a_question_on_the_way_is_a_valid_plan_also_while_the_ball_rolls(drive: 
 
 def test_a_small_move_raises_no_question(drive: Drive) -> None:
     drive.tick(20)
-    drive.simulation.place_ball(0.0, 0.14)
+    drive.simulation.place_object(BALL, 0.0, 0.14)
     drive.tick()
     assert drive.run.question is None
-    drive.simulation.place_ball(0.0, 0.16)
+    drive.simulation.place_object(BALL, 0.0, 0.16)
     drive.tick()
     assert drive.run.question is not None
 
@@ -203,7 +202,7 @@ def test_a_small_move_raises_no_question(drive: Drive) -> None:
 def test_who_does_not_want_it_is_not_asked(options: dict[str, object]) -> None:
     for drive in start(**options):
         drive.tick(20)
-        drive.simulation.place_ball(0.3, 0.4)
+        drive.simulation.place_object(BALL, 0.3, 0.4)
         drive.tick()
         assert drive.run.question is None
         assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 
 import numpy as np
 import pytest
 
+from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of, objects_of
-from ator_ros.simulation.sensors import REALISTIC, SensorConfig, Sensors
+from ator_ros.simulation.sensors import REALISTIC, REALISTIC_SIGHT, SensorConfig, Sensors, Sight
 from ator_ros.world.state import ObjectState, RobotState, World
 
 TICK = 0.05
+ALL = dataclasses.replace(REALISTIC, objects={BALL: REALISTIC_SIGHT})
+
+
+def seeing(**errors: float) -> SensorConfig:
+    """Return sensors that err only where they see the ball."""
+    return SensorConfig(objects={BALL: Sight(**errors)})
 
 
 def drive(ticks: int, *, ball: ObjectState | None = None, start: float = 0.0) -> list[World]:
@@ -31,7 +38,7 @@ def test_perfect_sensors_tell_the_truth() -> None:
 
 
 def test_the_ball_is_seen_from_where_the_robot_is() -> None:
-    sensors = Sensors(SensorConfig(ball_dropouts=1e-12))
+    sensors = Sensors(seeing(dropouts=1e-12))
     for world in drive(50, ball=ObjectState(1.0, 2.0, 0.5, -0.5)):
         seen = sensors.observe(world)
         assert seen.time == world.time
@@ -46,7 +53,7 @@ def test_the_same_seed_sees_the_same() -> None:
     worlds = drive(50, ball=ObjectState(1.0, 2.0))
 
     def seen(seed: int) -> list[World]:
-        sensors = Sensors(REALISTIC, seed)
+        sensors = Sensors(ALL, seed)
         return [sensors.observe(world) for world in worlds]
 
     assert seen(1) == seen(1)
@@ -67,13 +74,13 @@ def test_odometry_drifts_with_the_root_of_the_way() -> None:
 
 
 def test_standing_still_does_not_drift() -> None:
-    sensors = Sensors(REALISTIC)
+    sensors = Sensors(ALL)
     world = World(0.0, RobotState(Pose(1.0, 2.0, 3.0)))
     assert all(sensors.observe(world).robot.pose == pytest.approx(Pose(1.0, 2.0, 3.0)) for _ in range(20))
 
 
 def test_a_placed_robot_is_believed_to_be_there() -> None:
-    sensors = Sensors(REALISTIC)
+    sensors = Sensors(ALL)
     for world in drive(50):
         sensors.observe(world)
     placed = World(3.0, RobotState(Pose(-3.0, -2.0, 1.0)))
@@ -81,7 +88,7 @@ def test_a_placed_robot_is_believed_to_be_there() -> None:
 
 
 def test_the_ball_comes_late() -> None:
-    sensors = Sensors(SensorConfig(ball_delay=0.1))
+    sensors = Sensors(seeing(delay=0.1))
     for tick in range(20):
         ball = ObjectState(0.1 * tick, 0.0)
         seen = ball_of(sensors.observe(World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), objects_of(ball))))
@@ -102,7 +109,7 @@ def test_with_a_latency_odometry_and_ball_come_late_and_say_so() -> None:
 
 
 def test_a_late_ball_is_carried_on_by_its_velocity() -> None:
-    sensors = Sensors(SensorConfig(ball_delay=0.1, ball_dropouts=0.3), seed=2)
+    sensors = Sensors(seeing(delay=0.1, dropouts=0.3), seed=2)
     for tick in range(40):
         ball = ObjectState(0.5 * tick * TICK, 0.0, 0.5, 0.0)
         seen = ball_of(sensors.observe(World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), objects_of(ball))))
@@ -110,7 +117,7 @@ def test_a_late_ball_is_carried_on_by_its_velocity() -> None:
 
 
 def test_a_ball_that_is_not_seen_stays_where_it_was_seen() -> None:
-    sensors = Sensors(SensorConfig(ball_dropouts=0.5), seed=3)
+    sensors = Sensors(seeing(dropouts=0.5), seed=3)
     places = []
     for tick in range(400):
         world = World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(0.01 * tick, 0.0)})
@@ -123,13 +130,25 @@ def test_a_ball_that_is_not_seen_stays_where_it_was_seen() -> None:
 
 
 def test_a_removed_ball_is_gone_at_once() -> None:
-    sensors = Sensors(REALISTIC)
+    sensors = Sensors(ALL)
     for world in drive(10, ball=ObjectState(1.0, 2.0)):
         sensors.observe(world)
     assert ball_of(sensors.observe(World(0.5, RobotState(Pose(0.5, 0.0, 0.3))))) is None
 
 
-@pytest.mark.parametrize("wrong", [{"drift": -1.0}, {"ball_noise": math.nan}, {"ball_dropouts": 1.0}])
+@pytest.mark.parametrize("wrong", [{"noise": -1.0}, {"noise": math.nan}, {"dropouts": 1.0}])
 def test_nonsense_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=r"sensors: .*expected"):
-        Sensors(SensorConfig(**wrong))
+        seeing(**wrong)
+    with pytest.raises(ValueError, match=r"sensors: drift: expected a number that is not negative, got -1.0"):
+        SensorConfig(drift=-1.0)
+
+
+def test_each_object_is_seen_in_its_own_way() -> None:
+    sensors = Sensors(SensorConfig(objects={"cup": Sight(delay=0.1), "box": Sight()}))
+    for tick in range(20):
+        moving = ObjectState(0.1 * tick, 0.0)
+        world = World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), {"cup": moving, "box": moving})
+        seen = sensors.observe(world).objects
+        assert seen["box"].x == pytest.approx(0.1 * tick)
+        assert seen["cup"].x == pytest.approx(0.1 * max(0, tick - 2))

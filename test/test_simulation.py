@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 import pytest
 
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.simulation.pioneer import TICK, PioneerSimulation
+from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.world.state import Command, World
 
 LIMITS_SLACK = 0.03  # m/s and rad/s by which the wheels' velocity loop may overshoot
@@ -23,18 +23,18 @@ def robot() -> Robot:
 
 
 @pytest.fixture
-def simulation(robot: Robot) -> Iterator[PioneerSimulation]:
-    with PioneerSimulation(robot) as simulation:
+def simulation(robot: Robot) -> Iterator[Simulation]:
+    with Simulation(robot) as simulation:
         yield simulation
 
 
-def place(simulation: PioneerSimulation, robot: Robot, x: float = 0.0) -> None:
+def place(simulation: Simulation, robot: Robot, x: float = 0.0) -> None:
     simulation.place_robot(Pose(x, 0.0, 0.3))
     ball = robot.hold_point(Pose(x, 0.0, 0.3))
-    simulation.place_ball(ball.x, ball.y)
+    simulation.place_object(BALL, ball.x, ball.y)
 
 
-def dribble(simulation: PioneerSimulation, ticks: int, w: float = 0.5) -> list[World]:
+def dribble(simulation: Simulation, ticks: int, w: float = 0.5) -> list[World]:
     worlds = []
     for tick in range(ticks):
         simulation.command(Command(0.6, w * math.sin(0.1 * tick)))
@@ -46,17 +46,17 @@ def dribble(simulation: PioneerSimulation, ticks: int, w: float = 0.5) -> list[W
 def test_same_commands_give_bit_identical_trajectories(robot: Robot) -> None:
     trajectories = []
     for _ in range(2):
-        with PioneerSimulation(robot) as simulation:
+        with Simulation(robot) as simulation:
             place(simulation, robot)
             trajectories.append(dribble(simulation, 100))
     assert trajectories[0] == trajectories[1]
 
 
 def test_worlds_of_one_process_do_not_disturb_each_other(robot: Robot) -> None:
-    with PioneerSimulation(robot) as alone:
+    with Simulation(robot) as alone:
         place(alone, robot)
         expected = dribble(alone, 60)
-    with PioneerSimulation(robot) as first, PioneerSimulation(robot) as second:
+    with Simulation(robot) as first, Simulation(robot) as second:
         place(first, robot)
         place(second, robot, x=-2.0)
         seen = []
@@ -72,7 +72,7 @@ def test_worlds_of_one_process_do_not_disturb_each_other(robot: Robot) -> None:
 @pytest.mark.parametrize(
     "command", [Command(9.0, 0.0), Command(-9.0, 0.0), Command(9.0, -9.0), Command(0.0, 9.0)]
 )
-def test_base_never_exceeds_its_limits(simulation: PioneerSimulation, robot: Robot, command: Command) -> None:
+def test_base_never_exceeds_its_limits(simulation: Simulation, robot: Robot, command: Command) -> None:
     last, v, w = simulation.world().robot, 0.0, 0.0
     for _ in range(60):
         simulation.command(command)
@@ -88,7 +88,7 @@ def test_base_never_exceeds_its_limits(simulation: PioneerSimulation, robot: Rob
 SPEEDS = [(v, w) for v in (-9.0, -0.9, -0.5, 0.0, 0.6, 9.0) for w in (-9.0, -1.7, -0.7, 0.0, 1.2, 9.0)]
 
 
-def test_the_robot_stands_half_a_second_after_the_last_command(simulation: PioneerSimulation) -> None:
+def test_the_robot_stands_half_a_second_after_the_last_command(simulation: Simulation) -> None:
     for v, w in SPEEDS:
         simulation.place_robot(Pose(0.0, 0.0, 0.3))
         for _ in range(40):
@@ -103,33 +103,35 @@ def test_the_robot_stands_half_a_second_after_the_last_command(simulation: Pione
         assert (stopped.v, stopped.w / 2.5) == pytest.approx((0.0, 0.0), abs=0.02), (v, w)  # it stands
 
 
-def test_rolling_ball_decelerates_as_configured(simulation: PioneerSimulation, robot: Robot) -> None:
+def test_rolling_ball_decelerates_as_configured(simulation: Simulation, robot: Robot) -> None:
     simulation.place_robot(Pose(-3.0, 2.0, 0.0))
-    simulation.place_ball(0.0, 0.0, vx=1.2)
+    simulation.place_object(BALL, 0.0, 0.0, vx=1.2)
     speeds = []
     for _ in range(21):
         simulation.tick()
         ball = ball_of(simulation.world())
         assert ball is not None
         speeds.append(ball.speed)
-    assert (speeds[0] - speeds[20]) / 1.0 == pytest.approx(robot.ball.rolling_deceleration, rel=0.1)
+    assert (speeds[0] - speeds[20]) / 1.0 == pytest.approx(
+        robot.scene.objects[BALL].rolling_deceleration, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("command", [Command(math.nan, 0.0), Command(0.0, math.inf)])
-def test_command_that_is_not_finite_is_refused(simulation: PioneerSimulation, command: Command) -> None:
+def test_command_that_is_not_finite_is_refused(simulation: Simulation, command: Command) -> None:
     with pytest.raises(ValueError, match="finite"):
         simulation.command(command)
 
 
 @pytest.mark.parametrize("pose", [Pose(0.0, 0.0, 0.0), Pose(1.5, -1.0, 2.0), Pose(-3.0, 0.5, -3.0)])
-def test_poses_are_those_of_the_axle(simulation: PioneerSimulation, pose: Pose) -> None:
+def test_poses_are_those_of_the_axle(simulation: Simulation, pose: Pose) -> None:
     simulation.place_robot(pose, v=0.4, w=0.2)
     state = simulation.world().robot
     assert state.pose == pytest.approx(pose, abs=1e-9)
     assert (state.v, state.w) == pytest.approx((0.4, 0.2), abs=1e-9)
 
 
-def test_axle_stays_in_place_while_the_robot_turns(simulation: PioneerSimulation) -> None:
+def test_axle_stays_in_place_while_the_robot_turns(simulation: Simulation) -> None:
     for _ in range(60):
         simulation.command(Command(0.0, 1.0))
         simulation.tick()
@@ -137,16 +139,16 @@ def test_axle_stays_in_place_while_the_robot_turns(simulation: PioneerSimulation
         assert math.hypot(pose.x, pose.y) < 0.01  # the centre of mass is 0.06 m behind the axle
 
 
-def test_ball_comes_and_goes(simulation: PioneerSimulation) -> None:
-    simulation.place_ball(1.0, -0.5, vx=0.1, vy=0.2)
+def test_ball_comes_and_goes(simulation: Simulation) -> None:
+    simulation.place_object(BALL, 1.0, -0.5, vx=0.1, vy=0.2)
     ball = ball_of(simulation.world())
     assert ball is not None
     assert (ball.x, ball.y, ball.vx, ball.vy) == pytest.approx((1.0, -0.5, 0.1, 0.2), abs=1e-9)
-    simulation.remove_ball()
+    simulation.remove_object(BALL)
     assert ball_of(simulation.world()) is None
 
 
-def test_a_standing_robot_does_not_creep(simulation: PioneerSimulation) -> None:
+def test_a_standing_robot_does_not_creep(simulation: Simulation) -> None:
     simulation.command(Command(0.5, 0.5))
     for _ in range(40):
         simulation.tick()
@@ -160,7 +162,7 @@ def test_a_standing_robot_does_not_creep(simulation: PioneerSimulation) -> None:
 
 def test_speed_is_lost_at_the_rate_for_braking(robot: Robot) -> None:
     limits = dataclasses.replace(robot.limits, a=0.5, brake=1.0)
-    with PioneerSimulation(dataclasses.replace(robot, limits=limits)) as simulation:
+    with Simulation(dataclasses.replace(robot, limits=limits)) as simulation:
         for _ in range(60):
             simulation.command(Command(1.0, 0.0))
             simulation.tick()

@@ -8,12 +8,12 @@ import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.domains.domain import DomainError
+from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
@@ -34,9 +34,9 @@ PLAN = TopChain((call("goToBall", 0.0, 0.0), call("dribbleBall", 2.0, 0.5, 0.3),
 
 def execute(chain: TopChain, start: World = START, **options: float) -> tuple[ChainExecutor, list, World]:
     executor, steps = ChainExecutor(LIBRARY, chain, **options), []
-    with PioneerSimulation(ROBOT) as simulation:
+    with Simulation(ROBOT) as simulation:
         simulation.place_robot(start.robot.pose)
-        simulation.place_ball(ball_of(start).x, ball_of(start).y)
+        simulation.place_object(BALL, ball_of(start).x, ball_of(start).y)
         while not steps or steps[-1].status is Status.RUNNING:
             steps.append(executor.step(simulation.world()))
             simulation.command(steps[-1].command)

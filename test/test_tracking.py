@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.world.state import ObjectState, RobotState, World
 from ator_ros.world.tracking import ObjectTracker
 

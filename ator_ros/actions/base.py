@@ -52,9 +52,19 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One tick of an action: the command, the status, and a sentence that says why."""
+    """One tick of an action.
 
-    command: Command
+    Attributes
+    ----------
+    command : Command or None
+        The velocity command; None where somebody else moves the robot: then nothing is published.
+    status : Status
+        Whether the action goes on.
+    message : str
+        A sentence that says why.
+    """
+
+    command: Command | None
     status: Status
     message: str
 
@@ -64,9 +74,10 @@ class ActionError(ValueError):
 
 
 class Action(ABC):
-    """A control program: configured once, started with a goal, stepped once per control tick.
+    """A control program: configured once, started with a goal, stepped once per control tick, ended once.
 
-    A black box to everything else: performance is learned only by observing it.
+    A black box to everything else: performance is learned only by observing it. Each start is a new instance.
+    Another instance may start with a new goal of the same step before this one ends.
 
     Parameters
     ----------
@@ -101,7 +112,19 @@ class Action(ABC):
     def step(self, world: World) -> Step:
         """Return the command for the next tick; `Step.status` says whether the action has ended."""
 
+    def end(self, reason: str) -> None:  # noqa: B027
+        """Release what `start` has taken, as a connection or a goal of another program.
 
-def finished(status: Status, message: str, command: Command = STOP) -> Step:
+        Called exactly once after every `start` that did not raise, whatever ended the action: success,
+        failure, a time limit, a cancellation, another goal, a lost input, the fence, the end of the program.
+
+        Parameters
+        ----------
+        reason : str
+            A sentence on why it ended.
+        """
+
+
+def finished(status: Status, message: str, command: Command | None = STOP) -> Step:
     """Return the last step of an action."""
     return Step(command, status, message)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -13,11 +14,12 @@ from ator_ros.actions.specification import ActionSpec
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Robot
+from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
 from ator_ros.tops.top import Top
+from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
@@ -27,6 +29,11 @@ DEFAULT_SET = "default"
 _LONGEST_REASON = 200
 
 ChainSampler = Callable[[Robot, TopLibrary, np.random.Generator], tuple[World, TopChain]]
+
+
+def no_bays(_: Scene) -> tuple[Bay, ...]:
+    """Return no bays: of a domain in whose scene nothing stands."""
+    return ()
 
 
 class DomainError(ValueError):
@@ -49,6 +56,12 @@ class Domain:
         Names of the objects that conditions speak of; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute in them, by name; evaluations use them.
+    bodies : mapping of str to RoundObject
+        The sizes of `objects`, by name, that robots' descriptions need not describe. What is described in
+        neither place is a point, and not simulated.
+    bays : callable
+        Returns the bays that stand in a scene while this domain is in use; raises ConfigError where the scene
+        does not suit. By default none.
 
     Raises
     ------
@@ -62,6 +75,8 @@ class Domain:
     action_sets: Mapping[str, tuple[ActionSpec, ...]]
     objects: tuple[str, ...]
     chains: Mapping[str, ChainSampler]
+    bodies: Mapping[str, RoundObject] = field(default_factory=dict)
+    bays: Callable[[Scene], tuple[Bay, ...]] = no_bays
 
     def __post_init__(self) -> None:
         """Check that objects and every set of actions are complete."""
@@ -69,6 +84,9 @@ class Domain:
             raise DomainError(
                 f"domain {self.name}: expected an action set {DEFAULT_SET!r}, got {sorted(self.action_sets)}"
             )
+        strange = sorted(set(self.bodies) - set(self.objects))
+        if strange:
+            raise DomainError(f"domain {self.name}: bodies: expected some of the objects, got {strange}")
         unknown = sorted({name for top in self.tops for name in objects_in(top)} - set(self.objects))
         if unknown:
             raise DomainError(
@@ -88,6 +106,31 @@ class Domain:
         """The folder of the models that are used where no other is named: a domain never uses another's."""
         models = resource_path("models")
         return models if self.name == DEFAULT else models / self.name
+
+    def robot(self, path: Path | str | None = None) -> Robot:
+        """Read a robot's description, the shipped one by default; return it in this domain's scene.
+
+        Raises
+        ------
+        ConfigError
+            The file cannot be used, or its scene does not suit the domain.
+        """
+        robot = load_robot(path)
+        try:
+            return self.equip(robot)
+        except ConfigError as error:
+            raise ConfigError(f"{path or 'the shipped robot'}: domain {self.name}: {error}") from error
+
+    def equip(self, robot: Robot) -> Robot:
+        """Return `robot` in this domain's scene.
+
+        Its area is that of the description. In it are the domain's objects, as the description has them, or
+        else as the domain has them, and the domain's bays.
+        """
+        known = {**self.bodies, **robot.scene.objects}
+        objects = {name: known[name] for name in self.objects if name in known}
+        scene = dataclasses.replace(robot.scene, objects=objects, bays=self.bays(robot.scene))
+        return dataclasses.replace(robot, scene=scene)
 
     def actions(self, action_set: str = DEFAULT_SET) -> dict[str, ActionSpec]:
         """Return the specifications of a set by the names of the actions.

@@ -10,21 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.actions.base import ActionError, Status
+from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.experience.episode import place
 from ator_ros.geometry import Pose
 from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.simulation.pioneer import PioneerSimulation
-from ator_ros.world.state import ObjectState, RobotState
+from ator_ros.simulation.run import TIME_LIMIT, judge, place, run_action
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.tops.outcome import top_of
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 KINDS = ("pose", "approach", "dribble", "shoot")
 _TURN = math.radians(1.0)
 _MOVED = 0.01  # m that an approached ball may have moved before the robot has arrived
-_LIMIT = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,35 +92,58 @@ def execute(task: Task) -> Outcome:
 
 def execute_situation(situation: Situation, task: Task) -> Outcome:
     """Execute `situation` with the action set of `task` in a world of its own."""
-    with PioneerSimulation(load_robot()) as simulation:
+    with Simulation(load_robot()) as simulation:
         return _execute(simulation, situation, task)
 
 
-def _execute(simulation: PioneerSimulation, situation: Situation, task: Task) -> Outcome:
+def _execute(simulation: Simulation, situation: Situation, task: Task) -> Outcome:
     robot, goal = simulation.robot, situation.goal
-    place(simulation, situation)
-    action = SOCCER.actions(task.action_set)[situation.action].factory(robot)
-    early, excess = False, 0.0
+    top = top_of(situation, SOCCER.tops, robot)
+    place(simulation, World(0.0, situation.robot, situation.objects))
+    watch = _Watch(robot)
     poses = (situation.robot.pose, goal.robot_pose(robot))
     try:
-        action.start(simulation.world(), goal)
+        action = SOCCER.actions(task.action_set)[situation.action].factory(robot)
+        done = run_action(simulation, action, goal, step=watch.step)
     except ActionError as error:
-        return Outcome(False, False, _LIMIT, 0.0, poses, str(error))
-    planned = math.nan
-    if isinstance(action, PlannedAction) and task.kind != "shoot":  # a shot is planned up to the release only
-        planned = action.left(simulation.world())
-    while simulation.time < _LIMIT:
-        world = simulation.world()
+        return Outcome(False, False, TIME_LIMIT, 0.0, poses, str(error))
+    duration = simulation.time
+    judgement = judge(simulation, top, goal, done.status, done.message)
+    early = task.kind == "approach" and any(
+        _touched_early(situation, ball_of(world), world.robot.pose, robot) for world in watch.worlds
+    )
+    planned = watch.planned if top.arrives else math.nan  # others are planned in part only
+    return Outcome(judgement.success, early, duration, watch.excess, poses, judgement.reason, planned)
+
+
+class _Watch:
+    """What is seen of an action while it is executed.
+
+    Attributes
+    ----------
+    worlds : list of World
+        The state of each tick in which it ran.
+    planned : float
+        Duration in s planned at the start; NaN if the action has no plan.
+    excess : float
+        Greatest ratio of a command to its limit.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.worlds: list[World] = []
+        self.planned, self.excess = math.nan, 0.0
+        self._limits = robot.limits
+
+    def step(self, action: Action, world: World) -> Step:
+        """Execute a tick of the action, and note what is seen of it."""
+        if not self.worlds and isinstance(action, PlannedAction):
+            self.planned = action.left(world)
         step = action.step(world)
-        if step.status is not Status.RUNNING:
-            break
-        command, pose = step.command, world.robot.pose
-        excess = max(excess, abs(command.v) / robot.limits.v, abs(command.w) / robot.limits.w)
-        early = early or (task.kind == "approach" and _touched_early(situation, ball_of(world), pose, robot))
-        simulation.command(command)
-        simulation.tick()
-    success = step.status is Status.SUCCEEDED
-    return Outcome(success, early, simulation.time, excess, poses, step.message, planned)
+        if step.status is Status.RUNNING:
+            self.worlds.append(world)
+            command = step.command or STOP
+            self.excess = max(self.excess, abs(command.v) / self._limits.v, abs(command.w) / self._limits.w)
+        return step
 
 
 def _touched_early(situation: Situation, ball: ObjectState | None, pose: Pose, robot: Robot) -> bool:

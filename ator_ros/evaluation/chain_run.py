@@ -6,19 +6,18 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ator_ros.actions.base import Point, Status
-from ator_ros.execution.chain_executor import ChainExecutor
-from ator_ros.experience.episode import HELD, coast
+from ator_ros.actions.base import Status
+from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
-from ator_ros.simulation.pioneer import CONTROL_RATE, PioneerSimulation
+from ator_ros.simulation.run import TIME_LIMIT, judge, place, run
+from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 
-TIME_LIMIT = 30.0
-"""Time limit of a chain in s, which is also the duration of a failed chain."""
+TICKS_PER_POINT = 2  # of the path, at 10 Hz
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +29,14 @@ class ChainRun:
     duration : float
         In s; `TIME_LIMIT` if the chain failed.
     success : bool
-        Whether every action succeeded and, by the true state, the ball is held or in the goal as planned.
+        Whether every action succeeded and, by the true state, the last TOP's post-condition holds.
     reason : str
         A sentence on how it ended.
     actions : tuple of float
         Durations in s of the actions that ended.
     error : float
-        Final distance in m from the last goal, of the axle or the hold; NaN for a shot.
+        Final distance in m from the last goal, of the axle or the hold; NaN where the last TOP does not place
+        the robot.
     path : tuple of (x, y, ball x, ball y)
         In m at 10 Hz, NaN without a ball; empty unless asked for.
     """
@@ -82,64 +82,35 @@ def run_chain(
         Time in s by which observed states are predicted forward, see `Foresight`.
     """
     foresight = Foresight(robot, latency)
-    path: list[tuple[float, float, float, float]] = []
-    last = math.nan
     executor = ChainExecutor(library, chain, time_limit=TIME_LIMIT, fetches=fetches)
-    with PioneerSimulation(robot) as simulation:
-        simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
-        placed = ball_of(start)
-        if placed is not None:
-            simulation.place_ball(placed.x, placed.y, vx=placed.vx, vy=placed.vy)
-        for tick in range(round(TIME_LIMIT * CONTROL_RATE) + 1):
-            world = simulation.world()
-            ball = ball_of(world)
-            if keep_path and tick % 2 == 0:
-                place = (math.nan, math.nan) if ball is None else (ball.x, ball.y)
-                path.append((world.robot.pose.x, world.robot.pose.y, *place))
-            seen = world if observe is None else observe(world)
-            if seen.time == last:  # nothing newer was observed
-                simulation.tick()
-                continue
-            last = seen.time
-            step = executor.step(foresight.ahead(seen))
-            if step.status is not Status.RUNNING:
-                return _judge(simulation, executor, chain, step.status, step.message, tuple(path))
+    worlds: list[World] = []
+
+    def steered(seen: World) -> ChainStep:
+        step = executor.step(foresight.ahead(seen))
+        if step.status is Status.RUNNING:
             foresight.sent(seen.time, step.command)
-            simulation.command(step.command)
-            simulation.tick()
-        return _judge(
-            simulation, executor, chain, Status.FAILED, f"not done after {TIME_LIMIT:g} s", tuple(path)
-        )
+        return step
+
+    with Simulation(robot) as simulation:
+        place(simulation, start)
+        ticks = round(TIME_LIMIT * CONTROL_RATE) + 1
+        done = run(simulation, steered, ticks=ticks, watch=worlds.append, observe=observe)
+        status = Status.RUNNING if done is None else done.status
+        message = f"not done after {TIME_LIMIT:g} s" if done is None else done.message
+        actions = tuple(record.duration for record in executor.records)
+        executor.break_off(simulation.world(), message)
+        ended, last = simulation.time, chain.calls[-1]
+        judgement = judge(simulation, last.top, last.goal, status, message)
+    return ChainRun(
+        ended if judgement.success else TIME_LIMIT,
+        judgement.success,
+        judgement.reason,
+        actions,
+        judgement.error if last.top.arrives else math.nan,
+        tuple(_place(world) for world in worlds[::TICKS_PER_POINT]) if keep_path else (),
+    )
 
 
-def _judge(
-    simulation: PioneerSimulation,
-    executor: ChainExecutor,
-    chain: TopChain,
-    status: Status,
-    message: str,
-    path: tuple[tuple[float, float, float, float], ...],
-) -> ChainRun:
-    actions = tuple(record.duration for record in executor.records)
-    world = simulation.world()
-    achieved, fault, error = _outcome(simulation, chain, world)
-    if status is Status.SUCCEEDED and achieved:
-        return ChainRun(world.time, True, message, actions, error, path)
-    reason = message if status is not Status.SUCCEEDED else fault
-    return ChainRun(TIME_LIMIT, False, reason, actions, error, path)
-
-
-def _outcome(simulation: PioneerSimulation, chain: TopChain, world: World) -> tuple[bool, str, float]:
-    """Return whether the chain achieved its purpose, a sentence for the case that not, and the error in m."""
-    robot, last = simulation.robot, chain.calls[-1]
-    if last.top.action == "shoot":
-        ball = ball_of(coast(simulation, world))
-        line, _ = robot.field.goal_centre()
-        scored = ball is not None and ball.x > line and abs(ball.y) < robot.field.goal_width / 2
-        return scored, "the ball is not in the goal", math.nan
+def _place(world: World) -> tuple[float, float, float, float]:
     pose, ball = world.robot.pose, ball_of(world)
-    hold = robot.hold_point(pose)
-    point = hold if last.goal.point is Point.HOLD else pose
-    held = ball is not None and math.hypot(ball.x - hold.x, ball.y - hold.y) <= HELD
-    achieved = held or last.goal.point is Point.AXLE
-    return achieved, "the ball is not held at the end", point.distance(last.goal.pose)
+    return pose.x, pose.y, *((math.nan, math.nan) if ball is None else (ball.x, ball.y))

@@ -9,11 +9,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -24,10 +24,9 @@ from ator_ros.files import read_json, write_text
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.robot.description import Robot
+from ator_ros.tops.top import Top
 
 _USED = frozenset({"x", "y", "yaw", "xg", "yg", "yawg", "hold"})
-_HEADLESS = frozenset({"shoot"})
-"""Actions whose goal has no heading."""
 SCHEMA = "ator_ros/baselines"
 
 
@@ -89,30 +88,33 @@ def linear_terms(
     return np.hypot(dx, dy), start_turn, goal_turn
 
 
-def bitbots(action: str, robot: Robot) -> LinearTime:
+def arriving(tops: Iterable[Top]) -> frozenset[str]:
+    """Return the actions whose TOPs place the robot at the goal, so that it turns to the goal's heading."""
+    return frozenset(top.action for top in tops if top.arrives)
+
+
+def bitbots(robot: Robot, *, arrives: bool) -> LinearTime:
     """Return the time model of bit-bots: 7.0 s/m, 3.82 s/rad of either turn."""
-    return LinearTime(7.0, 3.82, 0.0 if action in _HEADLESS else 3.82, robot.hold)
+    return LinearTime(7.0, 3.82, 3.82 if arrives else 0.0, robot.hold)
 
 
-def booster(action: str, robot: Robot) -> LinearTime:
+def booster(robot: Robot, *, arrives: bool) -> LinearTime:
     """Return the cost of Booster's soccer demo: range at 1 m/s, turn at 1 rad/s, 1.33 s/rad of angle."""
-    return LinearTime(1.0, 1.0, 0.0 if action in _HEADLESS else 1.33, robot.hold)
+    return LinearTime(1.0, 1.0, 1.33 if arrives else 0.0, robot.hold)
 
 
-def refit(model: LinearTime, action: str, starts: pd.DataFrame) -> LinearTime:
+def refit(model: LinearTime, starts: pd.DataFrame) -> LinearTime:
     """Fit the coefficients of `model` to observed durations; equal weights of both turns stay equal.
 
     Parameters
     ----------
     model : LinearTime
         Determines which terms have a weight, and which weights are equal.
-    action : str
-        Name of the executed action.
     starts : pandas.DataFrame
         One row per successful episode: direct variables at the start, and the duration in s.
     """
     direct = {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
-    distance, start_turn, goal_turn = linear_terms(direct, model.hold, aims=action not in _HEADLESS)
+    distance, start_turn, goal_turn = linear_terms(direct, model.hold, aims=model.per_goal_turn > 0.0)
     ones = np.ones(len(starts))
     duration = starts["duration"].to_numpy(dtype=float)
     if model.per_start_turn == model.per_goal_turn:
@@ -124,16 +126,22 @@ def refit(model: LinearTime, action: str, starts: pd.DataFrame) -> LinearTime:
     return LinearTime(*coefficients, hold=model.hold, constant=float(constant))
 
 
-HAND_SET: Mapping[str, Callable[[str, Robot], LinearTime]] = MappingProxyType(
-    {"bitbots": bitbots, "booster": booster}
-)
+class HandSet(Protocol):
+    """Makes the model that a team chose by hand for an action."""
+
+    def __call__(self, robot: Robot, *, arrives: bool) -> LinearTime:
+        """Return the model of an action that brings the robot to its goal, or of one that does not."""
 
 
-def save_baselines(path: Path, starts: Mapping[str, pd.DataFrame], robot: Robot) -> None:
+HAND_SET: Mapping[str, HandSet] = MappingProxyType({"bitbots": bitbots, "booster": booster})
+
+
+def save_baselines(path: Path, starts: Mapping[str, pd.DataFrame], robot: Robot, tops: Iterable[Top]) -> None:
     """Refit both teams' models to the successful starts of each action, and write the coefficients."""
+    headed = arriving(tops)
     models = {
         f"{team}_refitted": {
-            action: dataclasses.asdict(refit(make(action, robot), action, rows))
+            action: dataclasses.asdict(refit(make(robot, arrives=action in headed), rows))
             for action, rows in starts.items()
         }
         for team, make in HAND_SET.items()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from types import MappingProxyType
@@ -17,9 +17,9 @@ from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES, Toolset
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.robot.ball import BALL
-from ator_ros.simulation.sensors import REALISTIC, SensorConfig, Sensors
+from ator_ros.simulation.sensors import REALISTIC, REALISTIC_SIGHT, SensorConfig, Sensors, Sight
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import World
 from ator_ros.world.tracking import ObjectTracker
 
 TRUTH = "truth"
@@ -37,9 +37,11 @@ class SensingCondition:
     Attributes
     ----------
     sensors : SensorConfig
-        Errors of the sensors.
+        Errors of the odometry, and the latency.
+    sight : Sight
+        Errors with which each object is seen.
     tracked : bool
-        Whether sightings of the ball are filtered, as in the node.
+        Whether sightings of objects are filtered, as in the node.
     fetches : int
         Number of times that a lost object may be fetched again.
     foreseen : float
@@ -47,6 +49,7 @@ class SensingCondition:
     """
 
     sensors: SensorConfig = field(default_factory=SensorConfig)
+    sight: Sight = field(default_factory=Sight)
     tracked: bool = True
     fetches: int = 0
     foreseen: float = 0.0
@@ -56,22 +59,22 @@ class SensingCondition:
 CONDITIONS: Mapping[str, SensingCondition] = MappingProxyType(
     {
         TRUTH: SensingCondition(),
-        "drift": SensingCondition(SensorConfig(drift=REALISTIC.drift, heading_drift=REALISTIC.heading_drift)),
+        "drift": SensingCondition(REALISTIC),
         "ball noise": SensingCondition(
-            SensorConfig(ball_noise=REALISTIC.ball_noise, ball_velocity_noise=REALISTIC.ball_velocity_noise)
+            sight=Sight(noise=REALISTIC_SIGHT.noise, velocity_noise=REALISTIC_SIGHT.velocity_noise)
         ),
-        "ball delay": SensingCondition(SensorConfig(ball_delay=REALISTIC.ball_delay)),
-        "ball dropouts": SensingCondition(SensorConfig(ball_dropouts=REALISTIC.ball_dropouts)),
+        "ball delay": SensingCondition(sight=Sight(delay=REALISTIC_SIGHT.delay)),
+        "ball dropouts": SensingCondition(sight=Sight(dropouts=REALISTIC_SIGHT.dropouts)),
         "latency": SensingCondition(_LATE, foreseen=_LATE.latency),
         "latency, 50 ms too much foreseen": SensingCondition(_LATE, foreseen=0.15),
         "latency, 50 ms too little foreseen": SensingCondition(_LATE, foreseen=0.05),
         "latency, not foreseen": SensingCondition(_LATE),
-        "all": SensingCondition(REALISTIC),
+        "all": SensingCondition(REALISTIC, REALISTIC_SIGHT),
         "all and latency": SensingCondition(
-            dataclasses.replace(REALISTIC, latency=_LATE.latency), foreseen=_LATE.latency
+            dataclasses.replace(REALISTIC, latency=_LATE.latency), REALISTIC_SIGHT, foreseen=_LATE.latency
         ),
-        "all, lost balls fetched": SensingCondition(REALISTIC, fetches=2),
-        "all, untracked": SensingCondition(REALISTIC, tracked=False),
+        "all, lost balls fetched": SensingCondition(REALISTIC, REALISTIC_SIGHT, fetches=2),
+        "all, untracked": SensingCondition(REALISTIC, REALISTIC_SIGHT, tracked=False),
     }
 )
 
@@ -103,19 +106,32 @@ def execute(task: NoiseTask) -> dict[str, ChainRun]:
     runs = {}
     for name in task.conditions:
         condition = CONDITIONS[name]
-        sensors = Sensors(condition.sensors, task.seed * 1_000_003 + task.index)
-        noise, velocity_noise = condition.sensors.ball_noise, condition.sensors.ball_velocity_noise
-        tracker = ObjectTracker(noise if condition.tracked else 0.0, velocity_noise)
         runs[name] = run_chain(
             tools.robot,
             library,
             trial.world,
             chain,
-            observe=lambda world, s=sensors, t=tracker: t.observe(s.observe(world), BALL),  # type: ignore[misc]
+            observe=_observer(condition, tools.domain.objects, task.seed * 1_000_003 + task.index),
             fetches=condition.fetches,
             latency=condition.foreseen,
         )
     return runs
+
+
+def _observer(condition: SensingCondition, objects: Sequence[str], seed: int) -> Callable[[World], World]:
+    """Return what makes of a true state the one that is believed under `condition`."""
+    config = dataclasses.replace(condition.sensors, objects=dict.fromkeys(objects, condition.sight))
+    sensors, sight = Sensors(config, seed), condition.sight
+    noise = sight.noise if condition.tracked else 0.0
+    trackers = {name: ObjectTracker(noise, sight.velocity_noise) for name in objects}
+
+    def observe(world: World) -> World:
+        believed = sensors.observe(world)
+        for name, tracker in trackers.items():
+            believed = tracker.observe(believed, name)
+        return believed
+
+    return observe
 
 
 def summarise(results: Sequence[Mapping[str, ChainRun]]) -> list[dict[str, Any]]:

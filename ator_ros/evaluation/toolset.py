@@ -11,7 +11,7 @@ import pandas as pd
 
 from ator_ros.domains.domain import DEFAULT, find_domain
 from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
-from ator_ros.evaluation.heuristics import bitbots, booster, load_baselines
+from ator_ros.evaluation.heuristics import arriving, bitbots, booster, load_baselines
 from ator_ros.evaluation.policies import POLICIES, Models, Toolset
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
@@ -20,7 +20,7 @@ from ator_ros.refinement.calibration import model_digest
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.gate_file import load_gate
-from ator_ros.robot.description import Robot, load_robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 
 GATE = "gate.json"
@@ -55,7 +55,7 @@ class ToolsetSource:
 
     def digest(self, policies: Iterable[str], chain: str) -> str:
         """Return a digest of the robot's description and of all files that the choices depend on."""
-        robot = load_robot()
+        robot = find_domain(self.domain).robot()
         sha = hashlib.sha256(robot.digest().encode())
         names = [f"{action}.json" for action in self._actions(chain, robot)] + [CALIBRATION]
         names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
@@ -72,7 +72,7 @@ class ToolsetSource:
         ModelFileError
             A model cannot be used.
         """
-        robot = load_robot()
+        robot = find_domain(self.domain).robot()
         files = {action: self.folder() / f"{action}.json" for action in self._actions(chain, robot)}
         models = {action: model_digest(load_model(file, robot)) for action, file in files.items()}
         return {"robot": robot.digest(), **models}
@@ -122,12 +122,14 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     ModelFileError, RefinementError, ExperienceError, EvaluationError
         An existing file cannot be used; the message names it.
     """
-    domain, robot, folder = find_domain(source.domain), load_robot(), source.folder()
+    domain, folder = find_domain(source.domain), source.folder()
+    robot = domain.robot()
     actions = list(domain.actions(source.action_set))
+    headed = arriving(domain.tops)
     models: dict[str, Models] = {
         "learned": {action: load_model(folder / f"{action}.json", robot) for action in actions},
-        "bitbots": {action: bitbots(action, robot) for action in actions},
-        "booster": {action: booster(action, robot) for action in actions},
+        "bitbots": {action: bitbots(robot, arrives=action in headed) for action in actions},
+        "booster": {action: booster(robot, arrives=action in headed) for action in actions},
         "ideal_time": ideal_times(robot),
         "turn_drive_turn": plain_times(robot),
     }

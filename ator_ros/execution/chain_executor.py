@@ -29,7 +29,7 @@ from ator_ros.world.state import STOP, Command, World
 class ChainStep:
     """One tick of a chain: command, status, step (from 0), a sentence, time since the start in s."""
 
-    command: Command
+    command: Command | None
     status: Status
     index: int
     message: str
@@ -90,7 +90,7 @@ class ChainExecutor:
             step = self._run.step(world)
             if step.status is Status.RUNNING:
                 break
-            self.records.append(self._run.record(world, step))
+            self.records.append(self._run.close(world, step))
             following = self._after(world, step.status)
             if following is None:
                 self._over = True
@@ -105,9 +105,9 @@ class ChainExecutor:
         return self._chain_step(world, step)
 
     def break_off(self, world: World, why: str) -> None:
-        """Record the action under way, if any, as broken off in the state `world`."""
+        """End the action under way, if any, and record it as broken off in the state `world`."""
         if self._run.begun and not self._over:
-            self.records.append(self._run.record(world, Step(STOP, Status.RUNNING, why)))
+            self.records.append(self._run.close(world, Step(STOP, Status.RUNNING, why)))
         self._over = True
 
     @property
@@ -137,7 +137,9 @@ class ChainExecutor:
         """
         if chain.calls[self._index] != self._run.call:
             run = self._changed_run(chain, standing_first=self._run.stopping)
-            if self._run.begun and (self._is_blocked(world) or not self._begins(world, run)):
+            if self._run.settling or (self._run.begun and self._is_blocked(world)):
+                return False
+            if self._run.begun and not self._begins(world, run):
                 return False
             self._replace_run(world, run)
         self._chain = chain
@@ -147,7 +149,10 @@ class ChainExecutor:
         """Begin `run` while the robot drives; return whether its way is known."""
         self._planned = world.time
         self._run.defer_planning(world.time)  # it may go on after all: one search per tick
-        return run.begin(world) is None and not run.planning
+        known = run.begin(world) is None and not run.planning
+        if not known:
+            run.end("no way from here was known at once: the former goal stays")
+        return known
 
     def _follow(self, world: World) -> Step | None:
         """Move the goal with an object that has left it; return a stop if the robot must stand first."""
@@ -172,7 +177,7 @@ class ChainExecutor:
 
     def _replace_run(self, world: World, run: StepRun) -> None:
         if self._run.begun:
-            self.records.append(self._run.record(world, Step(STOP, Status.RUNNING, "another goal took over")))
+            self.records.append(self._run.close(world, Step(STOP, Status.RUNNING, "another goal took over")))
         self._run = run
 
     def _after(self, world: World, status: Status) -> tuple[int, bool] | None:

@@ -40,12 +40,18 @@ class Driving:
         if not preempts:
             self._watch.reset()
 
-    def sent(self, time: float, command: Command, now: float = -math.inf) -> None:
-        """Record a command sent in response to the state of `time` (s); see `MotionWatch.sent`."""
-        self._watch.sent(time, command, now)
+    def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
+        """Record a command sent in response to the state of `time` (s); see `MotionWatch.sent`.
+
+        None: somebody else moves the base, so its motion is not compared with our commands.
+        """
+        if command is None:
+            self._watch.reset()
+        else:
+            self._watch.sent(time, command, now)
         self._foresight.sent(time, command)
 
-    def punctual(self, robot: RobotState, command: Command, took: float) -> Command:
+    def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
         """Return the command to send now for one that took `took` s to compute; see `Foresight.punctual`."""
         return self._foresight.punctual(robot, command, took)
 

@@ -43,9 +43,8 @@ class Fence:
 
     @classmethod
     def around(cls, robot: Robot) -> Fence:
-        """Return the fence around the field and its margin."""
-        field = robot.field
-        x, y = field.length / 2.0 + field.margin, field.width / 2.0 + field.margin
+        """Return the fence around the area and its margin."""
+        x, y = robot.scene.area.floor
         return cls(-x, -y, x, y)
 
     @classmethod

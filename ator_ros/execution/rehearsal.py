@@ -26,7 +26,7 @@ AWAY = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0)), {BALL: ObjectState(0.0, 0.0)
 
 def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
     """Refine the paper's chain once, with the heading and the arrival speed at the ball free."""
-    if not {"goToBall", "dribbleBall"} <= set(library):
+    if not {"goToBall", "dribbleBall"} <= set(library) or library.robot.holder is None:
         return
     calls = (
         TopCall(library["goToBall"], Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD), OPEN),
@@ -38,9 +38,10 @@ def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     """Plan and predict each TOP of `library` in the open and beside a goal post, where the search is long."""
-    x, y = robot.field.goal_centre()
-    post = Pose(x - 0.3, y + robot.field.goal_width / 2.0 + 0.2, 0.5)
-    for top in library.values():
+    area, bays = robot.scene.area, robot.scene.bays
+    x, y, width = (bays[-1].x, bays[-1].y, bays[-1].width) if bays else (area.length / 2.0, 0.0, 0.0)
+    post = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
+    for top in library.usable():
         if held_first(top) is not None:
             starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, post, top))
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
@@ -72,6 +73,12 @@ def _planned(action: Action, world: World, goal: Goal) -> bool:
         action.start(world, goal)
     except ActionError:
         return False
+    planned = _search_ends(action, world)
+    action.end("rehearsed")
+    return planned
+
+
+def _search_ends(action: Action, world: World) -> bool:
     for tick in range(1, _MOST_TICKS):
         if not action.planning:
             return True

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
+from ator_ros.execution.transitions import STAGES, Stage, TransitionError
 from ator_ros.tops.chain import TopCall
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, followed, held_first, is_lost, kept
+from ator_ros.tops.outcome import failure, may_settle, unmet
 from ator_ros.tops.state import goal_variables, state_of
-from ator_ros.world.state import STOP, RobotState, World
+from ator_ros.world.state import STOP, World
 
 Predict = Callable[[World], Any]
 
 STOPPING = "stopping, to go on from there"
 """Message of a step that waits until the robot stands."""
-_STANDING_V = 0.02  # m/s
-_STANDING_W = 0.05  # rad/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,13 +98,19 @@ class StepRun:
         since: float | None = None,
     ) -> None:
         self.call = call
-        self.stopping = standing_first
         self.since = since
+        self._stage = Stage.STANDING if standing_first else Stage.READY
         self._library, self._index = library, index
         self._time_limit, self._predict = time_limit, predict
         self._action: Action | None = None
         self._start: World | None = None
+        self._settling = math.inf  # time in s since which the action's effect is awaited
         self._predicted: Any = None
+
+    @property
+    def stopping(self) -> bool:
+        """Whether it waits until the robot stands."""
+        return self._stage is Stage.STANDING
 
     @property
     def begun(self) -> bool:
@@ -113,12 +120,17 @@ class StepRun:
     @property
     def planning(self) -> bool:
         """Whether its action has started and is still planning."""
-        return self._action is not None and self._action.planning
+        return self._stage is Stage.ACTING and self._acting.planning
+
+    @property
+    def settling(self) -> bool:
+        """Whether its action has ended and its effect is awaited."""
+        return self._stage is Stage.SETTLING
 
     def defer_planning(self, time: float) -> None:
         """Let the action, if it has started, plan nothing in the tick at `time` (s)."""
-        if self._action is not None:
-            self._action.defer_planning(time)
+        if self._stage is Stage.ACTING:
+            self._acting.defer_planning(time)
 
     def begin(self, world: World) -> str | None:
         """Start the action; return the reason if that is impossible."""
@@ -133,6 +145,7 @@ class StepRun:
         except ActionError as error:
             return str(error)
         self._action, self._start = action, world
+        self._go(Stage.ACTING)
         self._predicted = None if self._predict is None else self._predict(world)
         return None
 
@@ -145,27 +158,52 @@ class StepRun:
         return step
 
     def _next(self, world: World) -> Step:
-        self.stopping = self.stopping and not is_standing(world.robot)
-        if self.stopping:
-            return Step(STOP, Status.RUNNING, STOPPING)
-        fault = None if self.begun else self.begin(world)
+        if self._stage is Stage.STANDING:
+            if not world.robot.is_standing:
+                return Step(STOP, Status.RUNNING, STOPPING)
+            self._go(Stage.READY)
+        fault = self.begin(world) if self._stage is Stage.READY else None
         if fault is not None:
             return Step(STOP, Status.FAILED, fault)
+        if self._stage is Stage.SETTLING:
+            return self._confirmed(world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled"))
+        return self._confirmed(world, self._acting.step(world))
+
+    @property
+    def _acting(self) -> Action:
         assert self._action is not None
-        return self._confirmed(world, self._action.step(world))
+        return self._action
 
     def _confirmed(self, world: World, step: Step) -> Step:
-        """Return `step`, or a failure if the action succeeded without its post-condition."""
+        """Return `step`; a failure or a stop to settle if the action succeeded without its post-condition."""
         if step.status is not Status.SUCCEEDED:
             return step
-        top, goal = self.call.top, goal_variables(self.call.goal)
-        violations = top.post.violations(state_of(world, self._library.robot), goal)
-        if not violations:
+        top = self.call.top
+        lacks = unmet(top, world, self.call.goal, self._library.robot)
+        if not lacks:
             return step
-        return Step(STOP, Status.FAILED, f"post-condition of {top.name}: {'; '.join(violations)}")
+        self._settling = min(self._settling, world.time)
+        if may_settle(top, world) and world.time - self._settling < top.settles:
+            if self._stage is Stage.ACTING:
+                self._go(Stage.SETTLING, step.message)
+            return Step(STOP, Status.RUNNING, f"{top.name} settles: {'; '.join(lacks)}")
+        return Step(STOP, Status.FAILED, failure(top, lacks))
 
-    def record(self, world: World, step: Step) -> ActionRecord:
-        """Return the record of this step, which ended with `step` in the state `world`."""
+    def end(self, reason: str) -> None:
+        """End the step, and its action if that runs; see `Action.end`."""
+        self._go(Stage.OVER, reason)
+
+    def _go(self, stage: Stage, why: str = "") -> None:
+        """Go on to the next stage; the action ends, for the reason `why`, when it leaves ACTING."""
+        former, self._stage = self._stage, stage
+        if stage not in STAGES[former]:
+            raise TransitionError(f"stage {former.name}: expected another stage, got {stage.name}")
+        if former is Stage.ACTING:
+            self._acting.end(why)
+
+    def close(self, world: World, step: Step) -> ActionRecord:
+        """End the step; return the record of this step, which ended with `step` in the state `world`."""
+        self.end(step.message)
         call, start, robot = self.call, self._start or world, self._library.robot
         pose, goal = world.robot.pose, call.goal.robot_pose(robot)
         return ActionRecord(
@@ -187,8 +225,3 @@ class StepRun:
         """Return the object that this step should hold and does not; None if there is none."""
         name = kept(self.call.top) if self.begun else held_first(self.call.top)
         return name if name is not None and is_lost(world, self._library.robot, name) else None
-
-
-def is_standing(robot: RobotState) -> bool:
-    """Return whether the robot counts as standing: slower than 0.02 m/s and 0.05 rad/s."""
-    return abs(robot.v) < _STANDING_V and abs(robot.w) < _STANDING_W

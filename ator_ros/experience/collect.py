@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.actions.specification import ActionSpec
-from ator_ros.experience.episode import TIME_LIMIT, run_episode
+from ator_ros.experience.episode import run_episode
+from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import episode_frame
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.pioneer import PioneerSimulation
+from ator_ros.simulation.run import TIME_LIMIT
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.tops.outcome import NoTopError, top_of
+from ator_ros.tops.top import Top
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,8 @@ class EpisodeTask:
     ----------
     action : ActionSpec
         The action, and how its situations are drawn.
+    tops : tuple of Top
+        The TOPs of the domain, one of which says what an episode is for.
     robot : Robot
         Shape, limits, ball and field.
     seed, episode : int
@@ -34,6 +40,7 @@ class EpisodeTask:
     """
 
     action: ActionSpec
+    tops: tuple[Top, ...]
     robot: Robot
     seed: int
     episode: int
@@ -54,14 +61,19 @@ def run_task(task: EpisodeTask) -> pd.DataFrame:
     """
     rng = episode_generator(task.action.name, task.seed, task.episode)
     situation = task.action.sample(task.robot, rng)
-    with PioneerSimulation(task.robot) as simulation:
+    try:
+        top = top_of(situation, task.tops, task.robot)
+    except NoTopError as error:
+        raise ExperienceError(str(error)) from error
+    with Simulation(task.robot) as simulation:
         action = task.action.factory(task.robot)
-        episode = run_episode(simulation, action, situation, time_limit=task.time_limit)
+        episode = run_episode(simulation, action, situation, top=top, time_limit=task.time_limit)
     return episode_frame(task.episode, episode)
 
 
 def collect(
     actions: Iterable[ActionSpec],
+    tops: Sequence[Top],
     robot: Robot,
     *,
     episodes: int,
@@ -75,12 +87,20 @@ def collect(
     ----------
     actions : iterable of ActionSpec
         What to execute, and how situations are drawn.
+    tops : sequence of Top
+        The TOPs of the domain: their post-conditions decide on success.
     robot : Robot
         Shape, limits, ball and field.
     episodes, seed : int
         Episodes of each action, and the seed of all of them.
     jobs, backend
         As for `run_tasks`.
+
+    Raises
+    ------
+    ExperienceError
+        A situation belongs to none of the TOPs.
     """
-    tasks = [EpisodeTask(action, robot, seed, number) for action in actions for number in range(episodes)]
+    purposes, numbers = tuple(tops), range(episodes)
+    tasks = [EpisodeTask(action, purposes, robot, seed, number) for action in actions for number in numbers]
     yield from run_tasks(run_task, tasks, jobs=jobs, backend=backend)

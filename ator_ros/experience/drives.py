@@ -13,11 +13,12 @@ import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.episode import HELD, Episode
+from ator_ros.experience.episode import Episode
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
-from ator_ros.robot.ball import objects_of
+from ator_ros.robot.ball import BALL, objects_of
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import ObjectState, RobotState
+from ator_ros.tops.objects import is_held
+from ator_ros.world.state import ObjectState, RobotState, World
 
 PAUSE = 0.3  # s without a command to move that separates two drives
 SHORTEST = 0.5  # s that a drive lasts at least
@@ -128,4 +129,4 @@ def _ball_at(ball: FloatArray | None, time: float) -> ObjectState | None:
 
 
 def _held(robot: Robot, pose: Pose, ball: ObjectState | None) -> bool:
-    return ball is not None and robot.hold_point(pose).distance(Pose(ball.x, ball.y, 0.0)) <= HELD
+    return is_held(World(0.0, RobotState(pose), objects_of(ball)), robot, BALL)

@@ -173,13 +173,13 @@ def approach_family(robot: Robot) -> Family:
 @lru_cache(maxsize=8)
 def dribble_family(robot: Robot) -> Family:
     """Return the motions with the ball: forward only; the more speed a last turn loses, the wider it is."""
-    return _pushing(robot.dribble_limits, _DRIBBLES)
+    return _pushing(robot.holder_for("pushing an object").limits, _DRIBBLES)
 
 
 @lru_cache(maxsize=8)
 def shot_family(robot: Robot) -> Family:
     """Return the motions with the ball that end in a run at full speed; where it leads there is a choice."""
-    return _pushing(robot.dribble_limits, _SHOTS)
+    return _pushing(robot.holder_for("pushing an object").limits, _SHOTS)
 
 
 def _pushing(limits: Limits, rows: Sequence[tuple[float, ...]]) -> Family:

@@ -1,13 +1,13 @@
-"""Messages that are cut to size before rclpy makes Python objects of them.
+"""Truncation of long sequences in messages before rclpy converts them to Python objects.
 
-rclpy converts all of a message before anybody sees it: a chain of 100,000 calls takes seconds, in which a
-node does nothing else. Bounds in the interface files would not help: only senders check those (rclpy's with
-"Failed to serialize ROS message: error not set"), receivers take whatever comes. What arrived is a C
-structure whose layout follows from the message's fields (rosidl's runtime for C), so the sizes of its
-sequences can be read, and made smaller, before it is converted. The items that are cut off are freed with
-the others: rosidl goes by a sequence's capacity, not by its size.
+rclpy converts a whole message before a callback sees it. A chain of 100,000 calls takes seconds, in which the
+node does nothing else. Bounds in the interface files would not help: senders check them (rclpy with "Failed
+to serialize ROS message: error not set"), receivers do not. A received message is a C structure whose layout
+follows from the message's fields (rosidl's runtime for C), so the sizes of its sequences can be read and
+reduced before the conversion. The items that are cut off are freed with the others, since rosidl frees a
+sequence by its capacity, not by its size.
 
-What remains is the way from DDS to the C structure: 30 to 50 ms for 100,000 calls (11 MB).
+The way from DDS to the C structure remains: 30 to 65 ms for 100,000 calls (11 MB).
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ _NUMBERS = {
 
 
 class _Sized(ctypes.Structure):
-    """A sequence or a string, as rosidl keeps it."""
+    """A sequence or a string in rosidl's C structures."""
 
     _fields_ = (("data", ctypes.c_void_p), ("size", ctypes.c_size_t), ("capacity", ctypes.c_size_t))
 
 
 @dataclass(frozen=True)
 class _Sequence:
-    """A sequence of messages or strings: where it lies in its message, its items' bytes and sequences."""
+    """A sequence of messages or strings: its offset, and the size and the sequences of its items."""
 
     offset: int
     item_bytes: int
@@ -52,15 +52,15 @@ class _Sequence:
 
 
 def bounded(kind: Any, most: int) -> Any:
-    """Return a type with which rclpy takes messages of type `kind` that are cut to size.
+    """Return a type with which rclpy receives messages of type `kind` with truncated sequences.
 
     Parameters
     ----------
     kind : type
-        A type of message; it is what the messages still are.
+        A message type; received messages are instances of it.
     most : int
-        How many messages or strings remain in each sequence of them. Sequences of numbers, and texts, stay
-        whole: they are fast.
+        Greatest length of each sequence of messages or strings. Sequences of numbers, and strings, are not
+        truncated: their conversion is fast.
     """
     if kind._TYPE_SUPPORT is None:
         kind.__class__.__import_type_support__()
@@ -82,12 +82,12 @@ def bounded(kind: Any, most: int) -> Any:
 
 
 def with_parts(kind: Any, **parts: Any) -> Any:
-    """Return the service or action type `kind` with other types for some of its messages."""
+    """Return the service or action type `kind` with some of its message types replaced."""
     return types.new_class(kind.__name__, (kind,), {"metaclass": type(kind)}, lambda body: body.update(parts))
 
 
 def _converter_of(kind: Any) -> Any:
-    """Return what makes a Python object of the C structure at an address."""
+    """Return the function that converts the C structure at an address to a Python object."""
     api, capsule = ctypes.pythonapi, type(kind)._CONVERT_TO_PY
     name = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)(("PyCapsule_GetName", api))
     pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
@@ -97,7 +97,7 @@ def _converter_of(kind: Any) -> Any:
 
 
 def _cut(address: int, sequences: tuple[_Sequence, ...], most: int) -> None:
-    """Make the sequences of the message at `address`, and those within, as short as they may be."""
+    """Truncate the sequences of the message at `address`, and the sequences within."""
     for sequence in sequences:
         sized = _Sized.from_address(address + sequence.offset)
         sized.size = min(sized.size, most)
@@ -108,7 +108,7 @@ def _cut(address: int, sequences: tuple[_Sequence, ...], most: int) -> None:
 
 @cache
 def _sequences(kind: Any) -> tuple[_Sequence, ...]:
-    """Return the sequences of messages and strings in a message, those of its parts included."""
+    """Return the sequences of messages and strings in a message, including those of nested messages."""
     layout = _layout(kind)
     return tuple(
         found
@@ -134,7 +134,7 @@ def _in_field(kind: Any, slot: Any, offset: int) -> Iterator[_Sequence]:
 
 @cache
 def _layout(kind: Any) -> Any:
-    """Return the C structure of a message; its fields are numbered, as their own names may mean something."""
+    """Return the C structure of a message; fields are numbered, as names may be reserved words."""
     fields = [(f"field_{number}", _c_type(kind, slot)) for number, slot in enumerate(kind.SLOT_TYPES)]
     # C has no structures without fields: rosidl adds a byte.
     return type(kind.__name__, (ctypes.Structure,), {"_fields_": fields or [("nothing", ctypes.c_uint8)]})

@@ -1,4 +1,4 @@
-"""Checks of what comes in over ROS. Every error names the field, what was expected, and what came."""
+"""Checks of incoming messages. Every error names the field, what was expected, and what came."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 
 FARTHEST = 1000.0
-"""Greatest coordinate in m that is believed of any robot."""
+"""Greatest coordinate in m that is accepted for any robot."""
 FASTEST = 100.0
-"""Greatest velocity in m/s or rad/s that is believed of any robot."""
+"""Greatest velocity in m/s or rad/s that is accepted for any robot."""
 FASTEST_OBJECT = 10.0
-"""Greatest velocity in m/s that is believed of an object on a robot's field."""
+"""Greatest velocity in m/s that is believed of an object in a robot's area."""
 MOST_ITEMS = 64
-"""Items of a sequence in a request that are looked at: twice as many as any may have."""
+"""Items of a sequence that are converted: twice the longest sequence that is accepted."""
 LONGEST_NAME = 200
-"""Greatest number of characters of a name that is looked at."""
+"""Greatest number of characters in a name."""
 _UNIT_TOLERANCE = 1e-3
 _TILT_TOLERANCE = 0.02
 
@@ -52,15 +52,15 @@ class MessageBounds:
 
 
 WIDEST = MessageBounds()
-"""For messages that may be about any robot."""
+"""Bounds for messages about any robot."""
 
 
 def bounds_of(robot: Robot) -> MessageBounds:
-    """Return what is believed of `robot` and its field: twice the floor, three times its limits."""
-    field, limits = robot.field, robot.limits
+    """Return what is believed of `robot` and its area: twice the floor, three times its limits."""
+    area, limits = robot.scene.area, robot.limits
     return MessageBounds(
-        field.length + 2.0 * field.margin,
-        field.width + 2.0 * field.margin,
+        area.length + 2.0 * area.margin,
+        area.width + 2.0 * area.margin,
         3.0 * limits.v,
         3.0 * limits.w,
         FASTEST_OBJECT,
@@ -73,7 +73,7 @@ def number(value: float, where: str, *, low: float, high: float, unit: str = "")
     Raises
     ------
     MessageError
-        It is not.
+        `value` is not finite, or out of bounds.
     """
     if not (math.isfinite(value) and low <= value <= high):
         bounds = f"a finite number from {low:g} to {high:g} {unit}".rstrip()
@@ -82,17 +82,17 @@ def number(value: float, where: str, *, low: float, high: float, unit: str = "")
 
 
 def position(value: float, where: str, *, most: float = FARTHEST) -> float:
-    """Return a coordinate in m if it is finite and not farther than `most`; raises MessageError."""
+    """Return a coordinate in m if its magnitude is at most `most`; raise MessageError otherwise."""
     return number(value, where, low=-most, high=most, unit="m")
 
 
 def velocity(value: float, where: str, unit: str = "m/s", *, most: float = FASTEST) -> float:
-    """Return a velocity if it is finite and not faster than `most`; raises MessageError."""
+    """Return a velocity if its magnitude is at most `most`; raise MessageError otherwise."""
     return number(value, where, low=-most, high=most, unit=unit)
 
 
 def zero(values: Iterable[float], where: str) -> None:
-    """Make sure that components which have no meaning in the plane are 0; raises MessageError."""
+    """Raise MessageError unless all components that have no meaning in the plane are 0."""
     values = tuple(values)
     if any(value != 0.0 for value in values):
         raise MessageError(f"{where}: expected 0, since the robot moves in the plane, got {values}")
@@ -116,27 +116,27 @@ def planar_yaw(quaternion: Any, where: str) -> float:
 
 
 def frame(frame_id: str, where: str, *, expected: str) -> None:
-    """Make sure that a frame is the expected one, or empty, which means the same; raises MessageError."""
+    """Raise MessageError unless a frame is the expected one, or empty, which means the same."""
     if frame_id not in ("", expected):
         raise MessageError(f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}")
 
 
 def name(text: str, where: str, *, allowed: Collection[str]) -> str:
-    """Return a name if it is allowed; a very long one is not even looked up. Raises MessageError."""
+    """Return a name if it is allowed; raise MessageError otherwise."""
     if len(text) > LONGEST_NAME or text not in allowed:
         raise MessageError(f"{where}: expected one of {sorted(allowed)}, got {quoted(text)}")
     return text
 
 
 def plain_name(text: str, where: str) -> str:
-    """Return a name if it is one: of letters, digits and _, and not too long. Raises MessageError."""
+    """Return a short name of letters, digits and _; raise MessageError for any other text."""
     if len(text) > LONGEST_NAME or not is_name(text):
         raise MessageError(f"{where}: expected a name of letters, digits and _, got {quoted(text)}")
     return text
 
 
 def count(items: Sized, where: str, *, least: int, most: int) -> None:
-    """Make sure that there are `least` to `most` items; raises MessageError."""
+    """Raise MessageError unless there are `least` to `most` items."""
     if not least <= len(items) <= most:
         expected = f"{least}" if least == most else f"{least} to {most}"
         more = " or more" if len(items) >= MOST_ITEMS else ""
@@ -149,7 +149,7 @@ def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> fr
     Raises
     ------
     MessageError
-        Not so.
+        A name is not allowed, or comes twice.
     """
     expected = f"{where}: expected names of {sorted(allowed)}, each once"
     if len(items) > len(allowed):

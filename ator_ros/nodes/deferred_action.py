@@ -1,4 +1,4 @@
-"""An action server whose goals are driven by topics and timers instead of a callback that blocks."""
+"""An action server whose goals are driven by topics and timers instead of a blocking callback."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ator_ros.nodes.pacing import Pace
 from ator_ros.nodes.qos import SERVICES
 
 _RESULT_KEPT = 60
-"""Time in s for which a result can be asked for. rclpy's 900 s keep hundreds of chains' records in memory."""
+"""Time in s for which a result is kept. rclpy's 900 s keep hundreds of chains' records in memory."""
 MOST_KEPT = 300
-"""Goals whose results are kept at once."""
+"""Greatest number of goals whose results are kept."""
 GOALS_PER_SECOND, GOALS_AT_ONCE = 20.0, 50
 _WARNING_PERIOD = 2.0
 
@@ -25,23 +25,25 @@ _WARNING_PERIOD = 2.0
 class DeferredActionServer(ActionServer):
     """Hands over accepted goals at once, as executing, and answers when `finish` is called.
 
-    rclpy wants a callback per goal that returns the result: one that blocks needs a thread, and one that
+    rclpy expects one callback per goal that returns the result. A callback that blocks needs a thread, and
+    one that
     awaits makes rclpy's executor spin without a pause. Here nothing runs between two messages.
 
-    Goals over `GOALS_PER_SECOND`, after `GOALS_AT_ONCE`, and over `MOST_KEPT` in a minute are rejected: each
-    preempts the one before, and its result is kept.
+    Goals beyond `GOALS_PER_SECOND` (after `GOALS_AT_ONCE`) or beyond `MOST_KEPT` in a minute are rejected,
+    since
+    each goal preempts the one before and its result is kept.
 
     Attributes
     ----------
     rejected : int
-        How many goals were rejected so.
+        Number of goals rejected for that reason.
 
     Parameters
     ----------
     node, action_type, action_name
         As for ActionServer.
     start : callable
-        Is given each goal that was accepted.
+        Called with each accepted goal.
     cancel_callback : callable
         As for ActionServer.
     """
@@ -90,10 +92,10 @@ class DeferredActionServer(ActionServer):
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[[ServerGoalHandle], None] | None
     ) -> None:
-        """Start a goal, which counts as executing from now on."""
+        """Start a goal, which is executing from now on."""
         (execute_callback or self._execute_callback)(goal_handle)
 
     def finish(self, goal_handle: ServerGoalHandle, result: Any) -> None:
-        """Answer a goal whose state is final; what it asked for is no longer needed."""
+        """Send the result of a goal whose state is final, and drop its request."""
         goal_handle._goal_request = type(goal_handle.request)()
         super().notify_execute(goal_handle, lambda _: result)

@@ -24,20 +24,21 @@ _TRIES = 10
 
 
 class DeferredService:
-    """Hands over each request with what answers it, so that several can be under way at once.
+    """Hands over each request with its `Answer`, so that several requests can be under way at once.
 
-    rclpy sends what a service's callback returns. Here the callback returns the request, and what would send
-    that keeps the header instead. A client that has just joined may not be known to DDS yet: its response is
-    sent again some times.
+    rclpy sends what a service's callback returns. Here the callback returns the request, and the method that
+    would send it keeps the header instead. DDS may not know a client yet that has just joined: its response
+    is then sent
+    again a few times.
 
     Parameters
     ----------
     node, srv_type, srv_name
         As for ``Node.create_service``.
     start : callable
-        Is given each request and its `Answer`.
+        Called with each request and its `Answer`.
     work : callable
-        Is called when all that have come are started.
+        Called after all waiting requests were started.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class DeferredService:
         self._retrying.cancel()
 
     def take(self) -> None:
-        """Start the requests that have come: also while rclpy's executor waits for a callback to return."""
+        """Start all waiting requests; may be called within a callback."""
         while True:
             with self._service.handle:
                 request, header = self._service.handle.service_take_request(self._request)
@@ -92,7 +93,7 @@ class DeferredService:
             self._node.get_logger().debug(f"not answered: {gone}")
 
     def _retry(self) -> None:
-        """Send one response again, as that may take 0.1 s."""
+        """Send one response again; only one, since that may take 0.1 s."""
         if self._unsent:
             self._send(*self._unsent.popleft())
         if not self._unsent:

@@ -1,4 +1,4 @@
-"""How a node is, published on /diagnostics."""
+"""The health of a node, published on /diagnostics."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from ator_ros.nodes.senders import rival_senders, strange_senders
 from ator_ros.printable import printable
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""For timers that run whatever the simulated time does."""
+"""Clock of timers that are independent of simulated time."""
 
 _PERIOD = 1.0
 _LONGEST = 500
 
 
 class Lateness:
-    """How late things come that should come regularly: the longest wait since it was last asked for."""
+    """The longest gap between regular events since it was last read."""
 
     def __init__(self) -> None:
         self._last, self._longest = math.nan, 0.0
 
     def came(self, now: float) -> None:
-        """Note that one came at `now` s."""
+        """Record an event at `now` s."""
         if now - self._last > self._longest:
             self._longest = now - self._last
         self._last = now
 
     def take(self) -> str:
-        """Return the longest time between two in ms, as text, and begin anew."""
+        """Return the longest gap in ms as text, and start anew."""
         longest, self._longest = self._longest, 0.0
         return f"{1000.0 * longest:.1f}"
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How a node is: what is wrong (empty: nothing), whether it cannot work so, and values by name."""
+    """A node's health: its problem (empty: none), whether that keeps it from working, and values by name."""
 
     problem: str = ""
     error: bool = False
@@ -56,12 +56,12 @@ class Diagnostics:
     Parameters
     ----------
     node : Node
-        Whose health.
+        The node.
     health : callable
         Returns the present `Health`.
     topics : mapping, optional
-        Types of the topics that the node listens to, by name. Publishers of other types are reported, and
-        logged once.
+        Types of the topics that the node subscribes to, by name. Publishers of other types are reported
+        and logged once.
     states : collection, optional
         Those topics that only one node may publish; several publishers are reported likewise.
     """

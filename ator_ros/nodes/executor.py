@@ -25,10 +25,10 @@ from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.executor_settings import PARAMETERS, deadlines_of, fence_of, inputs_of
+from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
-from ator_ros.nodes.parameters import declare_parameters, digest_of, domain_of, robot_of
+from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.world.inputs import ClockJumpError
@@ -46,7 +46,7 @@ _MOST_IN_ANSWERS = 256
 class ExecutorNode(Node):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
-    Parameters: see `PARAMETERS`; all are read at the start only.
+    Parameters: see `parameters_for`; all are read at the start only.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
@@ -70,11 +70,13 @@ class ExecutorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("executor")
-        self._settings = declare_parameters(self, PARAMETERS)
+        self._settings = declare_with_domain(self, parameters_for)
         robot = robot_of(self._settings)
         self._bounds = bounds_of(robot)
         domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        for reason in filter(None, (top.lacks(robot) for top in domain.tops)):
+            self.get_logger().warning(reason)
         folder = self._settings["models"]
         self._models = {name: read_models(self, robot, name, folder, domain) for name in domain.action_sets}
         self._predictors = {
@@ -222,16 +224,18 @@ class ExecutorNode(Node):
         if self._run is None:
             return
         self._run.execution.end(ending, reason)
+        if at_once:
+            self._run.execution.drop()
         self._send(STOP)
-        self._follow(self._run, at_once=at_once)
+        self._follow(self._run)
 
-    def _follow(self, run: GoalRun, *, at_once: bool = False) -> None:
+    def _follow(self, run: GoalRun) -> None:
         """Tell the world what is new about a goal, and answer it when it has ended."""
         for record in run.new_records():
             self._actions.publish(record)
         run.request_refinement()
         run.publish_feedback()
-        if not (run.ended or at_once):
+        if not run.ended:
             return
         self._run = None
         self._send(STOP)
@@ -244,13 +248,17 @@ class ExecutorNode(Node):
 
     # Outputs
 
-    def _send(self, command: Command, *, answers: bool = False) -> None:
-        """Send a command, which counts as sent now, or with the newest state where it answers that."""
+    def _send(self, command: Command | None, *, answers: bool = False) -> None:
+        """Send a command, which counts as sent now, or with the newest state where it answers that.
+
+        None: somebody else moves the robot, so nothing is published.
+        """
         if self._inputs.time is not None:
             now = time.monotonic()
             after = 0.0 if answers else now - self._heard
             self._driving.sent(self._inputs.time + after, command, now)
-        self._commands.publish(command, self._inputs.time or 0.0)
+        if command is not None:
+            self._commands.publish(command, self._inputs.time or 0.0)
 
     def _note(self, error: str) -> None:
         self._last_error = error
@@ -279,6 +287,7 @@ class ExecutorNode(Node):
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
+        self._send(STOP)  # first: to end an action may fail
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
         executor: Any = self.executor
@@ -292,4 +301,4 @@ def _known(known: bool, overdue: bool) -> str:
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    run_node(ExecutorNode, PARAMETERS, args)
+    run_node(ExecutorNode, parameters_for([OBJECT]), args)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ator_ros.execution.fence import Fence
@@ -14,36 +14,57 @@ from ator_ros.world.inputs import Inputs
 from ator_ros.world.sightings import Sightings
 from ator_ros.world.tracking import ObjectTracker
 
-PARAMETERS = (
-    Parameter("frame", "odom", "frame of odom, ball and the goals of chains"),
+_COMMON = (
+    Parameter("frame", "odom", "frame of odom, objects and the goals of chains"),
     Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands"),
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
     DOMAIN,
     ROBOT,
     Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
-    Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and ball", 0.05, 3600.0),
+    Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and objects", 0.05, 3600.0),
     Parameter("odom_timeout", 0.3, "real s without newer odometry; the robot pauses after half", 0.05, 60.0),
-    Parameter("ball_timeout", 0.3, "s that a ball may be older than odometry; pauses likewise", 0.05, 60.0),
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3),
-    Parameter("ball_noise", 0.0, "m, standard deviation of the ball's coordinates; 0: exact", 0.0, 1.0),
-    Parameter("ball_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
-    Parameter("fence", [0.0] * 4, "m: x and y from, x and y to, of the robot; all 0: field and margin"),
+    Parameter("fence", [0.0] * 4, "m: x and y from, x and y to, of the robot; all 0: area and margin"),
     Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0),
-    Parameter("refine_again_after", 0.15, "m that the ball must move to ask again; 0: never", 0.0, 10.0),
+    Parameter("refine_again_after", 0.15, "m that an object must move to ask again; 0: never", 0.0, 10.0),
     Parameter("action_timeout", 30.0, "s, by the stamps, that one action may take", 1.0, 3600.0),
 )
 
 
+def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
+    """Return the parameters of the node, among them three for each of the `objects`."""
+    return (*_COMMON, *(parameter for name in objects for parameter in _parameters_of(name)))
+
+
+def _parameters_of(name: str) -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            f"{name}_timeout",
+            0.3,
+            f"s that word of the {name} may be older than odometry; pauses likewise",
+            0.05,
+            60.0,
+        ),
+        Parameter(
+            f"{name}_noise", 0.0, f"m, standard deviation of the {name}'s coordinates; 0: exact", 0.0, 1.0
+        ),
+        Parameter(f"{name}_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
+    )
+
+
 def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
     """Return what joins odometry and the objects; raises SetupError."""
-    noise, velocity_noise = settings["ball_noise"], settings["ball_velocity_noise"]
+    return Inputs({name: _sightings(settings, name) for name in objects})
+
+
+def _sightings(settings: Mapping[str, Any], name: str) -> Sightings:
+    noise, velocity_noise = settings[f"{name}_noise"], settings[f"{name}_velocity_noise"]
     if (noise > 0.0) != (velocity_noise > 0.0):
         raise SetupError(
-            "parameters ball_noise and ball_velocity_noise: expected both above 0 or both 0, "
+            f"parameters {name}_noise and {name}_velocity_noise: expected both above 0 or both 0, "
             f"got {noise:g} and {velocity_noise:g}"
         )
-    timeout = settings["ball_timeout"]
-    return Inputs({name: Sightings(name, timeout, ObjectTracker(noise, velocity_noise)) for name in objects})
+    return Sightings(name, settings[f"{name}_timeout"], ObjectTracker(noise, velocity_noise))
 
 
 def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:

@@ -101,7 +101,7 @@ class GoalRun:
         """How it ended, in one line."""
         execution = self.execution
         name = execution.ending.name.lower() if execution.ending else "running"
-        refinement = "refined" if execution.refining.refined else execution.refining.reason
+        refinement = "refined" if execution.refined else execution.refinement
         return f"{name} after {execution.elapsed:.2f} s: {execution.reason} ({refinement})"
 
     def new_records(self) -> list[ActionPerformance]:
@@ -137,7 +137,7 @@ class GoalRun:
             step=execution.step,
             steps=len(execution.chain),
             top=execution.top.name,
-            status=f"{doing} ({execution.refining.reason})",
+            status=f"{doing} ({execution.refinement})",
             elapsed=execution.elapsed,
             predicted_remaining=execution.predicted_remaining(now),
         )

@@ -1,4 +1,4 @@
-"""What ROS needs from the machine, checked before it starts: its own errors are long, or kill the process."""
+"""Checks of what ROS needs from the machine: its own errors are long, or kill the process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class MachineError(RuntimeError):
 
 
 def check_machine(environment: Mapping[str, str], words: Sequence[str]) -> None:
-    """Make sure that ROS can keep its logs, and Fast DDS its messages. Call this before ``rclpy.init``.
+    """Check that ROS can write its logs and Fast DDS its messages. Call this before ``rclpy.init``.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def check_machine(environment: Mapping[str, str], words: Sequence[str]) -> None:
     Raises
     ------
     MachineError
-        They cannot.
+        The folder of the logs is not writable, or shared memory is full.
     """
     if _NO_LOG_FILES not in words:
         _check_log_folder(log_folder(environment))
@@ -69,13 +69,7 @@ def _check_log_folder(folder: Path) -> None:
 
 
 def check_shared_memory(folder: Path) -> None:
-    """Make sure that shared memory is not full.
-
-    Raises
-    ------
-    MachineError
-        It is.
-    """
+    """Raise MachineError if shared memory is full."""
     if not folder.is_dir():
         return  # Fast DDS does without
     state = os.statvfs(folder)

@@ -1,4 +1,4 @@
-"""The performance models of each action set, read at a node's start, and what is to be said of them."""
+"""The performance models of each action set, read at a node's start, and their state for diagnostics."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ class ModelSet:
     Attributes
     ----------
     folder : Path
-        Where they lie.
+        Folder of the files.
     models : mapping
         Action name to model; empty where there are none.
     absent : str
-        Why there are none; empty where there are some.
+        Why there are no models; empty where there are some.
     problem : str
-        What is wrong with them: a damaged file, another robot. An action set may have no models.
+        What is wrong with the models: a damaged file, another robot. It is no problem to have none.
     digest : str
-        Of their files.
+        Digest of the files.
     calibration : Calibration
-        What their predictions miss; empty where that was not learned, or for other models.
+        Corrections of the predictions; empty where none were learned for these models.
     """
 
     folder: Path = Path()
@@ -54,20 +54,20 @@ class ModelSet:
 
 
 def read_models(node: Node, robot: Robot, action_set: str, folder: str, domain: Domain) -> ModelSet:
-    """Read the models of an action set; what is wrong or missing is logged once.
+    """Read the models of an action set; log once what is wrong or missing.
 
     Parameters
     ----------
     node : Node
-        Whose log tells it.
+        The node that logs.
     robot : Robot
-        For whom they are to predict.
+        The robot that executes the actions.
     action_set : str
         Name of the set.
     folder : str
-        Of all sets; empty: those that are shipped with the domain.
+        Folder of the models of all sets; empty: the models that ship with the domain.
     domain : Domain
-        Whose actions they predict.
+        The domain of the actions.
     """
     log = node.get_logger()
     try:
@@ -98,7 +98,7 @@ def _summary(warnings: Sequence[str]) -> str:
 def _calibration(
     node: Node, folder: Path, action_set: str, models: Mapping[str, PerformanceModel]
 ) -> Calibration:
-    """Read the calibration of models; what is wrong with it is logged, and predictions stay as they are."""
+    """Read the calibration of models; without a usable one, log why and correct nothing."""
     try:
         read = load_calibration_if_any(folder)
     except (RefinementError, OSError) as error:
@@ -120,7 +120,7 @@ def _digest(folder: Path, action_set: str, models: Mapping[str, PerformanceModel
 
 
 def told_of(sets: Mapping[str, ModelSet]) -> dict[str, object]:
-    """Return what diagnostics say of each action set's models."""
+    """Return the diagnostics of each action set's models."""
     models: dict[str, object] = {
         f"models of {name}": ", ".join(read.models) or read.problem or "no models"
         for name, read in sets.items()
@@ -129,5 +129,5 @@ def told_of(sets: Mapping[str, ModelSet]) -> dict[str, object]:
 
 
 def problems_of(sets: Mapping[str, ModelSet]) -> str:
-    """Return what is wrong with models; empty where nothing is."""
+    """Return the problems of all models in one line; empty if there are none."""
     return "; ".join(f"action set {name}: {read.problem}" for name, read in sets.items() if read.problem)

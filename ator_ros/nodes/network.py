@@ -1,4 +1,4 @@
-"""Who can reach a node: this machine only, unless the user opens it to a network."""
+"""Network access: nodes can be reached from this machine only, unless the user opens them to a network."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ _ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
-    """Set the environment variables that keep ROS on this machine, unless the user has asked for others.
+    """Set the environment variables that keep ROS on this machine, unless the user has asked for a network.
 
-    Asked for are other machines by a `RANGE` of SUBNET or SYSTEM_DEFAULT, static peers, or a discovery
-    server. `RANGE` limits discovery, with any middleware; Fast DDS would still take in messages from
-    everywhere, which the file that `PROFILES` names forbids. Call this before ``rclpy.init``.
+    A `RANGE` of SUBNET or SYSTEM_DEFAULT, static peers, or a discovery server ask for a network. `RANGE`
+    limits
+    discovery with any middleware. Fast DDS would still accept messages from everywhere, which the file that
+    `PROFILES` names forbids. Call this before ``rclpy.init``.
 
     Parameters
     ----------
     environment : mutable mapping
-        ``os.environ``, or that of a process to be started. An empty variable counts as none.
+        ``os.environ``, or the environment of a process to be started. An empty variable counts as unset.
     """
     environment[RANGE] = environment.get(RANGE) or THIS_MACHINE
     is_open = environment[RANGE] in _OPEN and environment.get(_ONLY_HERE) != "1"

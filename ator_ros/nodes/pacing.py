@@ -1,4 +1,4 @@
-"""Limits of how often something happens (without ROS; the clock is passed in)."""
+"""Rate limits (without ROS; the clock is passed in)."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ Send = Callable[[], None]
 
 
 class Pace:
-    """Allows things at a steady rate, and some at once after a pause.
+    """A token bucket: allows events at a steady rate, and a few at once after a pause.
 
     Parameters
     ----------
     clock : callable
         Returns the time in s.
     rate : float
-        How many are allowed in a second.
+        Events per second.
     at_once : int
-        How many are allowed together after a pause.
+        Events that are allowed together after a pause.
     """
 
     def __init__(self, clock: Callable[[], float], *, rate: float, at_once: int) -> None:
@@ -27,7 +27,7 @@ class Pace:
         self._left, self._last = self._at_once, clock()
 
     def allows(self) -> bool:
-        """Return whether one more is allowed now, which then counts."""
+        """Return whether an event is allowed now, and count it if so."""
         now = self._clock()
         self._left = min(self._at_once, self._left + self._rate * (now - self._last))
         self._last = now
@@ -38,14 +38,14 @@ class Pace:
 
 
 class Outbox:
-    """Messages that leave at a pace; urgent ones overtake the others.
+    """A queue of messages that are sent at limited rates; urgent ones overtake the others.
 
     Parameters
     ----------
     urgent, others : Pace
-        How often one of each kind may leave.
+        Rate limits of both kinds.
     most : int
-        How many may wait; beyond that they leave at once, so that memory stays bounded.
+        Greatest length of the queue. Beyond it messages are sent at once, so that memory stays bounded.
     """
 
     def __init__(self, urgent: Pace, others: Pace, *, most: int) -> None:
@@ -54,15 +54,15 @@ class Outbox:
         self._others: deque[Send] = deque()
 
     def __len__(self) -> int:
-        """Return how many messages wait."""
+        """Return the number of messages that wait."""
         return len(self._urgent) + len(self._others)
 
     def add(self, send: Send, *, urgent: bool) -> None:
-        """Take a message; it leaves at one of the next calls of `work`."""
+        """Add a message, which one of the next calls of `work` sends."""
         (self._urgent if urgent else self._others).append(send)
 
     def work(self) -> None:
-        """Send as many of the messages that wait as the paces allow."""
+        """Send as many messages as the rates allow."""
         for queue, pace in zip((self._urgent, self._others), self._paces, strict=True):
             while queue and (len(self) > self._most or pace.allows()):
                 queue.popleft()()

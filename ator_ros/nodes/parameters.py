@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from rclpy.node import Node
 
 from ator_ros.domains.domain import DEFAULT, Domain, DomainError, find_domain
 from ator_ros.printable import printable, quoted
-from ator_ros.robot.description import ConfigError, Robot, load_robot
+from ator_ros.robot.description import ConfigError, Robot
 
 
 class SetupError(Exception):
@@ -51,7 +51,7 @@ class Parameter:
     smallest: float = 0.0
 
     def descriptor(self) -> ParameterDescriptor:
-        """Return the description that `ros2 param describe` shows."""
+        """Return the descriptor, which `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(description=self.description, read_only=True)
         if self.choices:
             descriptor.additional_constraints = f"one of {', '.join(self.choices)}"
@@ -65,7 +65,7 @@ class Parameter:
         return descriptor
 
     def check(self, value: Any) -> None:
-        """Make sure that `value` is allowed.
+        """Check that `value` is allowed.
 
         Raises
         ------
@@ -89,6 +89,10 @@ ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one 
 DOMAIN = Parameter("domain", DEFAULT, "name of the domain: an entry point of the group ator_ros.domains")
 
 
+OBJECT = "OBJECT"
+"""Stands for an object of the domain where a node tells of its parameters."""
+
+
 def domain_of(settings: Mapping[str, Any]) -> Domain:
     """Return the domain that the parameter `DOMAIN` names.
 
@@ -104,44 +108,71 @@ def domain_of(settings: Mapping[str, Any]) -> Domain:
 
 
 def robot_of(settings: Mapping[str, Any]) -> Robot:
-    """Read the robot's description that the parameter `ROBOT` names.
+    """Read the robot's description that the parameter `ROBOT` names, in the scene of the domain.
 
     Raises
     ------
     SetupError
-        The file cannot be used.
+        The file or the domain cannot be used.
     """
+    domain = domain_of(settings)
     try:
-        return load_robot(settings[ROBOT.name] or None)
+        return domain.robot(settings[ROBOT.name] or None)
     except ConfigError as error:
         raise SetupError(str(error)) from error
 
 
 def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
-    """Declare parameters with type, description and bounds; give their values by name.
+    """Declare parameters with type, description and bounds, and return their values by name.
 
     Raises
     ------
     SetupError
         A value has another type, or is not allowed.
     """
-    values = {}
-    for parameter in parameters:
-        try:
-            node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
-        except ParameterException as error:
-            point = "; write 5.0 for 5" if "INTEGER" in str(error) else ""
-            raise SetupError(
-                f"parameter {parameter.name} ({parameter.description}): {error}{point}"
-            ) from error
-        values[parameter.name] = node.get_parameter(parameter.name).value
-        parameter.check(values[parameter.name])
+    values = {parameter.name: _declared(node, parameter) for parameter in parameters}
     _warn_of_strange(node, values)
     return values
 
 
+def declare_with_domain(
+    node: Node, parameters_for: Callable[[Sequence[str]], Sequence[Parameter]]
+) -> dict[str, Any]:
+    """Declare `DOMAIN`, then the parameters of a node for the domain's objects; give values by name.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    parameters_for : callable
+        Returns the node's parameters, `DOMAIN` among them, for the names of objects.
+
+    Raises
+    ------
+    SetupError
+        A value has another type, or is not allowed, or the domain cannot be used.
+    """
+    values = {DOMAIN.name: _declared(node, DOMAIN)}
+    others = [item for item in parameters_for(domain_of(values).objects) if item is not DOMAIN]
+    values |= {parameter.name: _declared(node, parameter) for parameter in others}
+    _warn_of_strange(node, values)
+    return values
+
+
+def _declared(node: Node, parameter: Parameter) -> Any:
+    """Declare one parameter; return its value, or raise SetupError."""
+    try:
+        node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
+    except ParameterException as error:
+        point = "; write 5.0 for 5" if "INTEGER" in str(error) else ""
+        raise SetupError(f"parameter {parameter.name} ({parameter.description}): {error}{point}") from error
+    value = node.get_parameter(parameter.name).value
+    parameter.check(value)
+    return value
+
+
 def _warn_of_strange(node: Node, known: Mapping[str, Any]) -> None:
-    """Name what was set but is no parameter of the node, which ROS ignores without a word."""
+    """Warn of unknown parameters that were set; ROS ignores them silently."""
     # rclpy has no public name for what was set.
     overrides: Mapping[str, Any] = getattr(node, "_parameter_overrides", {})
     strange = [name for name in overrides if not node.has_parameter(name)]

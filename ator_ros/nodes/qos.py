@@ -5,13 +5,13 @@ from __future__ import annotations
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 SENSOR_DATA = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""For odom and ball, and for listening to commands: only the newest counts, a lost one is not sent again."""
+"""For sensor topics, and for subscribing to commands: only the newest message counts."""
 
 COMMANDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
-"""For sending commands: reaches every listener, whatever it asks for."""
+"""For publishing commands: compatible with every subscription."""
 
 RESULTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
-"""For results that must all arrive."""
+"""For records, all of which must arrive."""
 
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -19,11 +19,11 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""For what a late listener shall still get: the last record, the robot's description."""
+"""For state that late subscribers must receive: the last record, the robot's description."""
 
 SERVICES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=2000, reliability=ReliabilityPolicy.RELIABLE)
-"""For services and their clients, those of actions too.
+"""For services and actions, and their clients.
 
-Requests over the depth are lost without a word, and rclpy's 10 are soon reached. Keep-all would not help: it
-waits for clients that have died, and a client keeps no more of its requests than its own depth.
+Requests beyond the depth are lost silently, and rclpy's depth of 10 is soon reached. Keep-all would not help:
+it waits for clients that have died, and a client keeps no more of its requests than its own depth.
 """

@@ -55,27 +55,27 @@ PARAMETERS = (
 
 _WARNING_PERIOD = 2.0
 _STRETCH = 0.008
-"""s of turns in a row: rclpy takes long to come back."""
+"""Time in s of turns in a row; handing control back to rclpy is slow."""
 _FEW = 4
-"""Requests that may be answered all at once. Each client of a service receives the answers to all of them and
-keeps ten by default, so it loses its own when more come faster than it reads."""
+"""Requests that may be answered at once. Each client of a service receives the responses to all clients and
+keeps ten of them by default, so it loses its own when more come faster than it reads."""
 _ANSWERS_PER_SECOND = 150.0
 _REFUSALS_PER_SECOND = 1000.0
 _MOST_WAITING = 2000
 
 
 class RefinementNode(Node):
-    """Rewrites the free variables of chains of TOPs so that the whole chain performs best.
+    """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; all are read at the start only.
+    Parameters: see `PARAMETERS`; they are read at the start only.
 
-    Services
-        refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
-        reason. A request that cannot be evaluated is answered with accepted = false, as is one that finds the
-        node busy. Requests have turns of some milliseconds, so that a long one does not delay the others; at
-        `deadline` the best is answered that was found until then, and cut_short says so.
+        Services refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came,
+        with the reason. A request that cannot be evaluated is answered with accepted = false, as is one that
+        finds the node busy. Requests are served in turns of a millisecond, so that a long one does not delay
+        the others.
+        At `deadline` the response is the best found until then, and cut_short is true.
     Publishes
-        refinement_markers (visualization_msgs/MarkerArray): what was searched, when somebody listens.
+        refinement_markers (visualization_msgs/MarkerArray): the search, while there is a subscriber.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     """
 
@@ -107,7 +107,7 @@ class RefinementNode(Node):
         self.get_logger().info(f"refining chains of the action sets {', '.join(self._refiners) or '(none)'}")
 
     def _load(self, domain: Domain, library: TopLibrary) -> None:
-        """Read models and gate of one action set; without models its chains are refused, with the reason."""
+        """Read models and gate of an action set; without models its chains are refused with the reason."""
         action_set, robot = library.action_set, library.robot
         self._libraries[action_set] = library
         self._models[action_set] = read = read_models(
@@ -119,7 +119,7 @@ class RefinementNode(Node):
             rehearse_refinement(library, self._refiners[action_set])
 
     def _load_gate(self, file: Path, action_set: str) -> Gate | None:
-        """Read the gate of an action set; without one, refinement goes by the predicted gain alone."""
+        """Read the gate of an action set; without one the predicted gain alone decides."""
         if not self._settings["gate"]:
             return None
         try:
@@ -138,7 +138,7 @@ class RefinementNode(Node):
         self._answer(answer, busy, urgent=False)
 
     def _answer(self, answer: Answer, response: RefineSubgoal.Response, *, urgent: bool = True) -> None:
-        """Answer at once, or at a pace from when there are many requests until there are none."""
+        """Answer at once; once there are many requests, answer at limited rates until there are none."""
         self._crowded = self._crowded or len(self._turns) > _FEW
         if not self._crowded:
             answer(response)
@@ -148,14 +148,14 @@ class RefinementNode(Node):
             self._posting.reset()
 
     def _post(self) -> None:
-        """Send the answers that had to wait."""
+        """Send the responses that wait."""
         self._outbox.work()
         if not self._outbox:
             self._posting.cancel()
             self._crowded = len(self._turns) > 0
 
     def _work(self) -> None:
-        """Let requests have turns; those that come meanwhile begin. Other callbacks wait as long."""
+        """Serve requests in turns, and start new ones meanwhile. Other callbacks wait as long."""
         until = time.monotonic() + _STRETCH
         self._service.take()
         while self._turns and time.monotonic() < until:
@@ -165,7 +165,7 @@ class RefinementNode(Node):
             self._go_on.trigger()
 
     def _serve(self, request: RefineSubgoal.Request) -> Slices[RefineSubgoal.Response]:
-        """Answer a request, in slices; a fault of ours must not take along the others that are under way."""
+        """Answer a request, in slices; a defect of ours must not break the other requests under way."""
         try:
             return (yield from self._response_to(request))
         except Exception as error:
@@ -222,12 +222,12 @@ class RefinementNode(Node):
 def refining_of(
     request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary, *, frame: str
 ) -> Slices[Refinement]:
-    """Do what a request asks for, in slices.
+    """Refine the chain of a request, in slices.
 
     Raises
     ------
     MessageError, RefinementError
-        It cannot be read, or not be evaluated: the chain is no valid plan from its situation.
+        The request cannot be read, or the chain is no valid plan from its situation.
     """
     world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
     chain = conversions.chain_from(request.chain, library, frame=frame)

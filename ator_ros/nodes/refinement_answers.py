@@ -1,4 +1,4 @@
-"""What the refiner found, as the service's answer and as markers for RViz."""
+"""A refinement as the service's response and as markers for RViz."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _GREEN = ColorRGBA(r=0.1, g=0.8, b=0.2, a=1.0)
 def answer_of(
     refinement: Refinement, *, action_set: str, frame: str, want_curve: bool
 ) -> RefineSubgoal.Response:
-    """Write the answer to a request that could be evaluated."""
+    """Return the response to a request that was evaluated."""
     before, after = refinement.before, refinement.after
     return RefineSubgoal.Response(
         accepted=True,
@@ -53,7 +53,7 @@ def answer_of(
 
 
 def refused(reason: str, chain: TopChainMessage | None = None) -> RefineSubgoal.Response:
-    """Write the answer to a request that is not evaluated, with its `chain` where that can be sent back."""
+    """Return the response to a request that is not evaluated, with its `chain` if that can be sent back."""
     nothing = performance_of()
     sent = TopChainMessage() if chain is None else chain
     return RefineSubgoal.Response(
@@ -68,7 +68,7 @@ def refused(reason: str, chain: TopChainMessage | None = None) -> RefineSubgoal.
 
 
 def chain_performance_of(prediction: ChainPrediction | None) -> Performance:
-    """Write the predicted performance of a whole chain; NaN without a prediction."""
+    """Return the predicted performance of a whole chain; NaN without a prediction."""
     if prediction is None:
         return performance_of()
     success = math.prod(action.get("success", math.nan) for action in prediction.actions)
@@ -105,7 +105,7 @@ def _curve(curve: SubgoalCurve) -> SearchCurve:
 
 
 def markers_of(refinement: Refinement, *, frame: str) -> MarkerArray:
-    """Draw the search: each candidate from green (best) to red, subgoals before (grey) and after (green)."""
+    """Return markers: candidates from green (best) to red, subgoals before (grey) and after (green)."""
     markers = [Marker(action=Marker.DELETEALL)]
     markers += [_candidates(refinement.original, curve) for curve in refinement.curves]
     for chain, colour in ((refinement.original, _GREY), (refinement.chain, _GREEN)):
@@ -116,7 +116,7 @@ def markers_of(refinement: Refinement, *, frame: str) -> MarkerArray:
 
 
 def _candidates(chain: TopChain, curve: SubgoalCurve) -> Marker:
-    """Draw a short line from each candidate's position along its heading."""
+    """Return a short line from each candidate's position along its heading."""
     marker = Marker(type=Marker.LINE_LIST)
     marker.scale.x = 0.01
     marker.pose = pose_of(Pose(0.0, 0.0, 0.0))

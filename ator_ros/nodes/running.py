@@ -32,9 +32,10 @@ def run_node(
 ) -> None:
     """Make a node and spin it until Ctrl-C or SIGTERM, then end with exit code 0.
 
-    The node may have a method `stop`, called while it can still publish. Parameters and files that
-    do not suit end the process with one line and exit code 1. ``--help`` tells of the node and its
-    `parameters`; other words that are not ROS's end it with exit code 2.
+    The node may have a method `stop`, which is called while it can still publish. Unusable parameters and
+    files
+    end the process with one line and exit code 1, unknown arguments with exit code 2. ``--help`` prints the
+    documentation of the node and its `parameters`.
     """
     words = list(sys.argv if args is None else args)
     stopped: list[int] = []
@@ -51,7 +52,7 @@ def run_node(
         rclpy.try_shutdown()
         reason = " ".join(str(error).split())  # rcl's errors have several lines
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
-    # Libraries and models are there for good: looking through them for garbage would take 50 ms at times.
+    # Libraries and models live as long as the process: scanning them for garbage would take up to 50 ms.
     gc.collect()
     gc.freeze()
     executor = SingleThreadedExecutor()

@@ -1,4 +1,4 @@
-"""Who publishes on our topics what they should not: another type of message, or a state of their own."""
+"""Detection of publishers of a wrong message type, and of several publishers of one state."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ _MOST_TOLD = 4
 
 
 def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
-    """Return who publishes something else than `node` listens to; empty where nobody does.
+    """Return which nodes publish another type than `node` subscribes to; empty if none does.
 
-    ROS delivers none of that, and says nothing.
+    ROS drops such messages silently.
 
     Parameters
     ----------
     node : Node
-        Who listens.
+        The subscriber.
     topics : mapping
-        Types of the messages by the topics' names.
+        Message types by topic name.
     """
     return "; ".join(
         f"{topic}: expected {name}, {_told(sender)} publishes {printable(sender.topic_type)}"
@@ -34,10 +34,10 @@ def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
 
 
 def rival_senders(node: Node, topics: Collection[str]) -> str:
-    """Return on which of the `topics` of a state there is more than one publisher, and who they are.
+    """Return which of `topics`, each of which has one source, have several publishers, and their names.
 
-    Each tells of its own world, as two simulations on one domain do. One that was killed counts until DDS has
-    given it up, which takes 20 s.
+    Two simulations on one domain are an example. A publisher that was killed counts until DDS drops it after
+    20 s.
     """
     senders = {topic: [_told(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics}
     return "; ".join(
@@ -48,11 +48,11 @@ def rival_senders(node: Node, topics: Collection[str]) -> str:
 
 
 def _told(sender: TopicEndpointInfo) -> str:
-    """Return the name of a node that publishes."""
+    """Return the full name of a publishing node."""
     return f"{printable(sender.node_namespace.rstrip('/'))}/{printable(sender.node_name)}"
 
 
 def _name_of(kind: type) -> str:
-    """Return the name of a type of message, as in nav_msgs/msg/Odometry."""
+    """Return the name of a message type, such as nav_msgs/msg/Odometry."""
     package, folder, *_ = kind.__module__.split(".")
     return f"{package}/{folder}/{kind.__name__}"

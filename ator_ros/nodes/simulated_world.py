@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ator_ros.geometry import Pose
 from ator_ros.nodes import checks
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.base_controller import COMMAND_TIMEOUT
-from ator_ros.simulation.pioneer import PioneerSimulation
 from ator_ros.simulation.sensors import Sensors
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 _STANDING_V, _STANDING_W = 0.02, 0.05
@@ -30,13 +31,13 @@ class SimulatedWorld:
     Parameters
     ----------
     robot : Robot
-        Shape, masses, limits, with ball and field.
+        Shape, masses, limits, with its scene.
     sensors : Sensors
         What is observed of the world.
     robot_start : Pose
         Of the robot, at the start and after a reset.
-    ball_start : tuple of float
-        Position of the ball (x, y) in m then.
+    object_starts : mapping of str to (x, y)
+        Positions in m of the objects then, by name.
 
     Raises
     ------
@@ -45,20 +46,27 @@ class SimulatedWorld:
     """
 
     def __init__(
-        self, robot: Robot, sensors: Sensors, *, robot_start: Pose, ball_start: tuple[float, float]
+        self,
+        robot: Robot,
+        sensors: Sensors,
+        *,
+        robot_start: Pose,
+        object_starts: Mapping[str, tuple[float, float]],
     ) -> None:
         self._robot = robot
         self._sensors = sensors
         self._robot_start = robot_start
-        self._ball_start = ball_start
+        self._object_starts = object_starts
         self._check_inside(robot_start.x, robot_start.y, "robot_start")
-        self._check_inside(*ball_start, "ball_start")
-        self._simulation = PioneerSimulation(robot)
+        for name, place in object_starts.items():
+            self._check_inside(*place, f"{name}_start")
+        self._simulation = Simulation(robot)
         self._begin()
 
     def _begin(self) -> None:
         self._simulation.place_robot(self._robot_start)
-        self._simulation.place_ball(*self._ball_start)
+        for name, place in self._object_starts.items():
+            self._simulation.place_object(name, *place)
         self._commanded, self._command = -math.inf, STOP
         self._driven: float | None = None
         self.answered = self._told = False
@@ -103,7 +111,7 @@ class SimulatedWorld:
     def reset(self) -> None:
         """Make a new world; its time starts at 0."""
         self._simulation.close()
-        self._simulation = PioneerSimulation(self._robot)
+        self._simulation = Simulation(self._robot)
         self._begin()
 
     def place_robot(self, pose: Pose, *, v: float, w: float) -> None:
@@ -121,8 +129,8 @@ class SimulatedWorld:
         self._simulation.place_robot(pose, v=v, w=w)
         self._changed()
 
-    def place_ball(self, x: float, y: float, *, vx: float, vy: float) -> None:
-        """Put the ball on the floor at (x, y) m, rolling at (vx, vy) m/s.
+    def place_object(self, name: str, x: float, y: float, *, vx: float, vy: float) -> None:
+        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
 
         Raises
         ------
@@ -130,21 +138,20 @@ class SimulatedWorld:
             Outside the floor, or faster than 10 m/s.
         """
         self._check_inside(x, y, "position.point")
-        for name, value in (("x", vx), ("y", vy)):
+        for axis, value in (("x", vx), ("y", vy)):
             checks.number(
-                value, f"velocity.{name}", low=-checks.FASTEST_OBJECT, high=checks.FASTEST_OBJECT, unit="m/s"
+                value, f"velocity.{axis}", low=-checks.FASTEST_OBJECT, high=checks.FASTEST_OBJECT, unit="m/s"
             )
-        self._simulation.place_ball(x, y, vx=vx, vy=vy)
+        self._simulation.place_object(name, x, y, vx=vx, vy=vy)
         self._changed()
 
-    def remove_ball(self) -> None:
-        """Take the ball off the field."""
-        self._simulation.remove_ball()
+    def remove_object(self, name: str) -> None:
+        """Take an object off the floor."""
+        self._simulation.remove_object(name)
         self._changed()
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
-        field = self._robot.field
-        x_most, y_most = field.length / 2 + field.margin, field.width / 2 + field.margin
+        x_most, y_most = self._robot.scene.area.floor
         checks.number(x, f"{where}.x", low=-x_most, high=x_most, unit="m")
         checks.number(y, f"{where}.y", low=-y_most, high=y_most, unit="m")
 

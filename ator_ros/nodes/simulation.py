@@ -1,10 +1,10 @@
-"""The node `simulation`: the simulated Pioneer, a ball and a field on ROS."""
+"""The node `simulation`: a simulated robot and the objects of a domain on ROS."""
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -15,46 +15,20 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.srv import PlaceBall, PlaceRobot
-from ator_ros.geometry import Pose
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.parameters import ROBOT, Parameter, SetupError, declare_parameters, digest_of, robot_of
+from ator_ros.nodes.parameters import (
+    OBJECT,
+    declare_with_domain,
+    digest_of,
+    robot_of,
+)
 from ator_ros.nodes.qos import LATCHED, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
-from ator_ros.nodes.simulated_world import SimulatedWorld
-from ator_ros.robot.ball import ball_of
-from ator_ros.simulation.bodies import robot_urdf
-from ator_ros.simulation.pioneer import TICK
-from ator_ros.simulation.sensors import SensorConfig, Sensors
-
-PARAMETERS = (
-    Parameter("frame", "odom", "frame of poses and of the ball"),
-    Parameter("robot_frame", "base_link", "frame of the robot, in the middle of its axle"),
-    ROBOT,
-    Parameter(
-        "real_time_factor",
-        1.0,
-        "simulated per real seconds; 0: as fast as possible",
-        0.0,
-        100.0,
-        smallest=0.001,
-    ),
-    Parameter("command_wait", 0.3, "real s that a tick waits for a command, where it waits", 0.0, 10.0),
-    Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
-    Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
-    Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
-    Parameter("robot_start", [-2.0, 0.0, 0.0], "pose of the robot after a reset: x, y in m, yaw in rad"),
-    Parameter("ball_start", [0.0, 0.0], "position of the ball after a reset: x, y in m"),
-    Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
-    Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
-    Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
-    Parameter("ball_noise", 0.0, "error of the ball's coordinates in m", 0.0, 1.0),
-    Parameter("ball_velocity_noise", 0.0, "error of the ball's velocity in m/s", 0.0, 1.0),
-    Parameter("ball_delay", 0.0, "age of what is known of the ball in simulated s", 0.0, 5.0),
-    Parameter("ball_dropouts", 0.0, "probability that the ball is not seen in a tick", 0.0, 0.99),
-    Parameter("latency", 0.0, "simulated s after which odom and ball come, with their stamps", 0.0, 0.3),
-)
+from ator_ros.nodes.simulation_settings import parameters_for, world_of
+from ator_ros.simulation.simulation import TICK
+from ator_ros.simulation.urdf import robot_urdf
 
 _FASTEST_PERIOD = 0.0005
 _PAUSED_PERIOD = 0.05
@@ -62,22 +36,24 @@ _WARNING_PERIOD = 2.0
 
 
 class SimulationNode(Node):
-    """Simulates one Pioneer in one world; 20 ticks a second of simulated time.
+    """Simulates one robot in one world; 20 ticks a second of simulated time.
 
-    Parameters: see `PARAMETERS`; all are read at the start only.
+    Parameters: see `parameters_for`; all are read at the start only.
 
     Subscribes to
         cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
         after the last command the robot stands, as far as BaseController says.
     Publishes, every tick, as the sensors see it, stamped with the simulated time of what they see
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
-        ball (nav_msgs/Odometry): position and velocity, both in the header's frame; nothing without a ball.
+        the topic of each object of the domain (nav_msgs/Odometry): position and velocity,
+        both in the header's frame; nothing while the object is not there.
         /clock (rosgraph_msgs/Clock), when `publish_clock`.
     Publishes
         robot_description (std_msgs/String, transient local): URDF.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
-        place_robot, place_ball (ator_interfaces): teleport, with a velocity.
+        place_robot, and place_NAME of each object (ator_interfaces): teleport, with a
+        velocity.
         reset (std_srvs/Trigger): a new world; simulated time starts at 0 again.
         pause (std_srvs/SetBool): stop and resume simulated time; a paused world is still published.
 
@@ -87,12 +63,9 @@ class SimulationNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulation")
-        self._settings = declare_parameters(self, PARAMETERS)
+        self._settings = declare_with_domain(self, parameters_for)
         self._robot = robot_of(self._settings)
-        try:
-            self._world = self._make_world()
-        except ValueError as error:
-            raise SetupError(str(error)) from error
+        self._world = world_of(self._settings, self._robot)
         self._paused = False
         self._deadline, self._due = 0.0, False
         self._rejected = ""
@@ -109,23 +82,11 @@ class SimulationNode(Node):
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
         self.get_logger().info(f"simulating {self._robot.name} {speed}")
 
-    def _make_world(self) -> SimulatedWorld:
-        robot, ball = self._settings["robot_start"], self._settings["ball_start"]
-        checks.count(robot, "parameter robot_start", least=3, most=3)
-        checks.count(ball, "parameter ball_start", least=2, most=2)
-        yaw = checks.position(robot[2], "parameter robot_start: yaw")
-        names = (field.name for field in dataclasses.fields(SensorConfig))
-        config = SensorConfig(**{name: self._settings[name] for name in names})
-        return SimulatedWorld(
-            self._robot,
-            Sensors(config, self._settings["seed"]),
-            robot_start=Pose(robot[0], robot[1], yaw),
-            ball_start=(ball[0], ball[1]),
-        )
-
     def _offer_topics(self) -> None:
         self._odom = self.create_publisher(Odometry, "odom", SENSOR_DATA)
-        self._ball = self.create_publisher(Odometry, "ball", SENSOR_DATA)
+        self._objects = {
+            name: self.create_publisher(Odometry, name, SENSOR_DATA) for name in self._robot.scene.objects
+        }
         self._clock_publisher = None
         if self._settings["publish_clock"]:
             self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
@@ -135,13 +96,14 @@ class SimulationNode(Node):
         self.create_subscription(self._command_type, "cmd_vel", self._command, SENSOR_DATA)
 
     def _offer_services(self) -> None:
-        for kind, name, handle in (
-            (PlaceRobot, "place_robot", self._place_robot),
-            (PlaceBall, "place_ball", self._place_ball),
-            (Trigger, "reset", self._reset),
-            (SetBool, "pause", self._pause),
-        ):
-            self.create_service(kind, name, self._guarded(handle), qos_profile=SERVICES)
+        self._offer_service(PlaceRobot, "place_robot", self._place_robot)
+        for name in self._objects:
+            self._offer_service(PlaceBall, f"place_{name}", partial(self._place_object, name))
+        self._offer_service(Trigger, "reset", self._reset)
+        self._offer_service(SetBool, "pause", self._pause)
+
+    def _offer_service(self, kind: type[Any], name: str, handle: Callable[[Any], str]) -> None:
+        self.create_service(kind, name, self._guarded(handle), qos_profile=SERVICES)
 
     # Time
 
@@ -168,11 +130,11 @@ class SimulationNode(Node):
         world, frame = self._world.observed, self._settings["frame"]
         if self._clock_publisher is not None:
             self._clock_publisher.publish(Clock(clock=conversions.stamp_of(self._world.time)))
-        # The ball comes first, so that who acts on odom has the ball of the same tick.
-        ball = ball_of(world)
-        if ball is not None:
-            height = self._robot.ball.radius
-            self._ball.publish(conversions.object_odometry_of(world.time, ball, frame=frame, height=height))
+        # Objects come first, so that who acts on odom has the objects of the same tick.
+        for name, there in world.objects.items():
+            height = self._robot.scene.radius(name)
+            message = conversions.object_odometry_of(world.time, there, frame=frame, height=height)
+            self._objects[name].publish(message)
         robot_frame = self._settings["robot_frame"]
         odometry = conversions.odometry_of(world.time, world.robot, frame=frame, child=robot_frame)
         self._odom.publish(odometry)
@@ -221,15 +183,15 @@ class SimulationNode(Node):
         self._world.place_robot(pose, v=request.v, w=request.w)
         return f"robot at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
 
-    def _place_ball(self, request: PlaceBall.Request) -> str:
+    def _place_object(self, name: str, request: PlaceBall.Request) -> str:
         if request.remove:
-            self._world.remove_ball()
-            return "ball removed"
+            self._world.remove_object(name)
+            return f"{name} removed"
         frame = self._settings["frame"]
         checks.frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
         point, velocity = request.position.point, request.velocity
-        self._world.place_ball(point.x, point.y, vx=velocity.x, vy=velocity.y)
-        return f"ball at x {point.x:.3f} m, y {point.y:.3f} m"
+        self._world.place_object(name, point.x, point.y, vx=velocity.x, vy=velocity.y)
+        return f"{name} at x {point.x:.3f} m, y {point.y:.3f} m"
 
     def _reset(self, _: Trigger.Request) -> str:
         self._world.reset()
@@ -263,4 +225,4 @@ class SimulationNode(Node):
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    run_node(SimulationNode, PARAMETERS, args)
+    run_node(SimulationNode, parameters_for([OBJECT]), args)

@@ -1,8 +1,8 @@
-"""Requests that are under way at once, in turns of a millisecond (without ROS; the clock is passed in).
+"""Fair scheduling of concurrent requests in turns of a millisecond (without ROS; the clock is passed in).
 
-A turn goes to the request that has had the least time, in coarse shares, so that a short one is not delayed
-by long ones. Every fourth turn goes to the oldest whose time is up, so that long ones are answered however
-many short ones come.
+The request that has had the least time, counted in coarse shares, is served next, so that long requests do
+not delay short ones. Every fourth turn goes to the oldest request that is past its deadline, so that long
+requests are answered however many short ones come.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import Any
 from ator_ros.refinement.slices import Slices
 
 TURN = 0.001
-"""s after which a request hands over to the next, at the end of its slice."""
+"""Length of a turn in s; it ends with the slice of work in which this is exceeded."""
 SHARE = 0.008
-"""s that small requests may have had and still go before larger ones that have had less."""
+"""Resolution in s of the time that a request has had; within one share the smaller request goes first."""
 _FOURTH = 4
 
 
 @dataclass(slots=True, eq=False)
 class _Job:
-    """A request under way: its work, who takes its result, its size, when it came, the time it has had."""
+    """A request: its work, the callback for its result, its size, and its arrival and time had in s."""
 
     work: Slices[Any]
     finish: Callable[[Any], None]
@@ -33,36 +33,36 @@ class _Job:
 
     @property
     def rank(self) -> tuple[int, int]:
-        """Less is more urgent: the shares it has had, then its size."""
+        """Sort key: the shares it has had, then its size; the least is served first."""
         return int(self.had / SHARE), self.size
 
 
 class Turns:
-    """Does the work of several requests in turns.
+    """Serves several requests in turns.
 
     Parameters
     ----------
     clock : callable
         Returns the time in s.
     deadline : float
-        s after its coming when a request's time is up.
+        Time in s from a request's arrival to its deadline.
     most : int
-        How many requests may be under way at once.
+        Greatest number of concurrent requests.
     """
 
     def __init__(self, clock: Callable[[], float], *, deadline: float, most: int) -> None:
         self._clock, self._deadline, self._most = clock, deadline, most
-        self._jobs: list[_Job] = []  # in the order of their coming
-        self._given = 0  # turns while the time of one was up
+        self._jobs: list[_Job] = []  # in the order of arrival
+        self._given = 0  # turns since a request passed its deadline
 
     def __len__(self) -> int:
-        """Return how many requests are under way."""
+        """Return the number of requests under way."""
         return len(self._jobs)
 
     def add(self, work: Slices[Any], finish: Callable[[Any], None], *, size: int) -> bool:
-        """Begin a request whose result goes to `finish`; False if there are too many already.
+        """Add a request whose result goes to `finish`; return False if there are too many already.
 
-        Among requests that have had as many shares, those of a smaller `size` come first.
+        Among requests that have had the same number of shares, the one with the least `size` is served first.
         """
         if len(self._jobs) >= self._most:
             return False
@@ -70,7 +70,7 @@ class Turns:
         return True
 
     def work(self) -> None:
-        """Let one request have a turn; there must be one."""
+        """Give one request a turn; there must be one."""
         job = self._next()
         began = now = self._clock()
         while now - began < TURN:

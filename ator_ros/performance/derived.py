@@ -166,9 +166,10 @@ class Geometry:
     @cached_property
     def shot(self) -> Motions:
         """The fastest ideal motion with the ball to a run, at full speed, into the goal's mouth."""
-        d, width = self.direct, self.robot.field.goal_width
+        d, width = self.direct, self.robot.scene.bays[0].width
         back = RELEASE + self.robot.hold
         heading = np.where(d["xg"] > 0.0, 0.0, np.pi) + _SHOTS
         x = d["xg"] - back * np.cos(heading)
         y = d["yg"] + width * _AIMS - back * np.sin(heading)
-        return self._motions(shot_family(self.robot), x, y, heading, self.robot.dribble_limits.v + 0.0 * x)
+        fastest = self.robot.holder_for("a shot").limits.v
+        return self._motions(shot_family(self.robot), x, y, heading, fastest + 0.0 * x)

@@ -63,15 +63,15 @@ class Range:
 
 
 def _speed_domain(robot: Robot, goal: Goal) -> Range:
-    limits = robot.dribble_limits if goal.point is Point.HOLD else robot.limits
+    limits = robot.holder_for("a goal of the hold").limits if goal.point is Point.HOLD else robot.limits
     return Range(0.0, min(limits.v, ARRIVAL_SPEED), 6, rest=0.0)
 
 
 #: Range of each goal variable; a new goal variable is a new row, here or in what is given to the refiner.
 DOMAINS: Mapping[str, Callable[[Robot, Goal], Range]] = MappingProxyType(
     {
-        "x": lambda robot, _: Range(-robot.field.length / 2, robot.field.length / 2, 16),
-        "y": lambda robot, _: Range(-robot.field.width / 2, robot.field.width / 2, 10),
+        "x": lambda robot, _: Range(-robot.scene.area.length / 2, robot.scene.area.length / 2, 16),
+        "y": lambda robot, _: Range(-robot.scene.area.width / 2, robot.scene.area.width / 2, 10),
         "yaw": lambda *_: Range(-math.pi, math.pi, 36, periodic=True),
         "speed": _speed_domain,
     }

@@ -113,7 +113,7 @@ def paths(robot: Robot, runs: Mapping[str, Mapping[str, Any]], start: Sequence[f
     """
     figure = new_figure(4.4, 2.9)
     axes = figure.add_subplot()
-    length, width = robot.field.length, robot.field.width
+    length, width = robot.scene.area.length, robot.scene.area.width
     lines = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * [length / 2.0, width / 2.0]
     axes.plot(*lines.T, color=GREY, lw=0.8)
     for (name, run), colour in zip(runs.items(), (ORANGE, BLUE), strict=False):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ator_ros.evaluation.chain_run import TIME_LIMIT
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.statistics import EQUAL
 from ator_ros.report import charts
 from ator_ros.report.drawing import svg_text
 from ator_ros.report.page import cards, figure, paragraph, section, table
+from ator_ros.simulation.run import TIME_LIMIT
 
 PAPER_TABLE = (
     ("Before filtering, paper: runs", "1000", "533", "369", "98"),

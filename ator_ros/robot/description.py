@@ -1,4 +1,4 @@
-"""The robot's shape and limits, the ball and the field, read from `config/pioneer.yaml`."""
+"""The description of a differential-drive robot and of the scene around it."""
 
 from __future__ import annotations
 
@@ -6,51 +6,26 @@ import dataclasses
 import hashlib
 import json
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import yaml
-
-from ator_ros.files import read_text
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
-from ator_ros.world.state import Field, ObjectState, World
+from ator_ros.robot import former_names
+from ator_ros.robot.description_file import ConfigError, Structure, read_yaml
+from ator_ros.world.scene import Scene
+from ator_ros.world.state import World
 
-T = TypeVar("T")
-_STANDING = 1e-3  # m/s up to which a ball counts as standing
-# What PyYAML raises on malformed dates, tagged values and deep nesting.
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    RecursionError,
-    yaml.YAMLError,
-)
+__all__ = ["ConfigError", "Holder", "Limits", "NoHolderError", "Robot", "load_robot"]
+
+SHIPPED = ("config", "pioneer.yaml")
+"""The description that is used where no other is named."""
 
 
-_LARGEST = 100_000  # bytes of a description; ours has 2 kB
-# Plausible ranges: learned features, tables of turns and the physics rely on them.
-_LENGTH = (0.001, 10.0)
-_BOUNDS: dict[str, tuple[float, float]] = {
-    **dict.fromkeys(("mass", "wheel_torque"), (0.001, 10_000.0)),
-    "motor_time_constant": (0.0001, 10.0),
-    "v": (0.01, 5.0),  # tables of turns grow with it
-    "w": (0.01, 50.0),
-    **dict.fromkeys(("a", "brake"), (0.01, 100.0)),
-    "aw": (0.01, 1000.0),
-    "rolling_deceleration": (0.001, 100.0),
-    "restitution": (0.0001, 1.0),
-    **dict.fromkeys(("length", "width", "goal_width", "goal_depth", "margin"), (0.001, 1000.0)),
-}
-
-
-class ConfigError(ValueError):
-    """A configuration file that cannot be used; the message names file, field and expectation."""
+class NoHolderError(ConfigError):
+    """Something that needs a holder was asked of a robot that has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,28 +52,37 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Ball:
-    """The ball: radius in m, mass in kg, deceleration in m/s^2 when it rolls freely, restitution."""
+class Holder:
+    """Two parallel fingers at the robot's front, which hold a round object from the sides.
 
+    Attributes
+    ----------
+    length, gap, thickness : float
+        Of the fingers, in m; the gap is between their inner sides.
+    radius : float
+        Radius in m of the object that is held.
+    limits : Limits
+        For commands while it is held.
+    """
+
+    length: float
+    gap: float
+    thickness: float
     radius: float
-    mass: float
-    rolling_deceleration: float
-    restitution: float
+    limits: Limits
 
-    def at_rest(self, ball: ObjectState) -> ObjectState:
-        """Return the state in which the ball comes to rest if nothing stops it before."""
-        if ball.speed < _STANDING:
-            return ball
-        seconds = ball.speed / (2.0 * self.rolling_deceleration)
-        return ObjectState(ball.x + ball.vx * seconds, ball.y + ball.vy * seconds)
+    @property
+    def half_width(self) -> float:
+        """Distance in m from the robot's middle axis to the outside of a finger."""
+        return self.gap / 2 + self.thickness
 
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """A differential-drive robot whose front holds a ball between two fins.
+    """A differential-drive robot, perhaps with a holder, and the scene that it is in.
 
-    Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `limits` holds
-    for the base, `dribble_limits` for commands with the ball in front.
+    Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `limits` holds for the
+    base.
     """
 
     name: str
@@ -108,28 +92,52 @@ class Robot:
     front: float
     rear: float
     half_width: float
-    fin_length: float
-    fin_gap: float
-    fin_thickness: float
     wheel_torque: float
     motor_time_constant: float
     limits: Limits
-    dribble_limits: Limits
-    ball: Ball
-    field: Field
+    scene: Scene
+    holder: Holder | None = None
+
+    @property
+    def holder_length(self) -> float:
+        """Length in m by which the holder stands out; 0 without one."""
+        return self.holder.length if self.holder else 0.0
+
+    @property
+    def tip(self) -> float:
+        """Distance in m from the axle to the foremost line of the robot."""
+        return self.front + self.holder_length
+
+    @property
+    def tip_half_width(self) -> float:
+        """Distance in m from the middle axis to the side of the foremost part, the holder if there is one."""
+        return self.holder.half_width if self.holder else self.half_width
 
     @property
     def hold(self) -> float:
-        """Distance in m from the axle to the centre of a ball that lies against the front."""
-        return self.front + self.ball.radius
+        """Distance in m from the axle to the centre of an object that is held; `front` without a holder."""
+        return self.front + (self.holder.radius if self.holder else 0.0)
 
     @property
     def reach(self) -> float:
-        """Distance in m from the axle to the farthest point of the robot, the tip of a fin."""
-        return math.hypot(self.front + self.fin_length, self.fin_gap / 2 + self.fin_thickness)
+        """Distance in m from the axle to the farthest point of the robot."""
+        body = math.hypot(max(self.front, self.rear), self.half_width)
+        return max(math.hypot(self.tip, self.tip_half_width), body)
+
+    def holder_for(self, what: str) -> Holder:
+        """Return the holder, which `what` needs.
+
+        Raises
+        ------
+        NoHolderError
+            The robot has none.
+        """
+        if self.holder is None:
+            raise NoHolderError(f"{what} needs a holder; robot {self.name} has none")
+        return self.holder
 
     def hold_point(self, pose: Pose) -> Pose:
-        """Return the pose of the hold (where a held ball's centre lies) of a robot at `pose`."""
+        """Return the pose of the hold (where a held object's centre lies) of a robot at `pose`."""
         return pose.ahead(self.hold)
 
     def hold_offset(self, world: World, name: str) -> float:
@@ -140,90 +148,49 @@ class Robot:
         hold = self.hold_point(world.robot.pose)
         return math.hypot(there.x - hold.x, there.y - hold.y)
 
-    def pose_holding(self, ball: Pose) -> Pose:
-        """Return the robot's pose that holds a ball at (ball.x, ball.y) with heading ball.yaw."""
-        return ball.ahead(-self.hold)
+    def pose_holding(self, there: Pose) -> Pose:
+        """Return the robot's pose that holds an object at (there.x, there.y) with heading there.yaw."""
+        return there.ahead(-self.hold)
+
+    def sections(self) -> dict[str, Any]:
+        """Return the sections of a file that describes this robot and its scene."""
+        robot = dataclasses.asdict(self)
+        scene = robot.pop("scene")
+        return {"robot": robot, "scene": scene}
 
     def digest(self) -> str:
         """Return a short digest of the whole description, stored with everything that is learned."""
-        text = json.dumps(dataclasses.asdict(self), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        content = former_names.in_former_names(dataclasses.asdict(self))
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def load_robot(path: Path | str | None = None) -> Robot:
-    """Read the robot's description.
+    """Read the description of a robot and of the scene around it.
 
     Parameters
     ----------
     path : Path or str, optional
-        A YAML file; by default the shipped `config/pioneer.yaml`.
+        A YAML file; by default the shipped one.
 
     Raises
     ------
     ConfigError
         The file cannot be read, or a field is missing, unknown or out of its range.
     """
-    file = Path(path) if path is not None else resource_path("config", "pioneer.yaml")
-    try:
-        data = yaml.load(read_text(file, _LARGEST), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
-    except _UNREADABLE as error:
-        raise ConfigError(f"{file}: expected a readable YAML file: {error}") from error
-    root = _section(data, "", file, {"robot", "ball", "field"})
-    robot = dict(_section(root["robot"], "robot", file, None))
-    for name in ("limits", "dribble_limits"):
-        robot[name] = _build(Limits, robot.get(name), f"robot.{name}", file)
-    robot["ball"] = _build(Ball, root["ball"], "ball", file)
-    robot["field"] = _build(Field, root["field"], "field", file)
-    return _build(Robot, robot, "robot", file)
+    file = Path(path) if path is not None else resource_path(*SHIPPED)
+    data = read_yaml(file)
+    is_former = isinstance(data, Mapping) and "scene" not in data and set(data) & former_names.SECTIONS
+    structure = Structure(file, former_names.SHOWN if is_former else {})
+    if is_former:
+        data = _from_former(structure, data)
+    root = structure.section(data, "", {"robot", "scene"}, frozenset())
+    scene = structure.build(Scene, root["scene"], "scene")
+    return structure.build(Robot, root["robot"], "robot", scene=scene)
 
 
-class _PlainLoader(yaml.SafeLoader):
-    """Reads YAML without aliases, with which a few lines name billions of values."""
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Refuse an alias."""
-        if self.check_event(yaml.AliasEvent):
-            event = self.get_event()  # type: ignore[no-untyped-call]
-            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
-        return super().compose_node(parent, index)
-
-
-def _section(data: Any, where: str, file: Path, keys: set[str] | None) -> Mapping[str, Any]:
-    if not isinstance(data, Mapping):
-        raise ConfigError(f"{file}: {where or 'top level'}: expected a mapping, got {type(data).__name__}")
-    if keys is not None and set(data) != keys:
-        wrong = sorted(str(key) for key in set(data) ^ keys)
-        raise ConfigError(
-            f"{file}: {where or 'top level'}: expected the fields {sorted(keys)}; "
-            f"missing or unknown: {_short(wrong)}"
-        )
-    return data
-
-
-def _build(kind: type[T], data: Any, where: str, file: Path) -> T:
-    fields = dataclasses.fields(kind)  # type: ignore[arg-type]
-    section = _section(data, where, file, {field.name for field in fields})
-    return kind(**{field.name: _value(field, section[field.name], where, file) for field in fields})
-
-
-def _value(field: dataclasses.Field[Any], value: Any, where: str, file: Path) -> Any:
-    if field.type == "str":
-        if not isinstance(value, str):
-            raise ConfigError(f"{file}: {where}.{field.name}: expected a text, got {_short(value)}")
-        return value
-    if field.type != "float":
-        return value
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not 0.0 < value <= sys.float_info.max:
-        raise ConfigError(f"{file}: {where}.{field.name}: expected a positive number, got {_short(value)}")
-    low, high = _BOUNDS.get(field.name, _LENGTH)
-    if not low <= value <= high:
-        raise ConfigError(
-            f"{file}: {where}.{field.name}: expected a number from {low:g} to {high:g}, got {value:g}"
-        )
-    return float(value)
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 200 else f"{text[:200]}..."
+def _from_former(structure: Structure, data: Any) -> Mapping[str, Any]:
+    root = structure.section(data, "", {"robot", *former_names.SECTIONS}, frozenset())
+    own = {field.name for field in dataclasses.fields(Robot)} - {"scene", "holder"}
+    structure.section(root["robot"], "robot", own | former_names.HOLDER_FIELDS, frozenset())
+    structure.section(root["field"], "field", former_names.FIELDS, frozenset())
+    return former_names.from_former(root)

@@ -33,7 +33,7 @@ class Foresight:
     def __init__(self, robot: Robot, latency: float) -> None:
         self._limits = robot.limits
         self._latency = latency
-        self._sent: deque[tuple[float, Command]] = deque()
+        self._sent: deque[tuple[float, Command | None]] = deque()
         self._held_back = False
 
     def reset(self) -> None:
@@ -41,21 +41,24 @@ class Foresight:
         self._sent.clear()
         self._held_back = False
 
-    def sent(self, time: float, command: Command) -> None:
-        """Record a command sent for the state of `time` (s); a later one for the same state replaces it."""
+    def sent(self, time: float, command: Command | None) -> None:
+        """Record a command sent for the state of `time` (s); a later one for the same state replaces it.
+
+        None: somebody else moves the robot, which is predicted to keep its velocity.
+        """
         self._forget(time)
         while self._sent and self._sent[-1][0] >= time:
             self._sent.pop()
         self._sent.append((time, command))
 
-    def punctual(self, robot: RobotState, command: Command, took: float) -> Command:
+    def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
         """Return the command to send for `command`, which took `took` s to compute, in the predicted state.
 
         A robot at rest is not started by a late command, as after long planning: it would be predicted to
         drive before it does. It starts with the command for the next state instead, even if that is late
         too, so that it also starts on a computer that is always late.
         """
-        late = self._latency > 0.0 and robot.is_still and took > _PROMPT
+        late = command is not None and self._latency > 0.0 and robot.is_still and took > _PROMPT
         self._held_back = late and not self._held_back
         return STOP if self._held_back else command
 

@@ -1,1 +1,1 @@
-"""The simulated Pioneer, the ball and the field."""
+"""Simulated robots, objects and sensors."""

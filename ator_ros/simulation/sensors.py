@@ -1,19 +1,46 @@
-"""What a robot's sensors make of the true state: odometry drift, a noisy and late ball, dropouts."""
+"""What a robot's sensors make of the true state: odometry drift, noisy and late objects, dropouts."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import ball_of, objects_of
 from ator_ros.world.state import ObjectState, World
 
 _TELEPORT = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """How the robot sees an object; the default is the truth.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation in m of each coordinate.
+    velocity_noise : float
+        Standard deviation in m/s of each component of the velocity.
+    delay : float
+        Time in s from seeing the object to knowing it, rounded up to a tick.
+    dropouts : float
+        Probability in [0, 1) that the object is not seen in a tick.
+    """
+
+    noise: float = 0.0
+    velocity_noise: float = 0.0
+    delay: float = 0.0
+    dropouts: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self)
+        if self.dropouts >= 1.0:
+            raise ValueError(f"sensors: dropouts: expected less than 1, got {self.dropouts}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,55 +53,92 @@ class SensorConfig:
         Standard deviation in m of the odometry's position after 1 m of driving; grows with the root of it.
     heading_drift : float
         Standard deviation in rad of the odometry's heading after 1 m of driving; grows alike.
-    ball_noise : float
-        Standard deviation in m of each coordinate of the ball.
-    ball_velocity_noise : float
-        Standard deviation in m/s of each component of the ball's velocity.
-    ball_delay : float
-        Time in s from seeing the ball to knowing it, rounded up to a tick.
-    ball_dropouts : float
-        Probability in [0, 1) that the ball is not seen in a tick.
     latency : float
-        Time in s from a state to word of it, rounded up to a tick: odometry and ball come that late, with the
-        time of the state; what `ball_delay` delays is late by both. The first state, and the first after a
-        reset or when something was placed, is told at once, and then for that time nothing newer.
+        Time in s from a state to word of it, rounded up to a tick: odometry and objects come that late, with
+        the time of the state; what `Sight.delay` delays is late by both. The first state, and the first after
+        a reset or when something was placed, is told at once, and then for that time nothing newer.
+    objects : mapping of str to Sight
+        How each object is seen, by its name; one that is not named is seen as it is.
     """
 
     drift: float = 0.0
     heading_drift: float = 0.0
-    ball_noise: float = 0.0
-    ball_velocity_noise: float = 0.0
-    ball_delay: float = 0.0
-    ball_dropouts: float = 0.0
     latency: float = 0.0
+    objects: Mapping[str, Sight] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ValueError(
-                    f"sensors: {field.name}: expected a number that is not negative, got {value!r}"
-                )
-        if self.ball_dropouts >= 1.0:
-            raise ValueError(f"sensors: ball_dropouts: expected less than 1, got {self.ball_dropouts}")
+        _check(self)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the truth is observed."""
+        seen_truly = all(sight == Sight() for sight in self.objects.values())
+        return seen_truly and not (self.drift or self.heading_drift or self.latency)
 
 
-#: What a real robot has to live with: odometry that drifts, a camera that sees the ball within 3 cm and late.
-REALISTIC = SensorConfig(
-    drift=0.02,
-    heading_drift=0.01,
-    ball_noise=0.015,
-    ball_velocity_noise=0.05,
-    ball_delay=0.1,
-    ball_dropouts=0.05,
-)
+def _check(config: Sight | SensorConfig) -> None:
+    """Make sure that all numbers of `config` are finite and not negative; raises ValueError."""
+    for item in dataclasses.fields(config):
+        value = getattr(config, item.name)
+        if not isinstance(value, Mapping) and not (math.isfinite(value) and value >= 0.0):
+            raise ValueError(f"sensors: {item.name}: expected a number that is not negative, got {value!r}")
+
+
+#: What a real robot has to live with: a camera that sees an object within 3 cm and late, …
+REALISTIC_SIGHT = Sight(noise=0.015, velocity_noise=0.05, delay=0.1, dropouts=0.05)
+#: … and odometry that drifts.
+REALISTIC = SensorConfig(drift=0.02, heading_drift=0.01)
+
+
+class _Seeing:
+    """One object as it is seen.
+
+    From where it was seen last it is believed to have gone on at the velocity seen.
+    """
+
+    def __init__(self, sight: Sight, rng: np.random.Generator) -> None:
+        self._sight, self._rng = sight, rng
+        self._seen: deque[tuple[float, ObjectState]] = deque()
+        self._known: tuple[float, ObjectState] | None = None
+
+    def look(self, time: float, there: ObjectState | None, true: Pose, believed: Pose) -> ObjectState | None:
+        """Return what is believed at `time` (s) of an object that is `there`; None: nothing is known."""
+        numbers = self._rng.normal(size=4)
+        missed = self._rng.random() < self._sight.dropouts and self._known is not None
+        if there is None:
+            self._seen.clear()
+            self._known = None
+            return None
+        if not missed:
+            self._seen.append((time, self._measured(there, numbers.tolist(), true, believed)))
+        while self._seen and time - self._seen[0][0] >= self._sight.delay - 1e-9:
+            self._known = self._seen.popleft()
+        if self._known is None and self._seen:
+            self._known = self._seen[0]  # better than nothing, just after the object has appeared
+        if self._known is None:
+            return None
+        last, state = self._known
+        return state.after(time - last)
+
+    def _measured(self, there: ObjectState, numbers: list[float], true: Pose, believed: Pose) -> ObjectState:
+        """Return the object in the frame of the believed pose, with noise."""
+        sight = self._sight
+        moving = Pose(true.x + there.vx, true.y + there.vy, true.yaw)
+        place = believed.compose(true.relative(Pose(there.x, there.y, 0.0)))
+        velocity = believed.compose(true.relative(moving))
+        x, y, vx, vy = numbers
+        return ObjectState(
+            place.x + sight.noise * x,
+            place.y + sight.noise * y,
+            velocity.x - believed.x + sight.velocity_noise * vx,
+            velocity.y - believed.y + sight.velocity_noise * vy,
+        )
 
 
 class Sensors:
     """Observes a world, once per control tick.
 
-    The ball is seen from the robot, so that what is believed of it drifts with the odometry. From where it
-    was seen last it is believed to have gone on at the velocity seen.
+    Objects are seen from the robot, so that what is believed of them drifts with the odometry.
 
     Parameters
     ----------
@@ -93,8 +157,7 @@ class Sensors:
         """Forget the past: the next observation of the robot is true."""
         self._true: Pose | None = None
         self._believed = Pose(0.0, 0.0, 0.0)
-        self._seen: deque[tuple[float, ObjectState]] = deque()
-        self._known: tuple[float, ObjectState] | None = None
+        self._seeing = {name: _Seeing(sight, self._rng) for name, sight in self.config.objects.items()}
         self._coming: deque[World] = deque()
 
     def observe(self, world: World) -> World:
@@ -102,7 +165,7 @@ class Sensors:
 
         A robot that has jumped, as when it was placed, is believed to be where it is.
         """
-        if self.config == SensorConfig():
+        if self.config.exact:
             return world
         self._coming.append(self._believe(world))
         while len(self._coming) > 1 and world.time - self._coming[1].time >= self.config.latency - 1e-9:
@@ -114,7 +177,14 @@ class Sensors:
         self._believed = self._dead_reckoning(pose)
         self._true = pose
         robot = dataclasses.replace(world.robot, pose=self._believed)
-        return World(world.time, robot, objects_of(self._see(world)))
+        for name in world.objects:
+            if name not in self._seeing:
+                self._seeing[name] = _Seeing(Sight(), self._rng)
+        seen = {
+            name: seeing.look(world.time, world.objects.get(name), pose, self._believed)
+            for name, seeing in self._seeing.items()
+        }
+        return World(world.time, robot, {name: state for name, state in seen.items() if state is not None})
 
     def _dead_reckoning(self, pose: Pose) -> Pose:
         if self._true is None or self._true.distance(pose) > _TELEPORT:
@@ -125,37 +195,3 @@ class Sensors:
         drift, heading_drift = self.config.drift, self.config.heading_drift
         error = Pose(moved.x + drift * x, moved.y + drift * y, moved.yaw + heading_drift * yaw)
         return self._believed.compose(error)
-
-    def _see(self, world: World) -> ObjectState | None:
-        config = self.config
-        numbers = self._rng.normal(size=4)
-        missed = self._rng.random() < config.ball_dropouts and self._known is not None
-        ball = ball_of(world)
-        if ball is None:
-            self._seen.clear()
-            self._known = None
-            return None
-        if not missed:
-            self._seen.append((world.time, self._measured(world, ball, numbers.tolist())))
-        while self._seen and world.time - self._seen[0][0] >= config.ball_delay - 1e-9:
-            self._known = self._seen.popleft()
-        if self._known is None and self._seen:
-            self._known = self._seen[0]  # better than nothing, just after the ball has appeared
-        if self._known is None:
-            return None
-        time, ball = self._known
-        return ball.after(world.time - time)
-
-    def _measured(self, world: World, ball: ObjectState, numbers: list[float]) -> ObjectState:
-        """Return the ball in the frame of the believed pose, with noise."""
-        config, true = self.config, world.robot.pose
-        moving = Pose(true.x + ball.vx, true.y + ball.vy, true.yaw)
-        place = self._believed.compose(true.relative(Pose(ball.x, ball.y, 0.0)))
-        velocity = self._believed.compose(true.relative(moving))
-        x, y, vx, vy = numbers
-        return ObjectState(
-            place.x + config.ball_noise * x,
-            place.y + config.ball_noise * y,
-            velocity.x - self._believed.x + config.ball_velocity_noise * vx,
-            velocity.y - self._believed.y + config.ball_velocity_noise * vy,
-        )

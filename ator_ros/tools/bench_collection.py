@@ -61,6 +61,6 @@ def _seconds(episodes: int, divisor: int, workers: int, seed: int) -> float:
     """Return the wall time in s that `episodes` of each action take, divided by `divisor`."""
     actions = [SOCCER.actions()[name] for name in ACTIONS]
     began = time.perf_counter()
-    for _ in collect(actions, load_robot(), episodes=episodes, seed=seed, jobs=workers):
+    for _ in collect(actions, SOCCER.tops, load_robot(), episodes=episodes, seed=seed, jobs=workers):
         pass
     return (time.perf_counter() - began) / divisor

@@ -12,6 +12,7 @@ import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.opening import opening_of
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planning import SLICE, Search
@@ -19,7 +20,7 @@ from ator_ros.geometry import Pose
 from ator_ros.robot.ball import BALL, ball_of, objects_of
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.robot.ramp import ramped
-from ator_ros.world.state import Command, ObjectState, RobotState, World
+from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 LIMIT_MS = 40.0
 _TICKS = 40
@@ -73,8 +74,9 @@ def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
         times.append(time.process_time() - began)
         if step.status is not Status.RUNNING:
             break
-        world = _after(action.robot, world, step.command)
+        world = _after(action.robot, world, step.command or STOP)
         began = time.process_time()
+    action.end("measured")
     return times
 
 
@@ -96,8 +98,8 @@ def slices_of(action: PlannedAction, world: World, goal: Goal) -> list[list[int]
 def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, World, Goal]]:
     """Draw situations with posts, walls or the ball in the way: action, start and goal."""
     rng = np.random.default_rng(seed)
-    field = robot.field
-    x_most, y_most = field.length / 2 + field.margin, field.width / 2 + field.margin
+    field = field_of(robot)
+    x_most, y_most = robot.scene.area.floor
 
     def anywhere() -> Pose:
         return Pose(*(float(rng.uniform(-most, most)) for most in (x_most, y_most, math.pi)))
@@ -129,7 +131,7 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
             pose = at_post() if rng.random() < 0.5 else anywhere()
             ball, v = (
                 robot.hold_point(pose),
-                float(rng.integers(2) * rng.uniform(0.0, robot.dribble_limits.v)),
+                float(rng.integers(2) * rng.uniform(0.0, robot.holder_for("dribbling").limits.v)),
             )
             world = World(0.0, RobotState(pose, v), {BALL: ObjectState(ball.x, ball.y)})
             side = 1 if rng.random() < 0.5 else -1
@@ -144,7 +146,7 @@ def _after(robot: Robot, world: World, command: Command) -> World:
     speeds = ramped(Command(before.v, before.w), command, _PERIOD, robot.limits)
     moved = before.pose.ahead(speeds.v * _PERIOD)
     pose = moved._replace(yaw=moved.yaw + speeds.w * _PERIOD)
-    if ball is not None and robot.hold_offset(world, BALL) < robot.fin_length:
+    if ball is not None and robot.hold_offset(world, BALL) < robot.holder_length:
         hold = robot.hold_point(pose)
         ball = ObjectState(hold.x, hold.y)
     elif ball is not None:

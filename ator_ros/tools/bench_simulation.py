@@ -8,9 +8,10 @@ from collections.abc import Callable
 
 import pybullet as p
 
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
-from ator_ros.simulation.pioneer import CONTROL_RATE, RAMPS_PER_TICK, PioneerSimulation
+from ator_ros.simulation.simulation import CONTROL_RATE, RAMPS_PER_TICK, Simulation
 from ator_ros.world.state import Command
 
 LIMITS_TIMES_REAL_TIME = {"with ball contact": 100.0, "without a ball": 150.0}
@@ -39,22 +40,22 @@ def measure(blocks: int = 12) -> dict[str, dict[str, float]]:
     return results
 
 
-def _timed(loop: Callable[[PioneerSimulation, int], None], *, ball: bool) -> float:
+def _timed(loop: Callable[[Simulation, int], None], *, ball: bool) -> float:
     """Return how long `loop` takes for a block, in a world in which the robot drives in bends."""
     robot = load_robot()
-    with PioneerSimulation(robot) as simulation:
+    with Simulation(robot) as simulation:
         start = Pose(0.0, 0.0, 0.0)
         simulation.place_robot(start)
         if ball:
             held = robot.hold_point(start)
-            simulation.place_ball(held.x, held.y)
+            simulation.place_object(BALL, held.x, held.y)
         _drive(simulation, CONTROL_RATE)
         began = time.perf_counter()
         loop(simulation, round(_BLOCK_S * CONTROL_RATE))
         return time.perf_counter() - began
 
 
-def _drive(simulation: PioneerSimulation, ticks: int) -> None:
+def _drive(simulation: Simulation, ticks: int) -> None:
     bends = itertools.cycle(itertools.chain.from_iterable(itertools.repeat(c, CONTROL_RATE) for c in _SPEEDS))
     for command in itertools.islice(bends, ticks):
         simulation.command(command)
@@ -62,7 +63,7 @@ def _drive(simulation: PioneerSimulation, ticks: int) -> None:
         simulation.world()
 
 
-def _bare(simulation: PioneerSimulation, ticks: int) -> None:
+def _bare(simulation: Simulation, ticks: int) -> None:
     """Step the same world with the same settings, without our code: the wheels keep their last speeds."""
     for _ in range(ticks * RAMPS_PER_TICK):
         p.stepSimulation(physicsClientId=simulation._client)

@@ -22,7 +22,6 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import portable_command, reserved
-from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import (
     INTERRUPTED,
     add_domain,
@@ -71,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _collect(domain: Domain, options: argparse.Namespace, command: str) -> int:
     require_pyarrow()
-    robot = load_robot(options.robot)
+    robot = domain.robot(options.robot)
     actions = [domain.actions(options.action_set)[name] for name in options.actions]
     frames: list[pd.DataFrame] = []
     stopped: BaseException | None = None
@@ -79,6 +78,7 @@ def _collect(domain: Domain, options: argparse.Namespace, command: str) -> int:
     with reserved(options.out.absolute().parent, room), cluster(options.cluster):
         episodes = collect(
             actions,
+            domain.tops,
             robot,
             episodes=options.episodes,
             seed=options.seed,

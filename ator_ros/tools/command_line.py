@@ -26,6 +26,7 @@ from ator_ros.performance.model_file import ModelFileError
 from ator_ros.performance.training import TrainingError
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.robot.description import ConfigError
+from ator_ros.robot.probe_drive import DriveError
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
@@ -37,6 +38,7 @@ _EXPECTED = (
     BackendError,
     ConfigError,
     DomainError,
+    DriveError,
     EvaluationError,
     ExperienceError,
     ModelFileError,

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.chain_run import TIME_LIMIT, run_chain
+from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.statistics import OURS, prediction_errors
 from ator_ros.evaluation.toolset import ToolsetSource, make_toolset
@@ -23,6 +23,7 @@ from ator_ros.experience.table import library_versions
 from ator_ros.files import portable_command, write_text
 from ator_ros.nodes.machine import MachineError
 from ator_ros.robot.description import load_robot
+from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tools.command_line import INTERRUPTED, destination, whole
 from ator_ros.tools.processes import NodeEndedError, all_nodes
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.files import replaced
 from ator_ros.report.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure
 from ator_ros.robot.ball import ball_of
@@ -129,9 +130,9 @@ def save_picture(file: Path, robot: Robot, situations: Sequence[DemoSituation]) 
 
 
 def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
-    x, y = robot.field.length / 2.0, robot.field.width / 2.0
+    x, y = robot.scene.area.length / 2.0, robot.scene.area.width / 2.0
     axes.plot([-x, x, x, -x, -x], [-y, -y, y, y, -y], color=GREY, lw=0.8)
-    post = robot.field.goal_width / 2.0
+    post = field_of(robot).goal_width / 2.0
     axes.plot([x, x], [-post, post], color="black", lw=3.0)
     draw_robot(axes, robot, situation.start.robot.pose, "#333333")
     ball = ball_of(situation.start)

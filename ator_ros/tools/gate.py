@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ator_ros.domains.domain import Domain
+from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import RESUMES
@@ -16,7 +16,6 @@ from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, read_rows
 from ator_ros.files import portable_command, reserved
 from ator_ros.refinement.gate_file import save_gate
-from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import add_domain, add_parallel_options, domain_in, executed, guarded, whole
 
 _GATE_BYTES = 100_000
@@ -86,7 +85,8 @@ def refit_rulers(source: ToolsetSource, experience: Sequence[str]) -> None:
     """Refit the rulers' time models to the starts of successful episodes, and write them to the models."""
     tables = read_rows(experience)
     starts = {action: rows[(rows["t"] == 0.0) & rows["success"]] for action, rows in tables.items()}
-    save_baselines(source.folder() / BASELINES, starts, load_robot())
+    domain = find_domain(source.domain)
+    save_baselines(source.folder() / BASELINES, starts, domain.robot(), domain.tops)
 
 
 def _report(training: dict[str, Any], shipped: str, path: Path) -> None:

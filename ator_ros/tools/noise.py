@@ -19,7 +19,7 @@ from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import portable_command, write_text
 from ator_ros.robot.description import load_robot
-from ator_ros.simulation.sensors import REALISTIC
+from ator_ros.simulation.sensors import REALISTIC, REALISTIC_SIGHT
 from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
 
 
@@ -58,7 +58,8 @@ def _noise(options: argparse.Namespace, command: str) -> int:
         "policy": options.policy,
         "action_set": options.action_set,
         "robot_digest": load_robot().digest(),
-        "sensors": dataclasses.asdict(REALISTIC),
+        "sensors": dataclasses.asdict(REALISTIC)
+        | {"objects": dict.fromkeys(SOCCER.objects, dataclasses.asdict(REALISTIC_SIGHT))},
         "limit_points": POINTS,
         "chains": {chain: _measure(chain, options) for chain in options.chains},
     }

@@ -51,7 +51,7 @@ def episodes_at_rest(action: str, action_set: str, count: int, seed: int, jobs: 
     """Return the examples of `count` episodes at rest of one action."""
     spec = SOCCER.actions(action_set)[action]
     spec = dataclasses.replace(spec, sample=functools.partial(at_rest, spec.sample))
-    return join(collect([spec], load_robot(), episodes=count, seed=seed, jobs=jobs))
+    return join(collect([spec], SOCCER.tops, load_robot(), episodes=count, seed=seed, jobs=jobs))
 
 
 def document(options: argparse.Namespace, command: str) -> str:

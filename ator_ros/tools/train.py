@@ -23,7 +23,7 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
 from ator_ros.performance.training import TrainingError, digest, train
 from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
-from ator_ros.robot.description import Robot, load_robot
+from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_domain, destination, domain_in, guarded
 
 _MODELS_BYTES = 1_000_000
@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(domain: Domain, options: argparse.Namespace, command: str) -> int:
-    robot = load_robot(options.robot)
+    robot = domain.robot(options.robot)
     folder = options.models if options.models is not None else domain.shipped_models
     if options.rules:
         print(_rules(options, robot, folder))

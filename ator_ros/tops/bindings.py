@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ator_ros.actions.base import Point
-from ator_ros.tops.conditions import Condition
+from ator_ros.tops.conditions import Condition, Statement
 from ator_ros.tops.top import Top
 
 Variable = tuple[int, str]
@@ -60,7 +60,14 @@ def _after(top: Top, state: _State, step: int) -> _State:
     arrival = _arrival(top.point, step) if top.arrives else {}
     after = {**state, **arrival}
     others = (term for term in top.post.terms if term.variable not in arrival)
-    return after | {term.variable: _value(term.target, after, step) for term in others}
+    return after | {term.variable: _placed(term, _value(term.target, after, step)) for term in others}
+
+
+def _placed(term: Statement, target: _Value) -> _Value:
+    """Return what the variable of a term is once the term holds."""
+    if term.offset(1.0) == 0.0:
+        return target
+    return target._replace(text=f"{target.text} with {term}")
 
 
 def _arrival(point: Point, step: int) -> _State:

@@ -62,6 +62,9 @@ class TopChain:
         """Return in words why the chain is no valid plan from `world`; an empty list means that it is."""
         if not self.calls:
             return ["expected at least one step, got an empty chain"]
+        lacking = [reason for call in self.calls if (reason := call.top.lacks(robot))]
+        if lacking:
+            return lacking[:1]
         found = []
         for number, call in enumerate(self.calls, start=1):
             reasons = call.top.pre.violations(state_of(world, robot), goal_variables(call.goal))

@@ -1,7 +1,8 @@
-"""Conditions as data: which variables have which values, to which tolerance (paper, section 2.1)."""
+"""Conditions as data: the values of variables with tolerances or ranges (paper, section 2.1)."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -29,21 +30,114 @@ class Term:
     target: str | float
     tolerance: float
 
-    def error(self, state: State, goal: Mapping[str, float]) -> float | None:
-        """Return how far the variable is from its target; None where one of the two is unknown."""
-        value = state.get(self.variable)
-        target = lookup(self.target, state, goal) if isinstance(self.target, str) else self.target
-        if value is None or target is None:
+    @property
+    def places(self) -> bool:
+        """Whether the variable lies at its target."""
+        return True
+
+    def excess(self, state: State, goal: Mapping[str, float]) -> float | None:
+        """Return how far the variable is beyond the tolerance, 0 within; None if one of them is unknown."""
+        difference = _difference(self, state, goal)
+        return None if difference is None else max(0.0, abs(difference) - self.tolerance)
+
+    def violation(self, state: State, goal: Mapping[str, float]) -> str | None:
+        """Return in words why the term does not hold; None where it holds."""
+        difference = _difference(self, state, goal)
+        if difference is None:
+            return f"expected {self.variable} near {self.target}, but one of them is unknown"
+        if abs(difference) <= self.tolerance:
             return None
-        difference = value - target
-        return abs(wrap_angle(difference) if self.variable.endswith("yaw") else difference)
+        return (
+            f"expected {self.variable} within {self.tolerance:g} of {self.target}, "
+            f"it is {abs(difference):.3g} off"
+        )
+
+    def offset(self, target: float) -> float:  # noqa: ARG002
+        """Return the difference from `target` that the variable has once this holds: none."""
+        return 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """One statement of a condition: a variable lies in a range about a target.
+
+    Attributes
+    ----------
+    variable : str
+        A state variable, such as "robot.x".
+    target : str or float
+        A goal variable ("goal.x"), a state variable ("robot.x"), or a number.
+    low, high : float
+        Least and greatest difference of the variable from the target, in the variable's unit; either may be
+        infinite.
+    outward : bool
+        Whether differences count away from the origin: a variable of 5 is 1 beyond a target of 4, and one of
+        -5 is 1 beyond a target of -4.
+
+    Raises
+    ------
+    ValueError
+        `low` is not a number less than or equal to `high`.
+    """
+
+    variable: str
+    target: str | float
+    low: float = -math.inf
+    high: float = math.inf
+    outward: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        if not self.low <= self.high:
+            raise ValueError(
+                f"range of {self.variable}: expected low <= high, got low {self.low:g} and high {self.high:g}"
+            )
+
+    @property
+    def places(self) -> bool:
+        """Whether the variable lies at its target: the range is finite and contains it."""
+        return -math.inf < self.low <= 0.0 <= self.high < math.inf
+
+    def excess(self, state: State, goal: Mapping[str, float]) -> float | None:
+        """Return how far the variable is out of the range, 0 within; None where one of the two is unknown."""
+        difference = self._outward(_difference(self, state, goal), state, goal)
+        return None if difference is None else max(0.0, self.low - difference, difference - self.high)
+
+    def violation(self, state: State, goal: Mapping[str, float]) -> str | None:
+        """Return in words why the term does not hold; None where it holds."""
+        difference = self._outward(_difference(self, state, goal), state, goal)
+        if difference is None:
+            return f"expected {self.variable} about {self.target}, but one of them is unknown"
+        if self.low <= difference <= self.high:
+            return None
+        beyond = " outward" if self.outward else ""
+        return (
+            f"expected {self.variable} {self.low:g} to {self.high:g}{beyond} of {self.target}, "
+            f"it is {difference:.3g}"
+        )
+
+    def offset(self, target: float) -> float:
+        """Return the difference from `target` that the variable has once this holds: the least possible."""
+        least = min(max(0.0, self.low), self.high)
+        return math.copysign(1.0, target) * least if self.outward else least
+
+    def _outward(self, difference: float | None, state: State, goal: Mapping[str, float]) -> float | None:
+        """Return the difference as it counts, by the side of the origin on which the target lies."""
+        target = _target(self, state, goal)
+        if difference is None or target is None or not self.outward:
+            return difference
+        return math.copysign(1.0, target) * difference
+
+
+Statement = Term | Region
+"""One statement of a condition."""
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
     """A region of the state space: all terms hold."""
 
-    terms: tuple[Term, ...] = ()
+    terms: tuple[Statement, ...] = ()
 
     def goal_names(self) -> frozenset[str]:
         """Return the goal variables (x, y, yaw, speed) that this condition names as targets."""
@@ -59,26 +153,36 @@ class Condition:
 
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
         """Return in words which terms do not hold; an empty list means that the condition holds."""
-        found = []
-        for term in self.terms:
-            error = term.error(state, goal)
-            if error is None:
-                found.append(f"expected {term.variable} near {term.target}, but one of them is unknown")
-            elif error > term.tolerance:
-                found.append(
-                    f"expected {term.variable} within {term.tolerance:g} of {term.target}, "
-                    f"it is {error:.3g} off"
-                )
-        return found
+        violations = (term.violation(state, goal) for term in self.terms)
+        return [violation for violation in violations if violation is not None]
+
+    def shortfall(self, state: State, goal: Mapping[str, float]) -> float:
+        """Return the greatest excess over all terms, 0 if all hold; infinite if a variable is unknown."""
+        excesses = [term.excess(state, goal) for term in self.terms]
+        return max((math.inf if excess is None else excess for excess in excesses), default=0.0)
 
     def apply(self, state: State, goal: Mapping[str, float]) -> dict[str, float]:
-        """Return the state with every variable at its target: what the world looks like once this holds."""
+        """Return the state with every variable at its target, or as near to it as its range allows."""
         result = dict(state)
         for term in self.terms:
-            target = lookup(term.target, state, goal) if isinstance(term.target, str) else term.target
+            target = _target(term, state, goal)
             if target is not None:
-                result[term.variable] = target
+                offset = term.offset(target)
+                result[term.variable] = target + offset if offset else target
         return result
+
+
+def _difference(term: Statement, state: State, goal: Mapping[str, float]) -> float | None:
+    """Return the variable minus its target, an angle wrapped; None where one of the two is unknown."""
+    value, target = state.get(term.variable), _target(term, state, goal)
+    if value is None or target is None:
+        return None
+    difference = value - target
+    return wrap_angle(difference) if term.variable.endswith("yaw") else difference
+
+
+def _target(term: Statement, state: State, goal: Mapping[str, float]) -> float | None:
+    return lookup(term.target, state, goal) if isinstance(term.target, str) else term.target
 
 
 def lookup(name: str, state: State, goal: Mapping[str, float]) -> float | None:

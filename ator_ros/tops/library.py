@@ -59,6 +59,10 @@ class TopLibrary(Mapping[str, Top]):
     def __len__(self) -> int:
         return len(self._tops)
 
+    def usable(self) -> list[Top]:
+        """Return the TOPs that the robot can execute: without a holder none that needs one."""
+        return [top for top in self.values() if top.lacks(self.robot) is None]
+
     def action(self, top: Top) -> Action:
         """Make a new action that executes `top`."""
         return self._actions[top.action](self.robot)

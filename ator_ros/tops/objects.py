@@ -9,17 +9,19 @@ from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall
-from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.conditions import Condition, Statement
 from ator_ros.tops.state import goal_variables, state_of
 from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
 _TOUCHING = 0.08
-"""Distance in m from the hold, beyond the length of the fins, within which an object counts as touched."""
+"""Distance in m from the hold, beyond the length of the holder, within which an object counts as touched."""
 _ROOM = 0.06
 """Clearance in m between the robot and an object that it can pass."""
+_HELD = 0.10
+"""Distance in m from the hold up to which an object counts as held."""
 _LOST = 0.12
-"""Distance in m from the hold beyond which an object counts as lost."""
+"""Distance in m from the hold beyond which an object that was held counts as lost."""
 
 
 def objects_in(top: Top) -> list[str]:
@@ -65,12 +67,12 @@ def fetched(top: Top) -> str | None:
 
 def _at(condition: Condition, place: str) -> str | None:
     """Return the first object, by name, whose x and y a condition relates to those of `place`."""
-    related = {_pair(term) for term in condition.terms}
+    related = {_pair(term) for term in condition.terms if term.places}
     names = sorted(condition.objects())
     return next((name for name in names if related >= _position_pairs(name, place)), None)
 
 
-def _pair(term: Term) -> frozenset[str]:
+def _pair(term: Statement) -> frozenset[str]:
     """Return both sides of a term: "a near b" and "b near a" are the same."""
     return frozenset((term.variable, str(term.target)))
 
@@ -81,7 +83,7 @@ def _position_pairs(name: str, place: str) -> set[frozenset[str]]:
 
 def at_rest(world: World, robot: Robot) -> World:
     """Return the world with each object where it comes to rest if nothing stops it before."""
-    objects = {name: robot.ball.at_rest(state) for name, state in world.objects.items()}
+    objects = {name: robot.scene.at_rest(name, state) for name, state in world.objects.items()}
     return dataclasses.replace(world, objects=objects)
 
 
@@ -92,13 +94,18 @@ def has_left(world: World, call: TopCall, robot: Robot) -> bool:
         return False
     state, goal, pairs = state_of(world, robot), goal_variables(call.goal), _position_pairs(name, "goal")
     terms = (term for term in call.top.pre.terms if _pair(term) in pairs)
-    return any((term.error(state, goal) or 0.0) > term.tolerance for term in terms)
+    return any((term.excess(state, goal) or 0.0) > 0.0 for term in terms)
 
 
 def at_object(goal: Goal, world: World, name: str) -> Goal:
     """Return a goal with its position replaced by an object's; the same goal if the object is unknown."""
     there = world.objects.get(name)
     return goal if there is None else dataclasses.replace(goal, pose=goal.pose._replace(x=there.x, y=there.y))
+
+
+def is_held(world: World, robot: Robot, name: str) -> bool:
+    """Return whether an object is known and lies at the hold."""
+    return robot.hold_offset(world, name) <= _HELD
 
 
 def is_lost(world: World, robot: Robot, name: str) -> bool:
@@ -108,7 +115,7 @@ def is_lost(world: World, robot: Robot, name: str) -> bool:
 
 def is_at_front(world: World, robot: Robot, name: str) -> bool:
     """Return whether the robot's front touches an object, or nearly: then the robot itself moves it."""
-    return robot.hold_offset(world, name) < robot.fin_length + _TOUCHING
+    return robot.hold_offset(world, name) < robot.holder_length + _TOUCHING
 
 
 def is_in_the_way(world: World, robot: Robot, name: str) -> bool:
@@ -120,7 +127,8 @@ def is_in_the_way(world: World, robot: Robot, name: str) -> bool:
     if there is None or v <= 0.0:
         return False
     place = world.robot.pose.relative(Pose(there.x, there.y, 0.0))
-    reach = robot.front + robot.fin_length + robot.ball.radius + _ROOM
+    radius = robot.scene.radius(name)
+    reach = robot.tip + radius + _ROOM
     braking = v * v / (2.0 * robot.limits.brake)
-    beside = abs(place.y) > robot.half_width + robot.ball.radius + _ROOM
+    beside = abs(place.y) > robot.half_width + radius + _ROOM
     return not beside and 0.0 < place.x < reach + braking

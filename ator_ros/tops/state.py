@@ -21,20 +21,20 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
     -------
     dict
         robot.x, robot.y (m), robot.yaw (rad), robot.v (m/s), robot.w (rad/s); hold.x, hold.y (m), where
-        the robot would hold an object; of each known object, with its name before the dot, x, y (m),
-        vx, vy (m/s).
+        a robot with a holder would hold an object; of each known object, with its name before the dot, x,
+        y (m), vx, vy (m/s).
     """
     pose = world.robot.pose
-    hold = robot.hold_point(pose)
     state = {
         "robot.x": pose.x,
         "robot.y": pose.y,
         "robot.yaw": pose.yaw,
         "robot.v": world.robot.v,
         "robot.w": world.robot.w,
-        "hold.x": hold.x,
-        "hold.y": hold.y,
     }
+    if robot.holder is not None:
+        hold = robot.hold_point(pose)
+        state |= {"hold.x": hold.x, "hold.y": hold.y}
     for name, there in world.objects.items():
         state |= {f"{name}.{axis}": getattr(there, axis) for axis in ("x", "y", "vx", "vy")}
     return state

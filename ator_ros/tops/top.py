@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Point
+from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Condition
 
 
@@ -24,6 +25,8 @@ class Top:
         Intended effect: the goal variables that it names say what the step is for.
     point : Point
         Point of the robot that the goal's position is meant for.
+    settles : float
+        Time in s that objects may move on after the action has ended, until `post` holds.
     """
 
     name: str
@@ -31,6 +34,21 @@ class Top:
     pre: Condition
     post: Condition
     point: Point = Point.AXLE
+    settles: float = 0.0
+
+    @property
+    def needs_holder(self) -> bool:
+        """Whether its goal or its conditions are about the robot's hold."""
+        return self.point is Point.HOLD or any(
+            str(side).startswith("hold.")
+            for term in (*self.pre.terms, *self.post.terms)
+            for side in (term.variable, term.target)
+        )
+
+    def lacks(self, robot: Robot) -> str | None:
+        """Return in words what the TOP needs and the robot lacks; None if there is nothing."""
+        lacking = self.needs_holder and robot.holder is None
+        return f"{self.name} needs a holder; robot {robot.name} has none" if lacking else None
 
     @property
     def arrives(self) -> bool:

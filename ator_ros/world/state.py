@@ -42,6 +42,11 @@ class RobotState:
         """Whether the robot is at rest: at most 0.003 m/s and 0.006 rad/s, stricter than `is_standing`."""
         return abs(self.v) <= 0.003 and abs(self.w) <= 0.006
 
+    @property
+    def is_standing(self) -> bool:
+        """Whether the robot counts as standing: slower than 0.02 m/s and 0.05 rad/s."""
+        return abs(self.v) < 0.02 and abs(self.w) < 0.05
+
 
 @dataclass(frozen=True, slots=True)
 class ObjectState:
@@ -56,6 +61,11 @@ class ObjectState:
     def speed(self) -> float:
         """Speed in m/s."""
         return math.hypot(self.vx, self.vy)
+
+    @property
+    def rests(self) -> bool:
+        """Whether the object counts as resting: slower than 0.02 m/s."""
+        return self.speed < 0.02
 
     def after(self, seconds: float) -> ObjectState:
         """Return the state extrapolated at constant velocity; `seconds` may be negative."""
@@ -73,28 +83,3 @@ class World:
     def with_object(self, name: str, state: ObjectState) -> World:
         """Return the world with one object added or replaced."""
         return dataclasses.replace(self, objects={**self.objects, name: state})
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """The soccer field, centred on the origin, its goals on the lines x = -length/2 and x = length/2.
-
-    Attributes
-    ----------
-    length, width : float
-        Between the lines, in m.
-    goal_width, goal_depth : float
-        Inner sizes of both goals in m.
-    margin : float
-        Free floor beyond the lines in m.
-    """
-
-    length: float = 8.0
-    width: float = 5.0
-    goal_width: float = 2.0
-    goal_depth: float = 0.6
-    margin: float = 1.0
-
-    def goal_centre(self, side: int = 1) -> tuple[float, float]:
-        """Return the middle of the goal line of the goal at x > 0 (side 1) or x < 0 (side -1), in m."""
-        return side * self.length / 2.0, 0.0

@@ -10,10 +10,10 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome
 from ator_ros.actions.base import Goal
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import ObjectState, RobotState, World

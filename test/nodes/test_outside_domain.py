@@ -11,10 +11,14 @@ from pathlib import Path
 import pytest
 from chain_client import ChainClient, call
 from conftest import Start
+from geometry_msgs.msg import Vector3
+from nav_msgs.msg import Odometry
 from ros_client import Client
 
 from ator_interfaces.msg import Outcome
+from ator_interfaces.srv import PlaceBall
 from ator_ros.geometry import Pose
+from ator_ros.nodes.qos import SENSOR_DATA
 
 pytestmark = pytest.mark.node
 SOURCE = Path(__file__).resolve().parents[1] / "outside" / "delivery.py"
@@ -51,7 +55,14 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     result = json.loads((installed / "evaluation" / "evaluation.json").read_text())
     assert result["settings"]["source"]["domain"] == "delivery"
 
-    start("simulation", real_time_factor=10.0, command_wait=2.0)
+    parcels = client.listen(Odometry, "parcel", SENSOR_DATA)
+    start("simulation", domain="delivery", real_time_factor=10.0, command_wait=2.0, parcel_start="[3.4, 1.0]")
+    first = client.eventually(lambda: parcels and parcels[0].pose.pose.position, "a parcel")
+    assert (first.x, first.y, first.z) == pytest.approx((3.4, 1.0, 0.25), abs=1e-3)
+    request = PlaceBall.Request(velocity=Vector3(x=0.3))
+    assert client.call(PlaceBall, "place_parcel", request).message == "parcel at x 0.000 m, y 0.000 m"
+    client.eventually(lambda: parcels[-1].pose.pose.position.x > 0.01, "the parcel rolls")
+    assert client.call(PlaceBall, "place_parcel", PlaceBall.Request(remove=True)).success
     start("refinement", domain="delivery", models=models, gate=False, deadline=5.0)
     start("executor", domain="delivery", models=models, odom_timeout=5.0, refinement_timeout=20.0)
     chains = ChainClient(client)

@@ -28,6 +28,7 @@ from ator_ros.robot.description import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+REFINEMENT = (ROOT / "docs" / "refinement.md").read_text(encoding="utf-8")
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
 
@@ -94,7 +95,7 @@ def test_the_printed_goal_is_the_same_chain() -> None:
 @pytest.mark.parametrize(("topic", "offered"), [("action", RESULTS), ("chain", LATCHED)])
 def test_the_printed_echo_hears_the_records(topic: str, offered: QoSProfile) -> None:
     """What reliable and latched publishers keep for late listeners, only such a subscription gets."""
-    (line,) = re.findall(rf"ros2 topic echo (.*/performance/{topic} .*)", README)
+    (line,) = re.findall(rf"ros2 topic echo (.*/performance/{topic} .*)", REFINEMENT)
     options = echo_options().parse_args(shlex.split(line))
     profile = echo_profile(options.qos_reliability, options.qos_durability)
     assert qos_check_compatible(offered, profile)[0] != QoSCompatibility.ERROR

@@ -1,4 +1,4 @@
-"""A domain of somebody else's: places to visit, with an action of their own that knows nothing of ours."""
+"""A domain of somebody else's: places to visit and a parcel, with an action that knows nothing of ours."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.top import Top
-from ator_ros.world.state import Command, RobotState, World
+from ator_ros.world.scene import RoundObject
+from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 
 class TurnDriveTurn(Action):
@@ -57,9 +58,17 @@ def _place(rng: np.random.Generator) -> Pose:
     return Pose(*(float(rng.uniform(-most, most)) for most in (2.5, 1.5, math.pi)))
 
 
+PARCEL = RoundObject(radius=0.25, mass=1.5, rolling_deceleration=2.0, restitution=0.2)
+
+
+def _parcel(rng: np.random.Generator) -> dict[str, ObjectState]:
+    """Draw a parcel beyond all places, where nobody drives."""
+    return {"parcel": ObjectState(3.4, float(rng.uniform(-2.0, 2.0)))}
+
+
 def drive(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a start and a goal, both at rest."""
-    return Situation("turnDriveTurn", RobotState(_place(rng)), {}, Goal(_place(rng)))
+    """Draw a start and a goal, both at rest, and a parcel."""
+    return Situation("turnDriveTurn", RobotState(_place(rng)), _parcel(rng), Goal(_place(rng)))
 
 
 def two_visits(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
@@ -68,13 +77,14 @@ def two_visits(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> t
         TopCall(library["visit"], Goal(_place(rng)), frozenset({"yaw"})),
         TopCall(library["visit"], Goal(_place(rng))),
     )
-    return World(0.0, RobotState(_place(rng))), TopChain(calls)
+    return World(0.0, RobotState(_place(rng)), _parcel(rng)), TopChain(calls)
 
 
 DELIVERY = Domain(
     "delivery",
     tops=(VISIT,),
     action_sets={"default": (ActionSpec("turnDriveTurn", TurnDriveTurn, drive),)},
-    objects=(),
+    objects=("parcel",),
+    bodies={"parcel": PARCEL},
     chains={"two_visits": two_visits},
 )

@@ -10,9 +10,10 @@ import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import ChainSampler
+from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.situations import CLEARANCE, SHORTEST, random_pose
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -38,7 +39,7 @@ def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tupl
 def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
     """Draw a ball to go to, to dribble before the goal and to shoot: the chain of the paper's Figure 1."""
     ball, world = _start(robot, rng)
-    x, y = robot.field.goal_centre()
+    x, y = field_of(robot).goal_centre()
     position = ball
     while position.distance(ball) < SHORTEST:
         distance, bearing = rng.uniform(*SHOOTING_DISTANCE), rng.uniform(-SHOOTING_BEARING, SHOOTING_BEARING)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.actions import ACTION_SETS
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.chains import CHAINS
+from ator_ros.domains.soccer.field import goals_in
 from ator_ros.domains.soccer.tops import TOPS
-from ator_ros.robot.ball import BALL
 
-SOCCER = Domain("soccer", TOPS, ACTION_SETS, (BALL,), CHAINS)
+SOCCER = Domain("soccer", TOPS, ACTION_SETS, (BALL,), CHAINS, bays=goals_in)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ator_ros.domains.soccer.field import Field, field_of
 from ator_ros.geometry import FloatArray
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import Field
 
 
 def touches_goals(poses: FloatArray, robot: Robot) -> bool:
@@ -19,8 +19,9 @@ def touches_goals(poses: FloatArray, robot: Robot) -> bool:
     poses : ndarray, shape (n, 3)
         x, y of the axle in m, yaw in rad.
     """
-    near = np.abs(poses[:, 0]) > robot.field.length / 2 - robot.reach
-    return bool(near.any() and (wall_distances(poses[near], robot.field) < robot.reach).any())
+    field = field_of(robot)
+    near = np.abs(poses[:, 0]) > field.walls_begin - robot.reach
+    return bool(near.any() and (wall_distances(poses[near], field) < robot.reach).any())
 
 
 def wall_distances(poses: FloatArray, field: Field) -> FloatArray:

@@ -8,10 +8,11 @@ import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.ball import BALL, objects_of
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
 from ator_ros.geometry import Pose
 from ator_ros.refinement.free_variables import ARRIVAL_SPEED
-from ator_ros.robot.ball import BALL, objects_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -24,7 +25,8 @@ SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line wh
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     """Draw a pose that lies well within the lines."""
-    half_length, half_width = robot.field.length / 2 - END_MARGIN, robot.field.width / 2 - SIDE_MARGIN
+    area = robot.scene.area
+    half_length, half_width = area.length / 2 - END_MARGIN, area.width / 2 - SIDE_MARGIN
     x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
     return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
@@ -42,9 +44,9 @@ def _speed(rng: np.random.Generator, share: float) -> float:
 def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a drive: three quarters approach a ball, half of these with an arrival speed, the others a pose.
 
-    One start in seven is in motion.
+    One start in seven is in motion. A robot without a holder has no ball to approach.
     """
-    with_ball = _share(rng, 0.75)
+    with_ball = _share(rng, 0.75) and robot.holder is not None
     goal = random_pose(robot, rng)
     start = random_pose(robot, rng)
     while start.distance(goal) < (CLEARANCE if with_ball else SHORTEST):
@@ -72,6 +74,7 @@ def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, Object
 
 def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed."""
+    robot.holder_for("dribbleBall")
     goal = random_pose(robot, rng)
     ball = random_pose(robot, rng)
     while ball.distance(goal) < SHORTEST:
@@ -82,7 +85,8 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
 
 def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a shot from up to 2.5 m before the goal: the ball is held, and every second start is in motion."""
-    x, y = robot.field.goal_centre()
+    robot.holder_for("shoot")
+    x, y = field_of(robot).goal_centre()
     start = _shooting_pose(robot, rng)
     while touches_goals(np.array([start]), robot):
         start = _shooting_pose(robot, rng)
@@ -92,7 +96,7 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
 
 def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     """Draw a pose of the robot whose ball lies within range of the goal."""
-    x, y = robot.field.goal_centre()
+    x, y = field_of(robot).goal_centre()
     bearing = rng.uniform(-0.45, 0.45) * math.pi  # seen from the goal, the lines beside it excluded
     distance = rng.uniform(*SHOT_RANGE)
     ball = Pose(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import Point
-from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.top import Top
 
 _HELD = Condition((Term("hold.x", "ball.x", 0.12), Term("hold.y", "ball.y", 0.12)))
@@ -42,13 +42,14 @@ DRIBBLE_BALL = Top(
     ),
     Point.HOLD,
 )
-# The goal's position is the middle of the goal's mouth, the ball ends up to 0.7 m behind it.
+# The goal's position is the middle of the goal's mouth; the net stops the ball 0.7 m behind the line at most.
 SHOOT = Top(
     "shoot",
     "shoot",
     _HELD,
-    Condition((Term("ball.x", "goal.x", 0.7), Term("ball.y", "goal.y", 1.0))),
+    Condition((Region("ball.x", "goal.x", 0.0, 0.7, outward=True), Term("ball.y", "goal.y", 1.0))),
     Point.HOLD,
+    settles=6.0,
 )
 
 TOPS = (GO_TO_POSE, GO_TO_BALL, DRIBBLE_BALL, SHOOT)

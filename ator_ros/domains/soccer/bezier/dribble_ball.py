@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, World
 
@@ -52,12 +52,13 @@ class BezierDribbleBall(Action):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self._driver = Driver(robot.dribble_limits, dribbling())
+        self._limits = robot.holder_for(self.name).limits
+        self._driver = Driver(self._limits, dribbling())
         self._goal = Goal(Pose(0.0, 0.0, 0.0), point=Point.HOLD)
 
     def start(self, world: World, goal: Goal) -> None:
         """Commit to `goal`; see `Action.start`."""
-        check_goal(goal, self.robot.dribble_limits.v, self.name)
+        check_goal(goal, self._limits.v, self.name)
         check_held(world, self.robot, self.name)
         self._goal = goal
         self._target = goal.robot_pose(self.robot)

@@ -6,10 +6,10 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
+from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, ObjectState, World
 

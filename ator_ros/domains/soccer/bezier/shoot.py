@@ -6,10 +6,11 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.dribble_ball import LOST, check_held, dribbling
 from ator_ros.domains.soccer.bezier.driver import Driver, check_goal
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, ObjectState, World
 
@@ -33,7 +34,8 @@ class BezierShoot(Action):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self._driver = Driver(robot.dribble_limits, dribbling(_HANDLE, _ROTATION))
+        self._limits = robot.holder_for(self.name).limits
+        self._driver = Driver(self._limits, dribbling(_HANDLE, _ROTATION))
         self._side = 1
         self._middle = 0.0
         self._released = False
@@ -42,7 +44,7 @@ class BezierShoot(Action):
         """Commit to the goal mouth that `goal` lies in; see `Action.start`."""
         check_goal(goal, self.robot.limits.v, self.name)
         check_held(world, self.robot, self.name)
-        field = self.robot.field
+        field = field_of(self.robot)
         x, y = goal.pose.x, goal.pose.y
         if abs(abs(x) - field.length / 2) > 0.5 * field.goal_depth or abs(y) > field.goal_width / 2:
             raise ActionError(f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m")
@@ -53,15 +55,15 @@ class BezierShoot(Action):
 
     def _half_mouth(self) -> float:
         """Return half the width in m in which the ball's centre passes clear of the posts."""
-        return self.robot.field.goal_width / 2 - self.robot.ball.radius - _POST_ROOM
+        return field_of(self.robot).goal_width / 2 - self.robot.scene.radius(BALL) - _POST_ROOM
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
         ball = ball_of(world)
         if ball is None:
             return finished(Status.FAILED, "lost the ball: it is not seen any more")
-        depth = self._side * ball.x - self.robot.field.length / 2
-        if depth > _LINE and abs(ball.y) < self.robot.field.goal_width / 2:
+        depth = self._side * ball.x - field_of(self.robot).length / 2
+        if depth > _LINE and abs(ball.y) < field_of(self.robot).goal_width / 2:
             return finished(Status.SUCCEEDED, "the ball is in the goal", STOP)
         if self._released:
             return self._watch(world, ball)
@@ -71,7 +73,7 @@ class BezierShoot(Action):
         crossing = self._crossing(world.robot.pose)
         if crossing is None or abs(crossing) > self._half_mouth():
             target = self._target(world.robot.pose)
-            command = self._driver.follow(world.robot, target, self.robot.dribble_limits.v)
+            command = self._driver.follow(world.robot, target, self._limits.v)
             return Step(command, Status.RUNNING, "dribbling along a curve to the goal's mouth")
         return self._run_up(world, -depth, crossing)
 
@@ -79,7 +81,7 @@ class BezierShoot(Action):
         """Return y (m) where the robot's straight way ahead crosses the goal line; None where it doesn't."""
         hold = self.robot.hold_point(pose)
         forward = self._side * math.cos(pose.yaw)
-        short = self.robot.field.length / 2 - self._side * hold.x
+        short = field_of(self.robot).length / 2 - self._side * hold.x
         if forward < 0.3 or short < 0.0:
             return None
         return hold.y + short / forward * math.sin(pose.yaw)
@@ -87,7 +89,7 @@ class BezierShoot(Action):
     def _target(self, pose: Pose) -> Pose:
         """Return the pose of the axle before the mouth, in the direction from here up to a greatest slant."""
         straight = 0.0 if self._side > 0 else math.pi
-        line = self._side * self.robot.field.length / 2
+        line = self._side * field_of(self.robot).length / 2
         hold = self.robot.hold_point(pose)
         slant = wrap_angle(math.atan2(self._middle - hold.y, line - hold.x) - straight)
         mouth = Pose(line, self._middle, straight + max(-_SLANT, min(_SLANT, slant)))
@@ -97,7 +99,7 @@ class BezierShoot(Action):
         """Drive straight at the mouth, and brake when the ball, `short` m before the line, will roll in."""
         state = world.robot
         way = max(short, 0.0) / max(abs(math.cos(state.pose.yaw)), 0.3) + _ROLL_RESERVE
-        roll = state.v**2 / (2.0 * self.robot.ball.rolling_deceleration)
+        roll = state.v**2 / (2.0 * self.robot.scene.objects[BALL].rolling_deceleration)
         if roll > way and abs(state.w) < 0.3 and state.v > _SLOWEST_SHOT:
             self._released = True
             return Step(STOP, Status.RUNNING, "braking: the ball rolls on into the goal")
@@ -105,7 +107,7 @@ class BezierShoot(Action):
         aim = max(-0.5, min(0.5, self._side * (self._middle - crossing)))
         bend = aim / max(short + 0.5, 0.5) if abs(aim) > 0.1 else 0.0
         return Step(
-            self._driver.command(self.robot.dribble_limits.v, max(-_BEND, min(_BEND, bend))),
+            self._driver.command(self._limits.v, max(-_BEND, min(_BEND, bend))),
             Status.RUNNING,
             "running up to the shot",
         )

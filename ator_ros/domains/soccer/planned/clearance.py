@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.goals import touches_goals
 from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.trajectory import Trajectory
@@ -78,10 +79,9 @@ def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatA
     dx, dy = ball.x - poses[:, 0], ball.y - poses[:, 1]
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     ahead, left = c * dx + s * dy, np.abs(c * dy - s * dx)
-    fins = robot.fin_gap / 2 + robot.fin_thickness
     body = _box_distance(ahead, left, -robot.rear, robot.front, robot.half_width)
-    front = _box_distance(ahead, left, robot.front, robot.front + robot.fin_length, fins)
-    return np.asarray(np.minimum(body, front) - robot.ball.radius)
+    front = _box_distance(ahead, left, robot.front, robot.tip, robot.tip_half_width)
+    return np.asarray(np.minimum(body, front) - robot.scene.radius(BALL))
 
 
 def _box_distance(x: FloatArray, y: FloatArray, low: float, high: float, half: float) -> FloatArray:

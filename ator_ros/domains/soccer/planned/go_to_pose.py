@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 from ator_ros.actions.base import Goal, Point, Status, Step
+from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
@@ -13,7 +14,6 @@ from ator_ros.domains.soccer.planned.planner import fastest, free_sides, run_sid
 from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.ways import ways_to_drive
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL, ball_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, World
 
@@ -61,7 +61,7 @@ class GoToPose(PlannedAction):
         rest, planned = self._rest(world), self._planned_for
         if rest is None or planned is None:
             return rest is not planned
-        touching = self.robot.hold_offset(world, BALL) < self.robot.fin_length + 2 * _MOVED
+        touching = self.robot.hold_offset(world, BALL) < self.robot.holder_length + 2 * _MOVED
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def arrive(self, world: World) -> Step:
@@ -78,4 +78,4 @@ class GoToPose(PlannedAction):
     def _rest(self, world: World) -> ObjectState | None:
         """Return the ball where it will come to rest."""
         ball = ball_of(world)
-        return None if ball is None else self.robot.ball.at_rest(ball)
+        return None if ball is None else self.robot.scene.at_rest(BALL, ball)

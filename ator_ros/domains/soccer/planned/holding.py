@@ -6,6 +6,7 @@ import itertools
 import math
 from functools import lru_cache
 
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.planned.manoeuvre import Side
 from ator_ros.domains.soccer.planned.turns import TurnDriving
 from ator_ros.robot.description import Limits, Robot
@@ -32,7 +33,7 @@ def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
     """
     swing = robot.hold * w
     speed = math.hypot(v, swing)
-    resistance = robot.ball.rolling_deceleration * (v / speed if speed > 0.0 else 0.0)
+    resistance = robot.scene.objects[BALL].rolling_deceleration * (v / speed if speed > 0.0 else 0.0)
     return acceleration - robot.hold * w * w + resistance
 
 

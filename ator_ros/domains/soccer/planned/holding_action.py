@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import ActionError, Goal
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.planned.holding import LOST
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import World
 
@@ -14,7 +14,7 @@ class HoldingAction(PlannedAction):
     """A planned action with the ball in front, within the robot's limits for dribbling."""
 
     def __init__(self, robot: Robot) -> None:
-        super().__init__(robot, robot.dribble_limits)
+        super().__init__(robot, robot.holder_for(self.name).limits)
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""

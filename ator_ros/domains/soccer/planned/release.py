@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.profiles import straight_times
 from ator_ros.geometry import BoolArray, FloatArray, Pose
@@ -63,9 +65,9 @@ def release(
     """
     c, s = np.cos(heading), np.sin(heading)
     ball_x, ball_y = x + robot.hold * c, y + robot.hold * s
-    way = (robot.ball.radius - ball_x) / c
+    way = (robot.scene.radius(BALL) - ball_x) / c
     crossing = ball_y - ball_x * s / c
-    room = (robot.field.goal_width / 2.0 - np.abs(crossing)) * c - robot.reach
+    room = (field_of(robot).goal_width / 2.0 - np.abs(crossing)) * c - robot.reach
     allowed = np.asarray((way >= 0.0) & (room >= _ROOM) & (np.abs(heading) <= SLANT))
     result = Release(allowed, *(np.full(allowed.shape, np.nan) for _ in range(3)))
     # Most ways to push miss the mouth: the rest is computed for those that do not.
@@ -77,8 +79,8 @@ def release(
     released = np.minimum(reached, limits.v)
     # A turn may end later than where the ball could be let go, as long as the robot stops inside the goal.
     stop = pushed + released * released / (2.0 * robot.limits.brake)
-    inside = robot.field.goal_depth - robot.reach - (x + stop * c)
-    beside = robot.field.goal_width / 2.0 - robot.reach - np.abs(y + stop * s)
+    inside = field_of(robot).goal_depth - robot.reach - (x + stop * c)
+    beside = field_of(robot).goal_width / 2.0 - robot.reach - np.abs(y + stop * s)
     result.distance[allowed], result.speed[allowed] = pushed, released
     result.time[allowed] = straight_times(pushed, speed, released, limits) + _rolling_time(
         robot, released, way - pushed
@@ -109,10 +111,10 @@ def may_score(
     """
     c, s = np.cos(heading), np.sin(heading)
     ball_x, ball_y, tangent = x + robot.hold * c, y + robot.hold * s, s / c
-    widest = robot.field.goal_width / 2.0 - (robot.reach + _ROOM) / c + _DOUBT
+    widest = field_of(robot).goal_width / 2.0 - (robot.reach + _ROOM) / c + _DOUBT
     aside = (math.sin(yaw) - math.cos(yaw) * tangent) * leads[:, :, None]
     aside += (ball_y - ball_x * tangent)[:, None]
-    before = (math.cos(yaw) * leads)[:, :, None] <= (robot.ball.radius + _DOUBT - ball_x)[:, None]
+    before = (math.cos(yaw) * leads)[:, :, None] <= (robot.scene.radius(BALL) + _DOUBT - ball_x)[:, None]
     return np.asarray((np.abs(aside) <= widest) & before)
 
 
@@ -124,10 +126,10 @@ def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
     mouth : Pose
         Middle of the goal's mouth, heading out of the field.
     """
-    half, poses = robot.field.goal_width / 2.0, []
+    half, poses = field_of(robot).goal_width / 2.0, []
     for aim, slant in itertools.product(_AIMS, _SLANTS):
         if half * (1.0 - abs(aim)) * math.cos(slant) - robot.reach >= _ROOM:
-            line = robot.ball.radius / math.cos(slant)
+            line = robot.scene.radius(BALL) / math.cos(slant)
             back = _roll(robot) * limits.v * limits.v - line + robot.hold
             poses.append(mouth.compose(Pose(0.0, aim * half, slant)).ahead(-back))
     return poses
@@ -141,17 +143,17 @@ def scoring_time(robot: Robot, mouth: Pose, plan: Manoeuvre) -> float:
 def rolling_time(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
     """Compute the time in s from the release, there at `speed` (m/s), until the ball is behind the line."""
     ball = mouth.relative(released).ahead(robot.hold)
-    way = (robot.ball.radius - ball.x) / math.cos(ball.yaw)
+    way = (robot.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
     return float(_rolling_time(robot, speed, way))
 
 
 def _rolling_time(robot: Robot, speed: Any, way: Any) -> FloatArray:
     """Return the time in s in which a ball let go at `speed` (m/s) rolls `way` m."""
-    deceleration = robot.ball.rolling_deceleration
+    deceleration = robot.scene.objects[BALL].rolling_deceleration
     left = np.sqrt(np.maximum(speed * speed - 2.0 * deceleration * way, 0.0))
     return np.asarray((speed - left) / deceleration)
 
 
 def _roll(robot: Robot) -> float:
     """Return how far a ball is sent before it is let go, in m per (m/s)^2."""
-    return _ROLL_SHARE / (2.0 * robot.ball.rolling_deceleration)
+    return _ROLL_SHARE / (2.0 * robot.scene.objects[BALL].rolling_deceleration)

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.compiled import COMPILES
+from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import wall_distances
 from ator_ros.domains.soccer.planned.bundle import Bundle, closed_bundle, courses
 from ator_ros.domains.soccer.planned.clearance import STRIDE, Obstacles, ball_distances
@@ -108,14 +110,14 @@ def _scalars(bundle: Bundle) -> tuple[End, BundleArrays, Bounds]:
 
 
 def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Outline, Blocked]:
-    field, ball = robot.field, obstacles.ball
+    field, ball = field_of(robot), obstacles.ball
     lengths = (
-        robot.front, robot.rear, robot.half_width, robot.front + robot.fin_length,
-        robot.fin_gap / 2 + robot.fin_thickness, robot.reach,
-        field.length / 2, field.goal_width / 2, field.goal_depth,
+        robot.front, robot.rear, robot.half_width, robot.tip,
+        robot.tip_half_width, robot.reach,
+        field.walls_begin, field.goal_width / 2, field.goal_depth,
     )  # fmt: skip
     x, y = (np.nan, np.nan) if ball is None else (ball.x, ball.y)
-    in_the_way = (x, y, robot.ball.radius, obstacles.ball_margin, obstacles.run)
+    in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
     return Outline(*map(float, lengths)), Blocked(*map(float, in_the_way))
 
 
@@ -185,8 +187,9 @@ def _summed(steps: FloatArray) -> FloatArray:
 
 def _near_walls(poses: FloatArray, seen: BoolArray, robot: Robot) -> BoolArray:
     """Return which rows of poses, shape (3, n, m), have one that is `seen` and touches a goal's wall."""
-    near = seen & (np.abs(poses[0]) > robot.field.length / 2 - robot.reach)
-    distances = wall_distances(poses[:, near].T, robot.field)
+    field = field_of(robot)
+    near = seen & (np.abs(poses[0]) > field.walls_begin - robot.reach)
+    distances = wall_distances(poses[:, near].T, field)
     return _in_rows(near, distances < robot.reach - DOUBT)
 
 
@@ -194,7 +197,7 @@ def _near_ball(
     poses: FloatArray, seen: BoolArray, ball: ObjectState, margin: float, robot: Robot
 ) -> BoolArray:
     body = np.hypot(max(robot.front, robot.rear), robot.half_width)
-    reach = max(robot.reach, body) + robot.ball.radius + margin
+    reach = max(robot.reach, body) + robot.scene.radius(BALL) + margin
     near = seen & (np.abs(poses[0] - ball.x) < reach) & (np.abs(poses[1] - ball.y) < reach)
     return _in_rows(near, ball_distances(poses[:, near].T, ball, robot) < margin - DOUBT)
 

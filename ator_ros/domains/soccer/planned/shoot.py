@@ -6,6 +6,8 @@ import math
 from contextlib import suppress
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
+from ator_ros.domains.soccer.ball import BALL, ball_of
+from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.holding import release_sides, run_up_sides
 from ator_ros.domains.soccer.planned.holding_action import HoldingAction
@@ -15,7 +17,6 @@ from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.release import release_poses, rolling_time, scoring_time
 from ator_ros.domains.soccer.planned.run_up import run_up
 from ator_ros.domains.soccer.planned.ways import ways_to_drive
-from ator_ros.robot.ball import ball_of
 from ator_ros.world.state import World
 
 _PATIENCE = 2.0
@@ -87,5 +88,5 @@ class Shoot(HoldingAction):
         ball, goal = ball_of(world), self.goal.pose
         if ball is None:
             return False
-        beyond = (ball.x - goal.x) * math.copysign(1.0, goal.x) > self.robot.ball.radius
-        return beyond and abs(ball.y - goal.y) < self.robot.field.goal_width / 2.0
+        beyond = (ball.x - goal.x) * math.copysign(1.0, goal.x) > self.robot.scene.radius(BALL)
+        return beyond and abs(ball.y - goal.y) < field_of(self.robot).goal_width / 2.0

@@ -1,23 +1,23 @@
-"""The simulated Pioneer with ball and field: a class without ROS, many worlds in one process."""
+"""A simulated robot in its scene: a class without ROS, many worlds in one process."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from types import TracebackType
 
 import pybullet as p
 
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
-from ator_ros.robot.ball import objects_of
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.base_controller import BaseController
 from ator_ros.simulation.bodies import (
     GRAVITY,
-    load_pioneer,
-    make_ball,
+    load_base,
+    make_bay,
     make_floor,
-    make_goals,
-    set_ball_dynamics,
+    make_object,
+    set_object_dynamics,
 )
 from ator_ros.simulation.motors import Motors
 from ator_ros.world.state import Command, ObjectState, RobotState, World
@@ -28,18 +28,18 @@ TICK = 1.0 / CONTROL_RATE
 RAMPS_PER_TICK = 4
 # Converged: with the rotors' inertia in the wheels, 50 iterations give the same speeds to 0.2 %.
 SOLVER_ITERATIONS = 20
-_AWAY = (0.0, 50.0)
+_AWAY = 50.0
 
 
-class PioneerSimulation:
-    """One world: a Pioneer, a ball, a floor and two goals.
+class Simulation:
+    """One world: a robot, the objects and bays of its scene, and a floor.
 
     Deterministic: the same placements and commands give bit-identical trajectories.
 
     Parameters
     ----------
     robot : Robot
-        Shape, masses and limits, with ball and field.
+        Shape, masses and limits, with its scene.
 
     Notes
     -----
@@ -52,7 +52,8 @@ class PioneerSimulation:
         self._client: int = p.connect(p.DIRECT)
         self._build()
         self.place_robot(Pose(0.0, 0.0, 0.0))
-        self.remove_ball()
+        for name in self._bodies:
+            self.remove_object(name)
 
     def _build(self) -> None:
         client = self._client
@@ -65,13 +66,15 @@ class PioneerSimulation:
             physicsClientId=client,
         )
         floor = make_floor(client)
-        goals = make_goals(client, self.robot.field)
-        self._ball = make_ball(client, self.robot.ball)
-        self._body, self._wheels = load_pioneer(client, self.robot)
+        scene = self.robot.scene
+        walls = [wall for bay in scene.bays for wall in make_bay(client, bay)]
+        self._bodies = {name: make_object(client, item) for name, item in scene.objects.items()}
+        self._present: dict[str, bool] = {}
+        self._body, self._wheels = load_base(client, self.robot)
         # Pairs that never touch cost time: the body and the floor, the wheels and all but the floor.
         p.setCollisionFilterPair(self._body, floor, -1, -1, 0, physicsClientId=client)
         for wheel in self._wheels:
-            for other in (self._ball, *goals):
+            for other in (*self._bodies.values(), *walls):
                 p.setCollisionFilterPair(self._body, other, wheel, -1, 0, physicsClientId=client)
         self._com = p.getDynamicsInfo(self._body, -1, physicsClientId=client)[3]
         self._base = BaseController(self.robot)
@@ -99,25 +102,44 @@ class PioneerSimulation:
         self._base.reset(Command(v, w))
         self._motors.release()
 
-    def place_ball(self, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:
-        """Put the ball on the floor at (x, y) m, rolling at (vx, vy) m/s."""
-        set_ball_dynamics(self._client, self._ball, self.robot.ball)
-        self._move_ball(x, y, vx, vy)
-        self._ball_present = True
+    def place_object(self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:
+        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
 
-    def remove_ball(self) -> None:
-        """Take the ball off the field."""
-        p.changeDynamics(self._ball, -1, mass=0.0, physicsClientId=self._client)
-        self._move_ball(*_AWAY, 0.0, 0.0)
-        self._ball_present = False
+        Raises
+        ------
+        ValueError
+            The scene has no such object.
+        """
+        set_object_dynamics(self._client, self._body_of(name), self.robot.scene.objects[name])
+        self._move_object(name, x, y, vx, vy)
+        self._present[name] = True
 
-    def _move_ball(self, x: float, y: float, vx: float, vy: float) -> None:
-        radius = self.robot.ball.radius
+    def remove_object(self, name: str) -> None:
+        """Take an object off the floor; raises ValueError if the scene has no such object."""
+        p.changeDynamics(self._body_of(name), -1, mass=0.0, physicsClientId=self._client)
+        self._move_object(name, 0.0, _AWAY + list(self._bodies).index(name), 0.0, 0.0)
+        self._present[name] = False
+
+    def place_objects(self, objects: Mapping[str, ObjectState]) -> None:
+        """Place these objects and take all others off the floor; raises ValueError if one is unknown."""
+        for name, there in objects.items():
+            self.place_object(name, there.x, there.y, vx=there.vx, vy=there.vy)
+        for name in self._bodies:
+            if name not in objects:
+                self.remove_object(name)
+
+    def _body_of(self, name: str) -> int:
+        if name not in self._bodies:
+            raise ValueError(f"object: expected one of the scene, {sorted(self._bodies)}, got {name!r}")
+        return self._bodies[name]
+
+    def _move_object(self, name: str, x: float, y: float, vx: float, vy: float) -> None:
+        body, radius = self._bodies[name], self.robot.scene.objects[name].radius
         p.resetBasePositionAndOrientation(
-            self._ball, (x, y, radius), (0.0, 0.0, 0.0, 1.0), physicsClientId=self._client
+            body, (x, y, radius), (0.0, 0.0, 0.0, 1.0), physicsClientId=self._client
         )
         p.resetBaseVelocity(
-            self._ball, (vx, vy, 0.0), (-vy / radius, vx / radius, 0.0), physicsClientId=self._client
+            body, (vx, vy, 0.0), (-vy / radius, vx / radius, 0.0), physicsClientId=self._client
         )
 
     def command(self, command: Command) -> None:
@@ -139,8 +161,11 @@ class PioneerSimulation:
         self._ticks += 1
 
     def world(self) -> World:
-        """Return the true state: time, robot, and the ball unless it was removed."""
-        return World(self.time, self._robot_state(), objects_of(self._ball_state()))
+        """Return the true state: time, robot, and the objects that are there."""
+        objects = {
+            name: self._object_state(body) for name, body in self._bodies.items() if self._present[name]
+        }
+        return World(self.time, self._robot_state(), objects)
 
     def _robot_state(self) -> RobotState:
         position, quaternion = p.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
@@ -150,11 +175,9 @@ class PioneerSimulation:
         pose = Pose(position[0] - c * self._com[0], position[1] - s * self._com[0], yaw)
         return RobotState(pose, c * linear[0] + s * linear[1], angular[2])
 
-    def _ball_state(self) -> ObjectState | None:
-        if not self._ball_present:
-            return None
-        position, _ = p.getBasePositionAndOrientation(self._ball, physicsClientId=self._client)
-        linear, _ = p.getBaseVelocity(self._ball, physicsClientId=self._client)
+    def _object_state(self, body: int) -> ObjectState:
+        position, _ = p.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        linear, _ = p.getBaseVelocity(body, physicsClientId=self._client)
         return ObjectState(position[0], position[1], linear[0], linear[1])
 
     def close(self) -> None:
@@ -163,7 +186,7 @@ class PioneerSimulation:
             p.disconnect(physicsClientId=self._client)
             self._client = -1
 
-    def __enter__(self) -> PioneerSimulation:
+    def __enter__(self) -> Simulation:
         return self
 
     def __exit__(

@@ -1,0 +1,62 @@
+"""The soccer field: the area of the scene, with two goals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.world.scene import Bay, Scene
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """The field, centred on the origin, its goals on the lines x = -length/2 and x = length/2.
+
+    Attributes
+    ----------
+    length, width : float
+        Between the lines, in m.
+    goal_width, goal_depth : float
+        Inner sizes of both goals in m; 0 where there are none.
+    """
+
+    length: float
+    width: float
+    goal_width: float
+    goal_depth: float
+
+    @property
+    def walls_begin(self) -> float:
+        """The |x| in m beyond which walls of the goals stand; infinite without goals."""
+        return self.length / 2 if self.goal_depth else math.inf
+
+    def goal_centre(self, side: int = 1) -> tuple[float, float]:
+        """Return the middle of the goal line of the goal at x > 0 (side 1) or x < 0 (side -1), in m."""
+        return side * self.length / 2.0, 0.0
+
+
+def field_of(robot: Robot) -> Field:
+    """Return the field of a robot's scene, which `goals_in` has checked, or which has no goals."""
+    area, bays = robot.scene.area, robot.scene.bays
+    width, depth = (bays[0].width, bays[0].depth) if bays else (0.0, 0.0)
+    return Field(area.length, area.width, width, depth)
+
+
+def goals_in(scene: Scene) -> tuple[Bay, ...]:
+    """Return the bays of a scene that soccer is played in: two equal goals on the lines, or none.
+
+    Raises
+    ------
+    ConfigError
+        The bays are no two equal goals.
+    """
+    half = scene.area.length / 2
+    sizes = {(bay.width, bay.depth) for bay in scene.bays}
+    places = sorted((bay.x, bay.y, round(abs(bay.yaw), 6)) for bay in scene.bays)
+    if scene.bays and (len(sizes) > 1 or places != [(-half, 0.0, round(math.pi, 6)), (half, 0.0, 0.0)]):
+        raise ConfigError(
+            f"scene.bays: expected two equal goals on the lines x = {-half:g} and x = {half:g}, opening to "
+            f"the middle, or none, got {list(scene.bays)}"
+        )
+    return scene.bays

@@ -1,0 +1,93 @@
+"""The answers of refinement to the questions of a goal, and what becomes of its chain."""
+
+from __future__ import annotations
+
+from ator_ros.execution.phases import Phase
+from ator_ros.execution.progress import Progress
+from ator_ros.execution.refining import Question, Refining, refined_chain
+from ator_ros.execution.transitions import GoalCourse, Signal
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import InvalidChainError, TopChain
+from ator_ros.tops.objects import at_rest
+from ator_ros.world.state import World
+
+
+class Answers:
+    """Applies the answers of refinement to the chain of a goal.
+
+    Parameters
+    ----------
+    refining : Refining
+        The questions.
+    progress : Progress
+        The chain.
+    course : GoalCourse
+        The goal's phase.
+    robot : Robot
+        Its sizes, and the deceleration of rolling objects.
+    """
+
+    def __init__(self, refining: Refining, progress: Progress, course: GoalCourse, robot: Robot) -> None:
+        self._refining, self._progress, self._course, self._robot = refining, progress, course, robot
+        self._answer: tuple[TopChain, str] | None = None
+
+    @property
+    def question(self) -> Question | None:
+        """The open question to refinement; None if there is none."""
+        asking = self._course.phase in (Phase.REFINING, Phase.EXECUTING)
+        return self._refining.question if asking else None
+
+    def take(self, chain: TopChain, refined: bool, reason: str) -> None:
+        """Accept the answer to `question`; while the robot drives, `apply` applies it in the next tick.
+
+        An unrefined answer may differ from the question: naive values replace its placeholders.
+        """
+        if self.question is None:
+            return
+        if not self._progress.begun:
+            self._start_with(chain, refined, reason)
+        elif refined:
+            self._answer = chain, reason
+        else:  # the chain being executed has no placeholders left
+            self._go_on(reason, changed=False)
+
+    def refuse(self, why: str) -> None:
+        """Go on with the chain as it is because `question` has no valid answer."""
+        sent = "" if self._course.phase is Phase.EXECUTING else "executed as sent, "
+        self._go_on(f"{sent}refinement failed: {why}", changed=False)
+
+    def apply(self, world: World) -> None:
+        """Switch to the refined goals from the present state, if that is still possible."""
+        answer, question, self._answer = self._answer, self.question, None
+        if answer is None or question is None:
+            return
+        progress, robot = self._progress, self._robot
+        if question.step != progress.index:
+            self.refuse("its step was over when the answer came")
+            return
+        try:
+            changed = refined_chain(progress.chain, question, answer[0], at_rest(world, robot), robot)
+        except InvalidChainError as error:
+            self.refuse(f"its answer cannot be used: {error}")
+            return
+        if progress.head_for(world, changed):
+            self._go_on(answer[1], changed=True)
+        else:
+            self.refuse("there is no way from here to the refined subgoal")
+
+    def _start_with(self, chain: TopChain, refined: bool, reason: str) -> None:
+        progress, question = self._progress, self.question
+        assert progress.start is not None
+        assert question is not None
+        planned = progress.chain
+        try:
+            progress.chain = refined_chain(planned, question, chain, progress.start, self._robot)
+        except InvalidChainError as error:
+            self.refuse(f"its answer cannot be used: {error}")
+        else:
+            self._go_on(reason, changed=refined and progress.chain != planned)
+
+    def _go_on(self, why: str, *, changed: bool) -> None:
+        if self.question is not None:
+            self._refining.close(why, changed=changed, elapsed=self._progress.elapsed)
+            self._course.take(Signal.ANSWERED)

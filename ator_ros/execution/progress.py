@@ -1,0 +1,140 @@
+"""The chain of a goal while it is executed: its present goals, its records and its prediction."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ator_ros.actions.base import Status
+from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
+from ator_ros.execution.phases import Ending
+from ator_ros.execution.predictions import Predictor, remaining
+from ator_ros.execution.step_run import ActionRecord
+from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import World
+
+_ENDINGS = {Status.SUCCEEDED: Ending.SUCCEEDED, Status.FAILED: Ending.FAILED}
+
+
+class EndedAction(NamedTuple):
+    """An action that has ended: its record, the state then, and how it ended."""
+
+    action: ActionRecord
+    end: World
+    ending: Ending
+
+
+class Progress:
+    """Executes the chain of one goal, and owns what is known of it.
+
+    Attributes
+    ----------
+    chain : TopChain
+        The chain with its present goals.
+    start : World or None
+        The state in which the chain started, before that the newest one; None if there was none.
+    records : list of EndedAction
+        The actions that have ended.
+    elapsed : float
+        Time in s since the chain's start.
+
+    Parameters
+    ----------
+    library, predictor
+        TOPs with their actions, and predictions of chains.
+    chain : TopChain
+        The chain to execute.
+    time_limit : float
+        Time in s that each step may take.
+    fetches : int
+        Number of times that a lost object may be fetched again.
+    """
+
+    def __init__(
+        self, library: TopLibrary, predictor: Predictor, chain: TopChain, *, time_limit: float, fetches: int
+    ) -> None:
+        self.chain = chain
+        self.start: World | None = None
+        self.records: list[EndedAction] = []
+        self.elapsed = 0.0
+        self._library, self._predictor = library, predictor
+        self._time_limit, self._fetches = time_limit, fetches
+        self._executor: ChainExecutor | None = None
+        self._prediction: Callable[[], ChainPrediction | None] | None = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether the chain has started."""
+        return self._executor is not None
+
+    @property
+    def index(self) -> int:
+        """Index of the step being executed, from 0."""
+        return 0 if self._executor is None else self._executor.index
+
+    @property
+    def call(self) -> TopCall:
+        """The step being executed."""
+        return self.chain.calls[self.index]
+
+    @property
+    def fetched(self) -> int:
+        """Number of times that a lost object was fetched again."""
+        return 0 if self._executor is None else self._executor.fetched
+
+    @property
+    def lost(self) -> str | None:
+        """The object whose loss made the last action fail; None if there is none."""
+        return self.records[-1].action.lost if self.records else None
+
+    @property
+    def predicted(self) -> ChainPrediction | None:
+        """The prediction of the chain; computed on first use, so that it does not delay the first command."""
+        return None if self._prediction is None else self._prediction()
+
+    def predicted_remaining(self, now: float) -> float:
+        """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
+        if self.predicted is None or self.start is None:
+            return math.nan
+        began = self.records[-1].end.time if self.records else self.start.time
+        return remaining(self.predicted, self.index, now - began)
+
+    def begin(self, world: World) -> None:
+        """Start the chain in the state `world`."""
+        self.start = world  # later than the first state if refinement took time
+        self._prediction = functools.cache(functools.partial(self._predictor.chain, world, self.chain))
+        self._executor = ChainExecutor(
+            self._library,
+            self.chain,
+            time_limit=self._time_limit,
+            predict=lambda *step: functools.partial(self._predictor.action, *step),
+            fetches=self._fetches,
+        )
+
+    def step(self, world: World) -> ChainStep:
+        """Execute one tick of the chain, which has begun."""
+        assert self._executor is not None
+        step = self._executor.step(world)
+        self.chain, self.elapsed = self._executor.chain, step.elapsed
+        self._keep_records(world, Ending.PREEMPTED)
+        return step
+
+    def head_for(self, world: World, chain: TopChain) -> bool:
+        """Replace the goals of the present step and of later ones; see `ChainExecutor.head_for`."""
+        return self._executor is not None and self._executor.head_for(world, chain)
+
+    def break_off(self, world: World, ending: Ending, why: str) -> None:
+        """End the action under way, if any, and record it as ended by `ending` in the state `world`."""
+        if self._executor is not None:
+            self._executor.break_off(world, why)
+            self._keep_records(world, ending)
+
+    def _keep_records(self, world: World, broken_off: Ending) -> None:
+        """Keep the records of the actions that ended in the state `world`."""
+        assert self._executor is not None
+        new = self._executor.records[len(self.records) :]
+        self.records += [EndedAction(one, world, _ENDINGS.get(one.outcome, broken_off)) for one in new]

@@ -1,0 +1,67 @@
+"""The form of descriptions before robot and scene were apart: files that have it are still read.
+
+It had one ball and two goals. The digest of what it can describe is taken of it, as it always was, so that
+models remain those of their robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+_HOLDER = {"length": "fin_length", "gap": "fin_gap", "thickness": "fin_thickness", "limits": "dribble_limits"}
+_AREA = ("length", "width", "margin")
+_BAY = {"width": "goal_width", "depth": "goal_depth"}
+_LIMITS = ("v", "w", "a", "brake", "aw")
+_BALL = ("radius", "mass", "rolling_deceleration", "restitution")
+_SIDES = ((-1.0, math.pi), (1.0, 0.0))
+
+SECTIONS = {"ball", "field"}
+FIELDS = {*_AREA, *_BAY.values()}
+HOLDER_FIELDS = frozenset(_HOLDER.values())
+SHOWN: Mapping[str, str] = {
+    **{f"robot.holder.{new}": f"robot.{old}" for new, old in _HOLDER.items()},
+    **{f"robot.holder.limits.{name}": f"robot.dribble_limits.{name}" for name in _LIMITS},
+    "robot.holder.radius": "ball.radius",
+    "scene.objects.ball": "ball",
+    **{f"scene.objects.ball.{name}": f"ball.{name}" for name in _BALL},
+    "scene.area": "field",
+    **{f"scene.area.{name}": f"field.{name}" for name in _AREA},
+    **{f"scene.bays[{i}].{new}": f"field.{old}" for i in range(2) for new, old in _BAY.items()},
+}
+"""What a file of the former form calls each field."""
+
+
+def from_former(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the sections `robot` and `scene` of a description in the former form.
+
+    Parameters
+    ----------
+    data : mapping
+        With `robot` and the keys `SECTIONS`; `field` with the keys `FIELDS`, `robot` with at least
+        `HOLDER_FIELDS`.
+    """
+    robot, ball, field = dict(data["robot"]), data["ball"], data["field"]
+    holder = {new: robot.pop(old) for new, old in _HOLDER.items()}
+    robot["holder"] = holder | {"radius": ball.get("radius") if isinstance(ball, Mapping) else None}
+    sizes = {new: field[old] for new, old in _BAY.items()}
+    # A length that is no number is refused before the bays are looked at.
+    half = field["length"] / 2 if isinstance(field["length"], int | float) else 0.0
+    bays = [{"x": side * half, "y": 0.0, "yaw": yaw, **sizes} for side, yaw in _SIDES]
+    area = {name: field[name] for name in _AREA}
+    return {"robot": robot, "scene": {"area": area, "objects": {"ball": ball}, "bays": bays}}
+
+
+def in_former_names(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the content of a description in the former form, or as it is where that form cannot say it."""
+    holder, scene = content["holder"], content["scene"]
+    if holder is None or set(scene["objects"]) != {"ball"} or len(scene["bays"]) != len(_SIDES):
+        return content
+    ball, area, bay = scene["objects"]["ball"], scene["area"], scene["bays"][0]
+    field = {**area, **{old: bay[new] for new, old in _BAY.items()}}
+    rest = {name: value for name, value in content.items() if name not in ("holder", "scene")}
+    former = {**rest, **{old: holder[new] for new, old in _HOLDER.items()}, "ball": ball, "field": field}
+    both = from_former({"robot": {**former}, "ball": ball, "field": field})
+    said = both["scene"]["bays"] == list(scene["bays"]) and holder["radius"] == ball["radius"]
+    return former if said else content

@@ -1,0 +1,153 @@
+"""Estimation of a base's latency, lag, limits and dead zone from a probe drive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ator_ros.geometry import FloatArray
+from ator_ros.robot.base_response import AxisResponse
+from ator_ros.robot.description import Limits
+from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample
+
+_LATENCIES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3)
+_LAGS = (0.03, 0.12)
+_LOWER = (0.0, 0.002, 0.01, 0.01, 0.01, 0.05)
+_UPPER = (0.6, 0.6, 10.0, 30.0, 30.0, 200.0)
+_STARTS = 3
+_RESPONDING = 0.5  # share of a creeping command that a base outside its dead zone moves with
+_LAST = 0.25  # s at the end of a creeping step that are evaluated
+_REACHED = 0.97  # share of the greatest command below which a steady speed is a limit of the base
+_NEAR = 0.02  # share of the limit within which a speed is the limit
+_PLATEAU = 6  # samples near the limit that show it
+
+
+@dataclass(frozen=True, slots=True)
+class AxisEstimate:
+    """One axis of a base.
+
+    Attributes
+    ----------
+    response : AxisResponse
+        The fitted response.
+    dead_zone : float
+        Greatest creeping command without motion, in m/s or rad/s.
+    limited : bool
+        Whether the greatest speed is a limit of the base; otherwise it is only the greatest that was driven.
+    error : float
+        RMS difference of measured and fitted speeds in m/s or rad/s.
+    """
+
+    response: AxisResponse
+    dead_zone: float
+    limited: bool
+    error: float
+
+
+@dataclass(frozen=True, slots=True)
+class BaseEstimate:
+    """The estimates of both axes."""
+
+    driving: AxisEstimate
+    turning: AxisEstimate
+
+    @property
+    def latency(self) -> float:
+        """Time in s from the stamp of a state until the command for it moves the base."""
+        return 0.5 * (self.driving.response.latency + self.turning.response.latency)
+
+    @property
+    def lag(self) -> float:
+        """Time constant of the motors in s."""
+        return 0.5 * (self.driving.response.lag + self.turning.response.lag)
+
+    @property
+    def limits(self) -> Limits:
+        """Greatest speeds and accelerations; the weaker of gaining and losing where turning has one limit."""
+        v, w = self.driving.response, self.turning.response
+        return Limits(v=v.limit, w=w.limit, a=v.gain, brake=v.loss, aw=min(w.gain, w.loss))
+
+
+def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
+    """Estimate how a base responds to commands.
+
+    Parameters
+    ----------
+    samples : sequence of DriveSample
+        Of a whole probe drive.
+
+    Raises
+    ------
+    DriveError
+        A part of the drive is missing.
+    """
+    return BaseEstimate(
+        _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.v, s.v)),
+        _axis(samples, DrivePart.SPRINT_W, DrivePart.CREEP_W, lambda s: (s.command.w, s.w)),
+    )
+
+
+def _axis(
+    samples: Sequence[DriveSample],
+    sprint: DrivePart,
+    creep: DrivePart,
+    of: Callable[[DriveSample], tuple[float, float]],
+) -> AxisEstimate:
+    fast = [sample for sample in samples if sample.part is sprint]
+    slow = [sample for sample in samples if sample.part is creep]
+    if not fast or not slow:
+        raise DriveError(f"samples: expected those of the parts {sprint.value} and {creep.value}, got none")
+    times = [sample.time for sample in fast]
+    commands, speeds = np.array([of(sample) for sample in fast]).T
+    response = _fitted(times, commands, speeds)
+    errors = response.speeds(times, commands.tolist()) - speeds
+    rms = float(np.sqrt(np.mean(errors**2)))
+    near = np.abs(np.abs(speeds) - response.limit) < max(_NEAR * response.limit, 2.0 * rms)
+    limited = response.limit < _REACHED * np.abs(commands).max() and int(near.sum()) >= _PLATEAU
+    return AxisEstimate(response, _dead_zone([(s.time, *of(s)) for s in slow]), bool(limited), rms)
+
+
+def _fitted(times: Sequence[float], commands: FloatArray, speeds: FloatArray) -> AxisResponse:
+    """Fit a response by least squares, from the best of several starts, as latency and lag look alike."""
+    sent = commands.tolist()
+
+    def errors(values: FloatArray) -> FloatArray:
+        return AxisResponse(*values.tolist()).speeds(times, sent) - speeds
+
+    top = float(np.abs(speeds).max())
+    rate = max(0.05, _steepest(times, speeds))
+    starts = [
+        np.clip([latency, lag, top, rate, rate, 4.0 * rate], np.add(_LOWER, 1e-6), np.subtract(_UPPER, 1e-6))
+        for latency, lag in product(_LATENCIES, _LAGS)
+    ]
+    starts.sort(key=lambda start: float(np.sum(errors(start) ** 2)))
+    fits = [
+        least_squares(errors, start, bounds=(_LOWER, _UPPER), x_scale=(0.05, 0.05, top, rate, rate, rate))
+        for start in starts[:_STARTS]
+    ]
+    return AxisResponse(*min(fits, key=lambda fit: float(fit.cost)).x.tolist())
+
+
+def _steepest(times: Sequence[float], speeds: FloatArray) -> float:
+    """Return the 90th percentile of the change of speed over 0.2 s, in m/s^2 or rad/s^2."""
+    later = np.searchsorted(times, np.add(times, 0.2 - 1e-6))
+    pairs = [(i, j) for i, j in enumerate(later) if j < len(times)]
+    slopes = [abs(speeds[j] - speeds[i]) / (times[j] - times[i]) for i, j in pairs]
+    return float(np.percentile(slopes, 90)) if slopes else 0.0
+
+
+def _dead_zone(creep: Sequence[tuple[float, float, float]]) -> float:
+    """Return the greatest creeping command to which the base does not respond; 0 if it responds to all."""
+    by_command: dict[float, list[tuple[float, float]]] = {}
+    for time, command, speed in creep:
+        by_command.setdefault(command, []).append((time, speed))
+    still = [0.0]
+    for command, rows in by_command.items():
+        last = [abs(speed) for time, speed in rows if time > rows[-1][0] - _LAST]
+        if command and float(np.mean(last)) < _RESPONDING * command:
+            still.append(command)
+    return max(still)

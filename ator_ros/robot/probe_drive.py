@@ -1,0 +1,158 @@
+"""A short drive whose commands show how a base responds: creeping, sprints to and fro, spins both ways."""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from statistics import fmean
+
+from ator_ros.world.state import STOP, Command, RobotState
+
+_CREEP_STEPS = 12
+_CREEP = 0.01, 0.02  # m/s and rad/s by which creeping commands grow
+_CREEP_TIME = 0.6  # s of each
+_WINDOW = 0.4  # s over which a speed is judged
+_STEADY = 0.02  # change within the window as a share of the speed
+_RESOLUTION = 0.005  # m/s and rad/s below which a change is none
+_MOVING = 0.02, 0.04  # m/s and rad/s above which the base moves
+_PATIENCE = 4.0  # s until a sprint ends though the speed is not steady
+_START = 1.5  # s within which the base must move
+_SLOW = 0.3  # share of the speed that a sprint brakes to
+_SHARE = 0.45  # share of the free space in which a sprint may gain speed
+
+
+class DrivePart(enum.Enum):
+    """What a part of the drive is for."""
+
+    CREEP_V = "creep"
+    CREEP_W = "creep turning"
+    SPRINT_V = "sprint"
+    SPRINT_W = "spin"
+
+
+class DriveError(ValueError):
+    """A base that does not respond; the message says what was expected and what came."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveSample:
+    """A state and the command sent in answer: part, stamp in s, command, and speeds in m/s and rad/s."""
+
+    part: DrivePart
+    time: float
+    command: Command
+    v: float
+    w: float
+
+
+class ProbeDrive:
+    """Returns the command for each state until the drive is over; `samples` holds what was seen.
+
+    Parameters
+    ----------
+    v, w : float
+        Greatest commands in m/s and rad/s; above the limits of the base, so that these show.
+    space : float
+        Free way ahead of the robot in m. It needs half a metre behind and its own radius around.
+    """
+
+    def __init__(self, *, v: float, w: float, space: float) -> None:
+        self.samples: list[DriveSample] = []
+        self._greatest, self._space = Command(v, w), space
+        self._commands = self._drive()
+        self._seen: deque[tuple[float, RobotState]] = deque()
+        self._part = DrivePart.CREEP_V
+
+    def command(self, time: float, robot: RobotState) -> Command | None:
+        """Return the command for the state at `time` (s); None when the drive is over.
+
+        Raises
+        ------
+        DriveError
+            The base does not move.
+        """
+        self._seen.append((time, robot))
+        while self._seen[0][0] < time - _WINDOW - 1e-6:
+            self._seen.popleft()
+        try:
+            command = next(self._commands)
+        except StopIteration:
+            return None
+        self.samples.append(DriveSample(self._part, time, command, robot.v, robot.w))
+        return command
+
+    def _drive(self) -> Iterator[Command]:
+        yield from self._creep(DrivePart.CREEP_V, Command(v=_CREEP[0]))
+        yield from self._creep(DrivePart.CREEP_W, Command(w=_CREEP[1]))
+        for part, top in (
+            (DrivePart.SPRINT_V, Command(v=self._greatest.v)),
+            (DrivePart.SPRINT_W, Command(w=self._greatest.w)),
+        ):
+            for sign in (1.0, -1.0):
+                self._part = part
+                yield from self._sprint(Command(sign * top.v, sign * top.w))
+                yield from self._stand()
+
+    def _creep(self, part: DrivePart, step: Command) -> Iterator[Command]:
+        self._part = part
+        for number in range(1, _CREEP_STEPS + 1):
+            yield from self._hold(Command(number * step.v, number * step.w), _CREEP_TIME)
+        yield from self._stand()
+
+    def _sprint(self, top: Command) -> Iterator[Command]:
+        """Gain speed until it is steady or half the space is used, brake to a part of it, go on."""
+        start, (began, _) = self._now.pose, self._seen[-1]
+        while not self._steady and self._time - began < _PATIENCE:
+            if self._now.pose.distance(start) > _SHARE * self._space:
+                break
+            if self._time - began > _START and not self._moving:
+                raise DriveError(
+                    f"the base does not move: expected motion within {_START:g} s of the command "
+                    f"v={top.v:g} m/s, w={top.w:g} rad/s"
+                )
+            yield top
+        slow = Command(_SLOW * self._now.v, _SLOW * self._now.w)
+        slow = Command(w=slow.w) if top.v == 0.0 else Command(v=slow.v)
+        began = self._time
+        while not (self._steady and self._time - began > _WINDOW) and self._time - began < _PATIENCE:
+            if self._now.pose.distance(start) > self._space:
+                break
+            yield slow
+
+    def _stand(self) -> Iterator[Command]:
+        began = self._time
+        yield from self._hold(STOP, _WINDOW)
+        while self._moving and self._time - began < _PATIENCE:
+            yield STOP
+
+    def _hold(self, command: Command, seconds: float) -> Iterator[Command]:
+        began = self._time
+        while self._time - began < seconds - 1e-6:
+            yield command
+
+    @property
+    def _time(self) -> float:
+        return self._seen[-1][0]
+
+    @property
+    def _now(self) -> RobotState:
+        return self._seen[-1][1]
+
+    @property
+    def _moving(self) -> bool:
+        return abs(self._now.v) > _MOVING[0] or abs(self._now.w) > _MOVING[1]
+
+    @property
+    def _steady(self) -> bool:
+        """Whether the base moves at a speed whose mean is the same in both halves of the window."""
+        half = len(self._seen) // 2
+        if not self._moving or self._time - self._seen[0][0] < _WINDOW - 0.1 or not half:
+            return False
+        states = [state for _, state in self._seen]
+        for speeds in ([state.v for state in states], [state.w for state in states]):
+            before, after = fmean(speeds[:half]), fmean(speeds[half:])
+            if abs(after - before) > max(_STEADY * abs(after), _RESOLUTION):
+                return False
+        return True

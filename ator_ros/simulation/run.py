@@ -1,0 +1,199 @@
+"""Simulated runs: everything that executes something in the simulator goes through here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol, TypeVar
+
+from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.geometry import wrap_angle
+from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.tops.outcome import failure, may_settle, shortfall, unmet
+from ator_ros.tops.top import Top
+from ator_ros.world.state import STOP, Command, World
+
+TIME_LIMIT = 30.0
+"""Time in s that an action or a chain may take."""
+
+
+class Tick(Protocol):
+    """What steers the robot in one control tick, as `Step` does."""
+
+    @property
+    def command(self) -> Command | None:
+        """The command; None where nobody commands."""
+
+    @property
+    def status(self) -> Status:
+        """Whether it goes on."""
+
+
+S = TypeVar("S", bound=Tick)
+
+
+def place(simulation: Simulation, world: World) -> None:
+    """Put the robot and the objects of `world` into the simulation."""
+    robot = world.robot
+    simulation.place_robot(robot.pose, v=robot.v, w=robot.w)
+    simulation.place_objects(world.objects)
+
+
+def run(
+    simulation: Simulation,
+    step: Callable[[World], S],
+    *,
+    ticks: int,
+    watch: Callable[[World], None] | None = None,
+    observe: Callable[[World], World] | None = None,
+) -> S | None:
+    """Steer the robot tick by tick until `step` ends.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The world, in which everything has been placed.
+    step : callable
+        Returns what to do for an observed state.
+    ticks : int
+        Greatest number of control ticks.
+    watch : callable, optional
+        Called with the true state of each tick, before `step`.
+    observe : callable, optional
+        Returns the observed state; ticks in which it is not newer than the last one are passed without a
+        step. By default the true state is observed.
+
+    Returns
+    -------
+    Step, or whatever `step` returns, or None
+        The last one, which is not running; None if `ticks` are over before.
+    """
+    last: float | None = None
+    for _ in range(ticks):
+        world = simulation.world()
+        if watch is not None:
+            watch(world)
+        seen = world if observe is None else observe(world)
+        if seen.time != last:
+            last = seen.time
+            done = step(seen)
+            if done.status is not Status.RUNNING:
+                return done
+            if done.command is not None:
+                simulation.command(done.command)
+        simulation.tick()
+    return None
+
+
+def settle(simulation: Simulation, top: Top, goal: Goal) -> World:
+    """Let objects move on, with the robot stopping, as long as `top` allows; return the true state then.
+
+    It ends as soon as the post-condition holds or all its objects rest.
+    """
+    world = simulation.world()
+    for _ in range(round(top.settles * CONTROL_RATE)):
+        if not may_settle(top, world) or not unmet(top, world, goal, simulation.robot):
+            break
+        simulation.command(STOP)
+        simulation.tick()
+        world = simulation.world()
+    return world
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """How a TOP ended, by the true state.
+
+    Attributes
+    ----------
+    success : bool
+        Its action succeeded, and its post-condition holds.
+    reason : str
+        A sentence on how it ended.
+    world : World
+        The state in which it was judged, after objects have settled.
+    error : float
+        Distance of the robot's point from the goal in m where the TOP places it there; else how far the world
+        is from the post-condition, in the unit of the worst variable.
+    heading_error : float
+        Difference of headings in rad; NaN where the TOP does not place the robot.
+    """
+
+    success: bool
+    reason: str
+    world: World
+    error: float
+    heading_error: float
+
+
+def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgement:
+    """Judge a TOP by its post-condition, which alone decides whether an action that succeeded has done so.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The world at the end of the action; objects may settle in it.
+    top, goal
+        What was executed.
+    status : Status
+        How the action ended; RUNNING if it was broken off, after which nothing settles.
+    message : str
+        A sentence on how it ended.
+    """
+    robot, ended_well = simulation.robot, status is Status.SUCCEEDED
+    world = simulation.world() if status is Status.RUNNING else settle(simulation, top, goal)
+    lacks = unmet(top, world, goal, robot)
+    reason = f"{message}; but {failure(top, lacks)}" if lacks and ended_well else message
+    error, heading_error = shortfall(top, world, goal, robot), math.nan
+    if top.arrives:
+        pose = world.robot.pose
+        point = robot.hold_point(pose) if goal.point is Point.HOLD else pose
+        error = math.hypot(point.x - goal.pose.x, point.y - goal.pose.y)
+        heading_error = abs(wrap_angle(pose.yaw - goal.pose.yaw))
+    return Judgement(ended_well and not lacks, reason, world, error, heading_error)
+
+
+def run_action(
+    simulation: Simulation,
+    action: Action,
+    goal: Goal,
+    *,
+    time_limit: float = TIME_LIMIT,
+    step: Callable[[Action, World], Step] | None = None,
+) -> Step:
+    """Execute one action from the present state until it ends; return its last step.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The world, in which everything has been placed.
+    action : Action
+        Started here, and ended whatever happens.
+    goal : Goal
+        Its goal.
+    time_limit : float
+        Time in s that it may take.
+    step : callable, optional
+        Called in each tick instead of `Action.step`, to observe it.
+
+    Returns
+    -------
+    Step
+        Its status is RUNNING if the time limit was reached.
+
+    Raises
+    ------
+    ActionError
+        The action cannot start.
+    """
+    action.start(simulation.world(), goal)
+    reason = "broken off"
+    try:
+        stepped = action.step if step is None else partial(step, action)
+        done = run(simulation, stepped, ticks=round(time_limit * CONTROL_RATE))
+        reason = f"time limit of {time_limit:g} s reached" if done is None else done.message
+    finally:
+        action.end(reason)
+    return done or Step(STOP, Status.RUNNING, reason)

@@ -1,0 +1,61 @@
+"""The robot's description as URDF, for pybullet and for RViz."""
+
+from __future__ import annotations
+
+from string import Template
+
+from ator_ros.resources import resource_path
+from ator_ros.robot.description import Holder, Robot
+
+WHEEL_MASS = 0.4
+# Seen through the gear (38.3:1) the motor's rotor outweighs the wheel: 4e-6 kg m^2 * 38.3^2.
+WHEEL_INERTIA = 0.008
+CENTRE_OF_MASS_X = -0.06
+WHEEL_NAMES = ("left_wheel_joint", "right_wheel_joint")
+_FINGER = (
+    '<{tag}><origin xyz="{x:.6g} {side}{y:.6g} 0.12"/>'
+    '<geometry><box size="{length:.6g} {thickness:.6g} 0.1"/></geometry>{material}</{tag}>'
+)
+
+
+def robot_urdf(robot: Robot) -> str:
+    """Return the robot's description as URDF.
+
+    Parameters
+    ----------
+    robot : Robot
+        Sizes and masses; everything else is in `urdf/robot.urdf.template`.
+    """
+    body_mass = robot.mass - 2 * WHEEL_MASS
+    length, width = robot.front + robot.rear, 2 * robot.half_width - 0.08
+    numbers = {
+        "com_x": CENTRE_OF_MASS_X,
+        "body_mass": body_mass,
+        "ixx": body_mass * (width**2 + 0.2**2) / 12,
+        "iyy": body_mass * (length**2 + 0.2**2) / 12,
+        "izz": body_mass * (length**2 + width**2) / 12,
+        "body_x": (robot.front - robot.rear) / 2,
+        "body_length": length,
+        "body_width": width,
+        "wheel_mass": WHEEL_MASS,
+        "wheel_i": WHEEL_INERTIA,
+        "wheel_radius": robot.wheel_radius,
+        "half_track": robot.track / 2,
+        "caster_x": -robot.rear + 0.04,
+    }
+    fingers = {
+        "visual_fingers": _fingers("visual", robot.holder, robot.front, '<material name="steel"/>'),
+        "collision_fingers": _fingers("collision", robot.holder, robot.front),
+    }
+    template = Template(resource_path("urdf", "robot.urdf.template").read_text(encoding="utf-8"))
+    return template.substitute({name: f"{value:.6g}" for name, value in numbers.items()} | fingers)
+
+
+def _fingers(tag: str, holder: Holder | None, front: float, material: str = "") -> str:
+    """Return the elements of both fingers of a holder; nothing without one."""
+    if holder is None:
+        return ""
+    sizes = {"length": holder.length, "thickness": holder.thickness}
+    place = {"x": front + holder.length / 2, "y": (holder.gap + holder.thickness) / 2}
+    both = (_FINGER.format(tag=tag, side=side, material=material, **place, **sizes) for side in ("", "-"))
+    return "\n    ".join(both)

@@ -1,0 +1,115 @@
+"""The ROS side of `calibrate`: drives a base over cmd_vel and odom."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from ator_ros.nodes.commands import CommandPublisher
+from ator_ros.nodes.conversions import robot_from
+from ator_ros.nodes.machine import MachineError, check_machine
+from ator_ros.nodes.network import stay_on_this_machine
+from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
+from ator_ros.world.state import STOP
+
+_SILENCE = 1.0  # s of real time without odometry after which the drive is broken off
+_FIRST = 5.0  # s of real time to wait for odometry
+_STOPS = 10  # commands to stand at the end, in case some are lost
+
+
+def drive_over_ros(
+    drive: ProbeDrive, words: Sequence[str], *, stamped: bool, frame: str
+) -> list[DriveSample]:
+    """Drive the base that listens to cmd_vel, and stop it whatever happens.
+
+    Parameters
+    ----------
+    drive : ProbeDrive
+        The drive.
+    words : sequence of str
+        The command line, which may hold ROS's own arguments.
+    stamped : bool
+        Whether cmd_vel is a TwistStamped.
+    frame : str
+        Frame of the odometry.
+
+    Raises
+    ------
+    DriveError
+        Odometry is missing or malformed, somebody else commands the base, or it does not move.
+    """
+    try:
+        check_machine(os.environ, words)
+    except MachineError as error:
+        raise DriveError(str(error)) from error
+    stay_on_this_machine(os.environ)
+    # rclpy's own handlers would invalidate the context before the robot has been stopped.
+    rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("calibrate")
+    try:
+        _Driver(node, drive, stamped=stamped, frame=frame).run()
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return drive.samples
+
+
+class _Driver:
+    """Answers each odometry message with the command of the drive."""
+
+    def __init__(self, node: Node, drive: ProbeDrive, *, stamped: bool, frame: str) -> None:
+        self._node, self._drive, self._frame = node, drive, frame
+        self._commands = CommandPublisher(node, stamped=stamped, frame="base_link")
+        self._heard: float | None = None
+        self._stamp = -1.0
+        self._fault: Exception | None = None
+        self._done = False
+        node.create_subscription(Odometry, "odom", self._hear, SENSOR_DATA)
+
+    def run(self) -> None:
+        """Drive until the drive is over.
+
+        Raises
+        ------
+        DriveError
+            Odometry is missing, or somebody else commands the base.
+        """
+        began = time.monotonic()
+        try:
+            while not self._done:
+                rclpy.spin_once(self._node, timeout_sec=0.1)
+                self._check(time.monotonic(), began)
+        finally:
+            for _ in range(_STOPS):
+                self._commands.publish(STOP, max(self._stamp, 0.0))
+                time.sleep(0.02)
+
+    def _check(self, now: float, began: float) -> None:
+        if self._fault is not None:
+            raise self._fault
+        if self._heard is None and now - began > _FIRST:
+            raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none")
+        if self._heard is not None and now - self._heard > _SILENCE:
+            raise DriveError(f"odom: expected a message every {_SILENCE:g} s, the last came earlier")
+        if self._node.count_publishers("cmd_vel") > 1:
+            raise DriveError("cmd_vel: expected no other publisher; end the executor and what else drives")
+
+    def _hear(self, message: Odometry) -> None:
+        try:
+            stamp, robot = robot_from(message, frame=self._frame)
+            if stamp <= self._stamp or self._done:
+                return
+            self._stamp, self._heard = stamp, time.monotonic()
+            command = self._drive.command(stamp, robot)
+        except ValueError as error:  # of the message, or of the drive
+            self._fault = error
+            return
+        self._done = command is None
+        self._commands.publish(command or STOP, stamp)

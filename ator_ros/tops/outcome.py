@@ -1,0 +1,67 @@
+"""What a TOP has achieved, by its post-condition alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from ator_ros.actions.base import Goal
+from ator_ros.actions.situation import Situation
+from ator_ros.robot.description import Robot
+from ator_ros.tops.objects import objects_in
+from ator_ros.tops.state import goal_variables, state_of
+from ator_ros.tops.top import Top
+from ator_ros.world.state import World
+
+
+class NoTopError(ValueError):
+    """A situation in which no TOP says what its action is for; the message says what was expected."""
+
+
+def unmet(top: Top, world: World, goal: Goal, robot: Robot) -> list[str]:
+    """Return in words what the post-condition lacks in `world`; an empty list means that it holds."""
+    return top.post.violations(state_of(world, robot), goal_variables(goal))
+
+
+def failure(top: Top, lacks: Iterable[str]) -> str:
+    """Return the reason of a failure for what a post-condition lacks."""
+    return f"post-condition of {top.name}: {'; '.join(lacks)}"
+
+
+def shortfall(top: Top, world: World, goal: Goal, robot: Robot) -> float:
+    """Return how far `world` is from the post-condition, in the unit of the worst variable; 0: it holds."""
+    return top.post.shortfall(state_of(world, robot), goal_variables(goal))
+
+
+def may_settle(top: Top, world: World) -> bool:
+    """Return whether an object of the post-condition still moves."""
+    objects = (world.objects.get(name) for name in top.post.objects())
+    return any(there is not None and not there.rests for there in objects)
+
+
+def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
+    """Return the TOP whose post-condition says what an action is for in `situation`.
+
+    It executes the action, means the same point of the robot, and names no object that the situation lacks.
+    Among several, the one with the fewest violations of its pre-condition counts, the first of equals.
+
+    Raises
+    ------
+    NoTopError
+        There is none.
+    """
+    world = World(0.0, situation.robot, situation.objects)
+    state, goal = state_of(world, robot), goal_variables(situation.goal)
+    suited = [
+        top
+        for top in tops
+        if top.action == situation.action
+        and top.point is situation.goal.point
+        and set(objects_in(top)) <= set(situation.objects)
+    ]
+    if not suited:
+        raise NoTopError(
+            f"situation of {situation.action}: expected a TOP with this action, a goal for the "
+            f"{situation.goal.point.value} and no objects but {sorted(situation.objects)}, got none of "
+            f"{[top.name for top in tops]}"
+        )
+    return min(suited, key=lambda top: len(top.pre.violations(state, goal)))

@@ -1,0 +1,97 @@
+"""The scene around a robot: the area, the objects that roll in it, and what stands in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ator_ros.world.state import ObjectState
+
+_STANDING = 1e-3  # m/s up to which an object counts as standing
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A rectangle centred on the origin.
+
+    Attributes
+    ----------
+    length, width : float
+        Along x and along y, in m.
+    margin : float
+        Free floor around it in m.
+    """
+
+    length: float
+    width: float
+    margin: float
+
+    @property
+    def floor(self) -> tuple[float, float]:
+        """Greatest |x| and |y| in m of the area with its margin."""
+        return self.length / 2 + self.margin, self.width / 2 + self.margin
+
+
+@dataclass(frozen=True, slots=True)
+class RoundObject:
+    """A hollow sphere: radius in m, mass in kg, deceleration in m/s^2 when it rolls freely, restitution."""
+
+    radius: float
+    mass: float
+    rolling_deceleration: float
+    restitution: float
+
+    def at_rest(self, state: ObjectState) -> ObjectState:
+        """Return the state in which the object comes to rest if nothing stops it before."""
+        if state.speed < _STANDING:
+            return state
+        seconds = state.speed / (2.0 * self.rolling_deceleration)
+        return ObjectState(state.x + state.vx * seconds, state.y + state.vy * seconds)
+
+
+@dataclass(frozen=True, slots=True)
+class Bay:
+    """Three walls around an open front, such as a dock or a goal.
+
+    Attributes
+    ----------
+    x, y : float
+        Middle of the front in m.
+    yaw : float
+        Direction into the bay in rad.
+    width, depth : float
+        Inner sizes in m.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    width: float
+    depth: float
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What surrounds the robot.
+
+    Attributes
+    ----------
+    area : Area
+        Where it is meant to drive.
+    objects : mapping of str to RoundObject
+        The objects by name.
+    bays : tuple of Bay
+        The bays, which do not move.
+    """
+
+    area: Area
+    objects: Mapping[str, RoundObject] = field(default_factory=dict, hash=False)
+    bays: tuple[Bay, ...] = ()
+
+    def radius(self, name: str) -> float:
+        """Return the radius of an object in m; 0 if it is not described."""
+        return self.objects[name].radius if name in self.objects else 0.0
+
+    def at_rest(self, name: str, state: ObjectState) -> ObjectState:
+        """Return where an object comes to rest; one that is not described is taken as standing."""
+        return self.objects[name].at_rest(state) if name in self.objects else state

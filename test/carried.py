@@ -1,0 +1,100 @@
+"""A goal whose action somebody else executes, and a ledger of what its actions were told."""
+
+from __future__ import annotations
+
+import itertools
+
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
+from ator_ros.execution.execution import Execution
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.phases import Deadlines
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.refining import Refining
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import load_robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Region, Term
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.top import Top
+from ator_ros.world.state import Command, ObjectState, RobotState, World
+
+ROBOT = load_robot()
+VISIT = Top(
+    "visit", "carried", Condition((Term("mark.x", "goal.x", 0.1), Term("mark.y", "goal.y", 0.1))), Condition()
+)
+CALL = TopCall(VISIT, Goal(Pose(2.0, 0.0, 0.0)))
+HELD = Condition(tuple(Term(f"hold.{axis}", f"cup.{axis}", 0.12) for axis in "xy"))
+CARRY = Top("carry", "carried", HELD, HELD)
+ROLL = Top("roll", "carried", Condition(), Condition((Region("mark.x", 3.0, 0.0, 1.0),)), settles=1.0)
+CARRY_CALL = TopCall(CARRY, Goal(Pose(2.0, 0.0, 0.0)))
+
+
+class Ledger:
+    """Actions that somebody else executes, with what was told to each."""
+
+    def __init__(self) -> None:
+        self.log: list[str] = []
+        self.starts: list[Goal] = []
+        self.ends: list[tuple[Goal, str]] = []
+        self.outcome, self.plans, self.refuses = Status.RUNNING, False, False
+
+    def library(self) -> TopLibrary:
+        ledger = self
+
+        class Carried(Action):
+            name = "carried"
+
+            @property
+            def planning(self) -> bool:
+                return ledger.plans
+
+            def start(self, world: World, goal: Goal) -> None:
+                if ledger.refuses:
+                    raise ActionError("nobody carries")
+                self._goal = goal
+                ledger.starts.append(goal)
+                ledger.log.append("start")
+
+            def step(self, world: World) -> Step:
+                return Step(None, ledger.outcome, f"carried: {ledger.outcome.value}")
+
+            def end(self, reason: str) -> None:
+                ledger.ends.append((self._goal, reason))
+                ledger.log.append("end")
+
+        return TopLibrary(ROBOT, "carried", tops=(VISIT, CARRY, ROLL), actions={"carried": Carried})
+
+
+class Sent:
+    """One goal that is executed on a robot that others move, in ticks of 1/20 s."""
+
+    def __init__(
+        self, ledger: Ledger, chain: TopChain, fence: Fence | None = None, *, refine: bool = False
+    ) -> None:
+        self.execution = Execution(
+            ledger.library(),
+            chain,
+            refining=Refining(ROBOT, wanted=refine, again_after=0.0),
+            now=0.0,
+            predictor=Predictor(ROBOT, {}),
+            deadlines=Deadlines(action=1.0),
+            fence=fence or Fence.around(ROBOT),
+        )
+        self.sent: list[Command | None] = []
+        self._ticks = itertools.count()
+        self.now = 0.0
+
+    def tick(self, *, x: float = 0.0, v: float = 0.0, mark: float = 2.0, cup: float = ROBOT.hold) -> None:
+        self.now = 0.05 * next(self._ticks)
+        objects = {"mark": ObjectState(mark, 0.0), "cup": ObjectState(cup, 0.0)}
+        self.sent.append(
+            self.execution.tick(World(self.now, RobotState(Pose(x, 0.0, 0.0), v), objects), self.now)
+        )
+
+
+def begun(ledger: Ledger, fence: Fence | None = None, steps: int = 1) -> Sent:
+    goal = Sent(ledger, TopChain((CALL,) * steps), fence)
+    goal.tick()
+    goal.tick()
+    assert ledger.starts == [CALL.goal]
+    return goal

@@ -1,0 +1,58 @@
+"""`calibrate` drives the simulated base over ROS and writes a description that loads."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+from conftest import Start
+from process import PATIENCE
+from ros_client import Client
+
+from ator_ros.robot.description import load_robot
+
+AWAY = [3.5, 2.0]
+
+
+def calibrate(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run the command on a ROS domain."""
+    executable = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "calibrate")
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    command = [str(executable), *words]
+    kept = {"capture_output": True, "text": True, "timeout": 4 * PATIENCE}
+    return subprocess.run(command, env=environment, check=False, **kept)
+
+
+def test_a_base_is_described(start: Start, domain: int, tmp_path: Path) -> None:
+    start("simulation", real_time_factor=5.0, command_wait=2.0, latency=0.1, ball_start=AWAY)
+    file = tmp_path / "mine.yaml"
+    done = calibrate(domain, "--name", "mine", "--out", str(file))
+    assert done.returncode == 0, done.stderr
+    word, latency, *_ = done.stdout.split()
+    assert word == "latency"
+    assert float(latency) == pytest.approx(0.1, abs=0.01)
+    found, true = load_robot(file), load_robot()
+    assert found.name == "mine"
+    for name in ("v", "w", "a", "brake", "aw"):
+        assert getattr(found.limits, name) == pytest.approx(getattr(true.limits, name), rel=0.05)
+
+
+def test_another_publisher_of_commands_is_refused(
+    start: Start, client: Client, domain: int, tmp_path: Path
+) -> None:
+    """The client is one: it has a publisher for the tests that drive the robot themselves."""
+    start("simulation", real_time_factor=5.0)
+    client.eventually(lambda: bool(client.robots), "odometry")
+    done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
+    assert done.returncode == 1
+    assert "cmd_vel: expected no other publisher" in done.stderr
+    assert not (tmp_path / "mine.yaml").exists()
+
+
+def test_without_odometry_it_says_so(start: Start, domain: int, tmp_path: Path) -> None:
+    done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == "calibrate: odom: expected a message within 5 s, got none"

@@ -1,0 +1,139 @@
+"""Each action that starts is ended once, with the reason; nothing is sent where others move the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from carried import CALL, ROBOT, Ledger, Sent, begun
+
+from ator_ros.actions.base import Status
+from ator_ros.execution.driving import Driving
+from ator_ros.execution.phases import Ending, Phase
+from ator_ros.geometry import Pose
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import STOP, RobotState, World
+
+
+def succeed(ledger: Ledger, goal: Sent) -> None:
+    ledger.outcome = Status.SUCCEEDED
+    goal.tick()
+
+
+def fail(ledger: Ledger, goal: Sent) -> None:
+    ledger.outcome = Status.FAILED
+    goal.tick()
+
+
+def take_too_long(ledger: Ledger, goal: Sent) -> None:
+    for _ in range(22):
+        goal.tick()
+
+
+def lose_odometry(ledger: Ledger, goal: Sent) -> None:
+    goal.execution.watch(goal.now + 1.0)
+
+
+def lose_the_object(ledger: Ledger, goal: Sent) -> None:
+    for _ in range(2):
+        goal.now += 0.05
+        goal.execution.tick(World(goal.now, RobotState(Pose(0.0, 0.0, 0.0))), goal.now)
+
+
+def leave_the_fence(ledger: Ledger, goal: Sent) -> None:
+    goal.tick(x=9.0)
+    goal.tick(x=9.0)
+
+
+def end_by(ending: Ending) -> Callable[[Ledger, Sent], None]:
+    return lambda _, goal: goal.execution.end(ending, f"it is {ending.name}")
+
+
+ENDINGS: dict[str, tuple[Callable[[Ledger, Sent], None], Ending, str]] = {
+    "success": (succeed, Ending.SUCCEEDED, "carried: succeeded"),
+    "failure": (fail, Ending.FAILED, "carried: failed"),
+    "time limit": (take_too_long, Ending.FAILED, "visit took longer than 1 s"),
+    "odometry": (lose_odometry, Ending.INPUT_LOST, "odom is missing"),
+    "object": (lose_the_object, Ending.INPUT_LOST, "mark is missing"),
+    "fence": (leave_the_fence, Ending.OUT_OF_BOUNDS, "fence"),
+    "cancel": (end_by(Ending.CANCELED), Ending.CANCELED, "it is CANCELED"),
+    "preemption": (end_by(Ending.PREEMPTED), Ending.PREEMPTED, "it is PREEMPTED"),
+    "shutdown": (end_by(Ending.SHUTDOWN), Ending.SHUTDOWN, "it is SHUTDOWN"),
+    "base": (end_by(Ending.BASE_FAULT), Ending.BASE_FAULT, "it is BASE_FAULT"),
+}
+
+
+@pytest.mark.parametrize("how", ENDINGS)
+def test_an_action_is_ended_once_with_the_reason(how: str) -> None:
+    act, ending, reason = ENDINGS[how]
+    ledger = Ledger()
+    goal = begun(ledger)
+    act(ledger, goal)
+    goal.execution.end(Ending.SHUTDOWN, "too late")
+    goal.tick()
+    assert goal.execution.ending is ending
+    assert [(of, reason in told) for of, told in ledger.ends] == [(CALL.goal, True)]
+    assert goal.sent[-1] == STOP
+
+
+def test_an_action_that_does_not_start_is_not_ended() -> None:
+    ledger = Ledger()
+    ledger.refuses = True
+    goal = Sent(ledger, TopChain((CALL,)))
+    goal.tick()
+    goal.tick()
+    assert goal.execution.ending is Ending.FAILED
+    assert ledger.ends == []
+
+
+def test_each_action_of_a_chain_is_ended_before_the_next_one_starts() -> None:
+    ledger = Ledger()
+    goal = begun(ledger, steps=2)
+    ledger.outcome = Status.SUCCEEDED
+    goal.tick()
+    assert goal.execution.ending is Ending.SUCCEEDED
+    assert ledger.log == ["start", "end", "start", "end"]
+
+
+def test_a_goal_that_moves_ends_the_action_with_the_former_one() -> None:
+    ledger = Ledger()
+    goal = begun(ledger)
+    goal.tick(mark=2.5)
+    assert [start.pose.x for start in ledger.starts] == [2.0, 2.5]
+    assert ledger.ends == [(CALL.goal, "another goal took over")]
+
+
+def test_a_start_that_is_not_taken_is_ended_too() -> None:
+    ledger = Ledger()
+    goal = begun(ledger)
+    ledger.plans = True
+    goal.tick(mark=2.5)
+    (new, why), (former, _) = ledger.ends
+    assert (new.pose.x, former.pose.x) == (2.5, 2.0)
+    assert "no way" in why
+
+
+def test_where_others_move_the_robot_nothing_is_sent_and_nothing_is_accused() -> None:
+    ledger = Ledger()
+    goal = begun(ledger)
+    driving = Driving(ROBOT, 0.1)
+    x = 0.0
+    for tick in range(60):
+        moved = World(0.05 * tick, RobotState(Pose(x, 0.0, 0.0), 1.0))
+        driving.ahead(moved, goal.execution, 0.05 * tick)
+        assert driving.punctual(moved.robot, None, 1.0) is None
+        driving.sent(moved.time, None)
+        x += 0.05
+    assert goal.execution.phase is Phase.EXECUTING
+    assert goal.sent[1:] == [None]
+
+
+def test_motion_without_commands_is_accused_where_we_send_them() -> None:
+    goal = begun(Ledger())
+    driving, x = Driving(ROBOT, 0.1), 0.0
+    for tick in range(60):
+        moved = World(0.05 * tick, RobotState(Pose(x, 0.0, 0.0), 0.0 if tick < 5 else 1.0))
+        driving.ahead(moved, goal.execution, 0.05 * tick)
+        driving.sent(moved.time, STOP)
+        x += 0.05 if tick >= 5 else 0.0
+    assert goal.execution.ending is Ending.BASE_FAULT

@@ -1,0 +1,131 @@
+"""A base's latency, lag, limits and dead zone are found from a probe drive of half a minute."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from ator_ros.geometry import Pose
+from ator_ros.robot.base_response import AxisResponse
+from ator_ros.robot.description import Limits, Robot, load_robot
+from ator_ros.robot.identification import BaseEstimate, identify
+from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
+from ator_ros.robot.ramp import ramped
+from ator_ros.simulation.sensors import SensorConfig, Sensors
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.world.state import STOP, Command, RobotState
+
+PIONEER = load_robot()
+SLOW = Limits(v=0.4, w=1.2, a=0.3, brake=0.4, aw=2.0)
+MIDDLING = Limits(v=0.8, w=1.8, a=0.6, brake=0.6, aw=2.5)
+QUICK = Limits(v=1.6, w=4.0, a=2.0, brake=2.0, aw=8.0)
+
+
+def base(limits: Limits, lag: float) -> Robot:
+    return dataclasses.replace(PIONEER, limits=limits, motor_time_constant=lag)
+
+
+def driven(
+    robot: Robot, *, latency: float = 0.0, dead: float = 0.0, noise: float = 0.0, space: float = 3.0
+) -> Sequence[DriveSample]:
+    """Return the samples of a probe drive in the simulation."""
+    rng = np.random.default_rng(1)
+    drive = ProbeDrive(v=1.5 * robot.limits.v, w=1.5 * robot.limits.w, space=space)
+    sensors, last = Sensors(SensorConfig(latency=latency)), -1.0
+    with Simulation(robot) as simulation:
+        while True:
+            world = sensors.observe(simulation.world())
+            if world.time > last:
+                last, state = world.time, world.robot
+                errors = rng.normal(0.0, noise, 2)
+                seen = dataclasses.replace(state, v=state.v + errors[0], w=state.w + errors[1])
+                command = drive.command(world.time, seen)
+                if command is None:
+                    return drive.samples
+                simulation.command(command if abs(command.v) >= dead else Command(0.0, command.w))
+            simulation.tick()
+
+
+def check(estimate: BaseEstimate, robot: Robot, latency: float, *, within: float = 0.01) -> None:
+    assert estimate.latency == pytest.approx(latency, abs=within)
+    assert estimate.lag == pytest.approx(robot.motor_time_constant, abs=0.015)
+    for name in ("v", "w", "a", "brake", "aw"):
+        expected = getattr(robot.limits, name)
+        assert getattr(estimate.limits, name) == pytest.approx(expected, rel=0.05), name
+    assert estimate.driving.limited
+    assert estimate.turning.limited
+
+
+@pytest.mark.parametrize(
+    ("limits", "lag", "latency"),
+    [
+        (PIONEER.limits, 0.03, 0.0),
+        (PIONEER.limits, 0.12, 0.1),
+        (SLOW, 0.03, 0.15),
+        (MIDDLING, 0.08, 0.05),
+        (QUICK, 0.02, 0.1),
+    ],
+)
+def test_a_base_is_found(limits: Limits, lag: float, latency: float) -> None:
+    robot = base(limits, lag)
+    check(identify(driven(robot, latency=latency)), robot, latency)
+
+
+def test_noisy_velocities_do_little_harm() -> None:
+    robot = base(MIDDLING, 0.08)
+    check(identify(driven(robot, latency=0.1, noise=0.01)), robot, 0.1, within=0.015)
+
+
+def test_a_dead_zone_is_found() -> None:
+    estimate = identify(driven(base(PIONEER.limits, 0.03), dead=0.055))
+    assert estimate.driving.dead_zone == pytest.approx(0.05)
+    assert estimate.turning.dead_zone == 0.0
+
+
+def test_the_drive_keeps_to_its_space() -> None:
+    robot, ways = base(PIONEER.limits, 0.03), []
+    drive = ProbeDrive(v=1.8, w=3.6, space=1.5)
+    with Simulation(robot) as simulation:
+        while (command := drive.command(simulation.time, simulation.world().robot)) is not None:
+            ways.append(simulation.world().robot.pose.x)
+            simulation.command(command)
+            simulation.tick()
+    assert max(ways) < 1.5
+    assert min(ways) > -0.5
+    assert not identify(drive.samples).driving.limited  # too short a way to see the greatest speed
+
+
+def test_a_base_that_does_not_move_is_told() -> None:
+    drive = ProbeDrive(v=1.0, w=1.0, space=3.0)
+    still = RobotState(Pose(0.0, 0.0, 0.0))
+    with pytest.raises(DriveError, match=r"does not move: expected motion within 1\.5 s"):
+        deque((drive.command(0.05 * tick, still) for tick in range(2000)), maxlen=0)
+
+
+def test_parts_that_are_missing_are_told() -> None:
+    with pytest.raises(DriveError, match="expected those of the parts sprint and creep, got none"):
+        identify([DriveSample(DrivePart.SPRINT_W, 0.0, STOP, 0.0, 0.0)])
+
+
+def test_the_response_is_that_of_fine_steps() -> None:
+    """The closed form agrees with a simulation in steps of 0.1 ms, sign changes and stops included."""
+    limits = Limits(v=1.0, w=1.0, a=0.7, brake=1.1, aw=2.0)
+    times = np.arange(0.0, 8.0, 0.05)
+    commands = np.repeat([2.0, 0.3, -0.8, 0.0], 40)
+    response = AxisResponse(latency=0.07, lag=0.1, limit=1.0, gain=0.7, loss=1.1, stop=4.0)
+    found = response.speeds(times.tolist(), commands.tolist())
+    dt, setpoint, speed, expected = 1e-4, STOP, 0.0, []
+    for number in range(round(8.0 / dt)):
+        time = number * dt
+        if number % round(0.05 / dt) == 0:
+            expected.append(speed)
+        sent = int((time - 0.07 + 1e-9) // 0.05)
+        target = Command(v=min(1.0, commands[sent])) if sent >= 0 else STOP
+        setpoint = ramped(setpoint, target, dt, limits)
+        speed += (setpoint.v - speed) * dt / 0.1
+    errors = np.abs(found - np.array(expected[: len(found)]))
+    assert errors[commands >= 0.3].max() < 0.003

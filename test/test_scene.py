@@ -1,0 +1,107 @@
+"""Scenes: what a domain puts into them, and how they are simulated."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+from outside.delivery import DELIVERY, PARCEL
+
+from ator_ros.domains.domain import DomainError
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.situations import go_to_pose
+from ator_ros.experience.collect import collect
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import Robot, load_robot
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.world.scene import Bay, RoundObject, Scene
+from ator_ros.world.state import Command, ObjectState, World
+
+ROBOT = load_robot()
+CUP = RoundObject(radius=0.05, mass=0.2, rolling_deceleration=1.0, restitution=0.1)
+
+
+def within(**changes: object) -> Robot:
+    """Return the shipped robot in a changed scene."""
+    return dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, **changes))  # type: ignore[arg-type]
+
+
+def drive(simulation: Simulation, seconds: float) -> World:
+    for _ in range(round(20 * seconds)):
+        simulation.command(Command(0.6))
+        simulation.tick()
+    return simulation.world()
+
+
+def test_soccer_has_the_scene_of_the_description() -> None:
+    assert SOCCER.equip(ROBOT) == ROBOT
+
+
+def test_another_domain_has_its_own_objects_and_no_goals() -> None:
+    scene = DELIVERY.equip(ROBOT).scene
+    assert scene == Scene(ROBOT.scene.area, {"parcel": PARCEL})
+
+
+def test_a_description_knows_the_size_better_than_the_domain() -> None:
+    measured = dataclasses.replace(PARCEL, radius=0.3)
+    assert DELIVERY.equip(within(objects={"parcel": measured})).scene.objects == {"parcel": measured}
+
+
+def test_a_body_must_be_that_of_an_object() -> None:
+    with pytest.raises(DomainError, match=r"delivery: bodies: expected some of the objects, got \['cup'\]"):
+        dataclasses.replace(DELIVERY, bodies={"cup": CUP})
+
+
+def test_a_robot_stops_for_no_ball_that_the_domain_does_not_have() -> None:
+    with Simulation(DELIVERY.equip(ROBOT)) as simulation:
+        assert simulation.world().objects == {}
+        with pytest.raises(ValueError, match=r"object: expected one of the scene, \['parcel'\], got 'ball'"):
+            simulation.place_object("ball", 1.0, 0.0)
+
+
+def test_objects_of_several_sizes_are_pushed_and_roll_each_in_its_way() -> None:
+    with Simulation(within(objects={"cup": CUP, "parcel": PARCEL})) as simulation:
+        simulation.place_objects({"cup": ObjectState(0.5, 0.0), "parcel": ObjectState(0.0, 1.5, 0.8, 0.0)})
+        world = drive(simulation, 1.0)
+        assert world.objects["parcel"].x == pytest.approx(0.8**2 / 2 / PARCEL.rolling_deceleration, rel=0.2)
+        assert world.objects["cup"].x >= world.robot.pose.x + ROBOT.front + CUP.radius - 0.01
+        simulation.place_objects({"parcel": ObjectState(2.0, 1.0)})
+        assert set(simulation.world().objects) == {"parcel"}
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, math.pi / 2, math.pi, -2.0])
+def test_a_bay_is_open_in_front_and_closed_behind_and_beside(yaw: float) -> None:
+    front = Pose(0.5, 0.3, yaw)
+    bay = Bay(*front, 1.0, 0.6)
+    with Simulation(within(bays=(bay,))) as simulation:
+        simulation.place_robot(front.ahead(-1.0))
+        inside = front.relative(drive(simulation, 2.8).robot.pose)
+        assert inside.x + ROBOT.front == pytest.approx(0.6 - 0.12, abs=0.03)  # the tips touch the back
+        assert abs(inside.y) < 0.1  # who goes on pushing slides along a wall
+        beside = front.compose(Pose(0.3, 1.5, -math.pi / 2))
+        simulation.place_robot(beside)
+        outside = front.relative(drive(simulation, 1.7).robot.pose)
+        assert outside.y - ROBOT.tip == pytest.approx(0.55, abs=0.05)
+
+
+def test_without_bays_the_robot_drives_where_the_goals_were() -> None:
+    for robot, passes in ((ROBOT, False), (within(bays=()), True)):
+        with Simulation(robot) as simulation:
+            simulation.place_robot(Pose(3.8, 0.0, 0.0))
+            assert (drive(simulation, 3.0).robot.pose.x > 4.6) is passes
+
+
+def test_experience_is_collected_with_the_objects_of_another_domain() -> None:
+    specs = list(DELIVERY.actions().values())
+    (frame,) = collect(specs, DELIVERY.tops, DELIVERY.equip(ROBOT), episodes=1, seed=3, jobs=1)
+    assert frame["success"].all()
+    with pytest.raises(ValueError, match=r"expected one of the scene, \['ball'\], got 'parcel'"):
+        list(collect(specs, DELIVERY.tops, ROBOT, episodes=1, seed=3, jobs=1))
+
+
+def test_soccer_without_goals_still_drives() -> None:
+    robot = SOCCER.equip(within(bays=()))
+    spec = dataclasses.replace(SOCCER.actions()["goToPose"], sample=go_to_pose)
+    (frame,) = collect([spec], SOCCER.tops, robot, episodes=1, seed=1, jobs=1)
+    assert frame["success"].all()
