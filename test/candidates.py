@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ator_ros.domains.soccer.planned.manoeuvre import Side
-from ator_ros.domains.soccer.planned.planning import Found, Planning
-from ator_ros.domains.soccer.planned.search import Candidates, find_candidates
-from ator_ros.domains.soccer.planned.ways import ways_to_drive
 from ator_ros.geometry import Pose
+from ator_ros.motion.manoeuvre import Side
+from ator_ros.motion.planning import Found, Planning
+from ator_ros.motion.search import Candidates, find_candidates
+from ator_ros.motion.ways import ways_to_drive
 from ator_ros.robot.description import Limits
 
 

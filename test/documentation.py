@@ -19,6 +19,7 @@ _WORDS = (*_PROGRAMS, "export", ".", "scripts/run", "for", "done", "python3", "p
 _VARIABLES = r"(?:[A-Z_]+=\S* )+"
 _FIRST = re.compile(rf"(?:{_VARIABLES})?(?:{'|'.join(map(re.escape, _WORDS))})(?=\s|$)|\w+=[~$']")
 _SPAN = re.compile(r"(?<!`)`([^`]+)`(?!`)")
+_FILE = re.compile(r"^```yaml\n.*?^```$", flags=re.MULTILINE | re.DOTALL)
 _COMMENT = re.compile(r"\s+#\s.*$")
 
 
@@ -34,7 +35,7 @@ def commands() -> list[Printed]:
     """Return every command, of indented blocks and of code spans, each once a page."""
     found: dict[Printed, None] = {}
     for page in PAGES:
-        text = page.read_text(encoding="utf-8")
+        text = _FILE.sub("", page.read_text(encoding="utf-8"))
         for block in _blocks(text):
             for line in _logical_lines(block):
                 if _FIRST.match(line):

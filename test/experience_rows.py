@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.table import COLUMNS
+from ator_ros.experience.columns import columns
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import train
 from ator_ros.robot.description import Robot
@@ -29,7 +29,7 @@ def made_up_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd
         "success": rng.random(episodes) > 0.1 * dist, "reason": "made up",
         "position_error": 0.01 * dist, "heading_error": 0.02,
     })  # fmt: skip
-    return frame[list(COLUMNS)]
+    return frame[list(columns(SOCCER.objects))]
 
 
 def made_up_model(action: str, robot: Robot) -> PerformanceModel:

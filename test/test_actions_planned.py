@@ -16,13 +16,13 @@ from ator_ros.domains.soccer.planned.clearance import ball_distances
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import push
-from ator_ros.domains.soccer.planned.manoeuvre import closed
-from ator_ros.domains.soccer.planned.opening import opening_of
 from ator_ros.domains.soccer.planned.planner import free_sides
-from ator_ros.domains.soccer.planned.profiles import straight_pieces, straight_times, turn_pieces, turn_times
-from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.evaluation.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
+from ator_ros.motion.manoeuvre import closed
+from ator_ros.motion.opening import opening_of
+from ator_ros.motion.profiles import straight_pieces, straight_times, turn_pieces, turn_times
+from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Limits, load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World

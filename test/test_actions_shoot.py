@@ -11,11 +11,11 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.release import release, release_poses, scoring_time
 from ator_ros.domains.soccer.planned.shoot import Shoot
-from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import load_robot
 from ator_ros.world.state import ObjectState, RobotState, World
 

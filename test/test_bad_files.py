@@ -18,6 +18,7 @@ from experience_rows import made_up_experience
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import read_experience
@@ -32,11 +33,11 @@ from ator_ros.robot.description import ConfigError, load_robot
 ROBOT = load_robot()
 LOADERS: dict[str, tuple[Callable[[Path], Any], type[Exception]]] = {
     "pioneer.yaml": (load_robot, ConfigError),
-    "model.json": (lambda file: load_model(file, ROBOT), ModelFileError),
+    "model.json": (lambda file: load_model(file, ROBOT, SOCCER.known_features), ModelFileError),
     "gate.json": (load_gate, RefinementError),
     "calibration.json": (load_calibration, RefinementError),
     "table.parquet": (read_experience, ExperienceError),
-    "drive.mcap": (lambda file: read_recording(file, ROBOT), ExperienceError),
+    "drive.mcap": (lambda file: read_recording(file, ROBOT, SOCCER), ExperienceError),
 }
 STRUCTURED: dict[str, tuple[Callable[[str], Any], Callable[[Any], str]]] = {
     "pioneer.yaml": (yaml.safe_load, yaml.safe_dump),

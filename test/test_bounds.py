@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ator_ros.motion.turns import look_up
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.motion.turn_tables import look_up
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import FEATURES, feature_table
+from ator_ros.performance.features import feature_table
 from ator_ros.robot.description import load_robot
 
 EDGES = [0.0, 1e-300, 1e-9, 0.01, 0.5, 1.0, 3.14159265358979, 7.0, 100.0, 1e4, 1e6]
@@ -41,8 +42,9 @@ def extremes(count: int) -> dict[str, np.ndarray]:
 
 
 def test_extreme_situations_give_features() -> None:
-    table = feature_table(extremes(2000), load_robot(), list(FEATURES))
-    assert table.shape == (2000, len(FEATURES))
+    features = SOCCER.known_features
+    table = feature_table(extremes(2000), load_robot(), list(features.values()))
+    assert table.shape == (2000, len(features))
 
 
 @pytest.mark.skipif(os.environ.get("NUMBA_BOUNDSCHECK") != "1", reason="only with NUMBA_BOUNDSCHECK=1")

@@ -8,6 +8,7 @@ import math
 import pytest
 from refinement_fakes import ALL, ANGLE, BOTH, NOTHING, ROBOT, call, three_steps, two_steps
 
+from ator_ros.domains.soccer.ranges import RANGES
 from ator_ros.refinement.changes import allowed_changes
 from ator_ros.refinement.free_variables import with_values
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopChain
@@ -22,7 +23,7 @@ def changed(plan: TopChain, step: int, **values: float) -> TopChain:
 def test_what_is_open_may_be_changed() -> None:
     plan = three_steps(BOTH)
     refined = changed(changed(plan, 0, yaw=1.0), 1, yaw=-3.0, speed=0.5)
-    assert allowed_changes(plan, refined, ROBOT) == [{"yaw": 1.0}, {"yaw": -3.0, "speed": 0.5}, {}]
+    assert allowed_changes(plan, refined, ROBOT, RANGES) == [{"yaw": 1.0}, {"yaw": -3.0, "speed": 0.5}, {}]
 
 
 def test_what_the_server_says_is_open_does_not_count() -> None:
@@ -30,7 +31,7 @@ def test_what_the_server_says_is_open_does_not_count() -> None:
     opened = dataclasses.replace(plan.calls[0], open=ALL)
     refined = changed(TopChain((opened, plan.calls[1])), 0, yaw=1.0)
     with pytest.raises(InvalidChainError, match=r"yaw of step 1 \(goToBall\): expected 0 as planned, got 1"):
-        allowed_changes(plan, refined, ROBOT)
+        allowed_changes(plan, refined, ROBOT, RANGES)
 
 
 @pytest.mark.parametrize(("name", "value"), [("x", -1.0), ("y", 0.01), ("yaw", 3.0), ("speed", 0.1)])
@@ -38,14 +39,14 @@ def test_what_the_server_says_is_open_does_not_count() -> None:
 def test_a_commitment_stays(name: str, value: float, step: int) -> None:
     plan = TopChain(tuple(dataclasses.replace(each, open=ALL - {name}) for each in two_steps().calls))
     with pytest.raises(InvalidChainError, match=f"{name} of step {step + 1} .* as planned"):
-        allowed_changes(plan, changed(plan, step, **{name: value}), ROBOT)
+        allowed_changes(plan, changed(plan, step, **{name: value}), ROBOT, RANGES)
 
 
 def test_a_condition_overrides_an_opening() -> None:
     for opened in ({EVERYTHING}, {"x"}):
         plan = two_steps(frozenset(opened))
         with pytest.raises(InvalidChainError, match="expected no change, it is bound by the pre-cond"):
-            allowed_changes(plan, changed(plan, 0, x=0.05), ROBOT)
+            allowed_changes(plan, changed(plan, 0, x=0.05), ROBOT, RANGES)
 
 
 @pytest.mark.parametrize(
@@ -61,21 +62,28 @@ def test_a_value_outside_the_domain_is_refused_open_or_not(name: str, value: flo
     for opened in (ALL, NOTHING):
         plan = TopChain((call("goToPose", 0.0, 0.0, 0.0, opened),))
         with pytest.raises(InvalidChainError, match=f"{name} of step 1 .goToPose.: expected .* got"):
-            allowed_changes(plan, changed(plan, 0, **{name: value}), ROBOT)
+            allowed_changes(plan, changed(plan, 0, **{name: value}), ROBOT, RANGES)
 
 
 def test_an_angle_is_the_same_after_a_whole_turn_and_so_is_one_after_rounding() -> None:
     plan = two_steps(ANGLE, yaw=math.pi)
-    assert allowed_changes(plan, changed(plan, 0, yaw=-math.pi), ROBOT) == [{}, {}]
-    assert allowed_changes(plan, changed(plan, 0, x=1e-12, speed=1e-12), ROBOT) == [{}, {}]
+    assert allowed_changes(plan, changed(plan, 0, yaw=-math.pi), ROBOT, RANGES) == [{}, {}]
+    assert allowed_changes(plan, changed(plan, 0, x=1e-12, speed=1e-12), ROBOT, RANGES) == [{}, {}]
 
 
 def test_a_placeholder_outside_its_domain_may_stay() -> None:
     plan = TopChain((call("goToPose", 0.0, 0.0, 0.0, BOTH, speed=50.0),))
-    assert allowed_changes(plan, plan, ROBOT) == [{}]
+    assert allowed_changes(plan, plan, ROBOT, RANGES) == [{}]
 
 
 @pytest.mark.parametrize("refined", [TopChain(()), three_steps(), TopChain(two_steps().calls[::-1])])
 def test_other_steps_are_refused(refined: TopChain) -> None:
     with pytest.raises(InvalidChainError, match="expected the steps of the question"):
-        allowed_changes(two_steps(), refined, ROBOT)
+        allowed_changes(two_steps(), refined, ROBOT, RANGES)
+
+
+def test_a_variable_without_a_range_is_not_changed() -> None:
+    plan, without = TopChain((call("goToPose", 0.0, 0.0, 0.0, ALL),)), {"yaw": RANGES["yaw"]}
+    with pytest.raises(InvalidChainError, match=r"x of step 1 .goToPose.: expected no change, it has no r"):
+        allowed_changes(plan, changed(plan, 0, x=0.5), ROBOT, without)
+    assert allowed_changes(plan, changed(plan, 0, x=0.5), ROBOT, RANGES) == [{"x": 0.5}]

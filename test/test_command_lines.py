@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import subprocess
+import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -102,3 +105,75 @@ def test_a_domain_that_is_not_installed_is_told_in_one_line(
     told = capsys.readouterr().err.splitlines()[-1]
     assert told.startswith(f"{command}: error: domain: expected an entry point of ator_ros.domains, one of [")
     assert told.endswith("got 'chess'")
+
+
+TOOLS = (
+    "collect",
+    "train",
+    "gate",
+    "evaluate",
+    "qualify",
+    "calibrate_predictions",
+    "noise",
+    "compare",
+    "soak",
+)
+
+
+@pytest.mark.parametrize("command", TOOLS)
+def test_a_robot_and_a_domain_can_be_named(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    tool = importlib.import_module(f"ator_ros.tools.{command}")
+    with pytest.raises(SystemExit):
+        tool.main(["--help"])
+    told = capsys.readouterr().out
+    assert "--robot FILE" in told
+    assert "--domain NAME" in told
+
+
+NAMES = [
+    ("collect", "--action-set", "default, bezier"),
+    ("collect", "--actions", "goToPose, dribbleBall, shoot"),
+    ("gate", "--action-set", "default, bezier"),
+    ("evaluate", "--chain", "dribble, shoot"),
+    ("evaluate", "--policies", "naive, bearing"),
+    ("noise", "--conditions", "truth, drift"),
+    ("noise", "--policy", "naive, bearing"),
+    ("compare", "--chains", "dribble, shoot"),
+    ("compare", "--policies", "naive, bearing"),
+    ("soak", "--chain", "dribble, shoot"),
+]
+
+
+@pytest.mark.parametrize(("command", "option", "known"), NAMES)
+def test_names_that_the_domain_lacks_are_told_in_one_line(
+    command: str, option: str, known: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tool = importlib.import_module(f"ator_ros.tools.{command}")
+    with pytest.raises(SystemExit) as ended:
+        tool.main([option, "chess"])
+    assert ended.value.code == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith(f"{command}: error: argument {option}: expected one of {known}")
+    assert told.endswith("got 'chess'")
+
+
+HEAVY = ("numba", "pandas", "sklearn", "pybullet", "matplotlib", "numpy", "joblib", "rclpy")
+
+
+def test_help_imports_nothing_that_takes_long() -> None:
+    names = sorted(script.name for script in entry_points(group="console_scripts")
+                   if script.module.startswith("ator_ros.tools."))  # fmt: skip
+    modules = ", ".join(f"ator_ros.tools.{name}" for name in names)
+    check = f"import sys, {modules}; print([name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_no_banner_of_a_library_is_at_the_head_of_the_output() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "import ator_ros.simulation.simulation"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout + done.stderr == ""

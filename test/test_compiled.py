@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ator_ros import compiled
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.performance.features import feature_table
 from ator_ros.robot.description import load_robot
 
@@ -28,7 +29,7 @@ def table() -> np.ndarray:
     direct |= {"v": rng.uniform(0.0, 1.0, 40), "w": rng.uniform(-1.0, 1.0, 40)}
     direct |= {"speedg": rng.uniform(0.0, 0.5, 40), "hold": np.arange(40.0) % 2}
     names = ["drive_time", "drive_turn", "dribble_time", "turn_drive_turn"]
-    return feature_table(direct, load_robot(), names)
+    return feature_table(direct, load_robot(), [SOCCER.known_features[name] for name in names])
 
 
 def test_results_are_the_same_without_numba(tmp_path) -> None:

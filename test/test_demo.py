@@ -14,8 +14,8 @@ import pytest
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.demo_report import DemoRun, DemoSituation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
+from ator_ros.tools.work.demo_report import DemoRun, DemoSituation, save_picture, table
 
 ROBOT = load_robot()
 TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)

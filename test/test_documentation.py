@@ -39,6 +39,7 @@ BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",
     r"(PARTS=bezier )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
     r"paper_models .*": "test_paper_models.py::test_table_tells_accuracy_beside_the_papers_and_the_rules",
+    r"study .*": "test_tools_study.py::test_it_says_what_the_actions_and_refinement_are_like",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
@@ -56,6 +57,7 @@ BY_TEST = {
     r"\. install/setup\.sh && .*": f"{_ROS}::test_a_workspace_is_built",
     r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
     r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_only_who_asks_",
+    r"ros2 run ator_ros executor .*domain:=tour.yaml.*": "nodes/test_executor_remote_node.py::test_a_chain_",
     r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
 }
 """Commands, as regular expressions, and the test that executes them, shrunk or at another place."""
@@ -68,6 +70,7 @@ NOT_HERE = {
     r"python3 -m pip install --user .*|pip install distributed": "changes the user's packages",
     r"python3 scripts/lock\.py": "asks the package registry for every version anew",
     r"make run EXE=evaluate ARGS='…'": "shows the form; others of this form are executed",
+    r"ros2 action info -t": "ros2cli is not among the wheels",
     r"ros2 bag record( .*)?": "rosbag2 is not among the wheels; nodes/recorder.py writes the same format",
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",
     r"export ROS_SECURITY_.*|ros2 run .* --enclave .*": "needs Fast DDS with the security plugins",

@@ -11,6 +11,7 @@ import pytest
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.performance.features import GENERAL, names_of
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.robot.description import load_robot
 
@@ -80,4 +81,20 @@ def test_an_object_of_a_condition_must_be_one_of_the_domain() -> None:
 
 def test_an_action_without_features_of_its_own_has_all_general_ones() -> None:
     assert SOCCER.candidates("fly") == CANDIDATES
-    assert SOCCER.candidates("shoot") == SOCCER.actions()["shoot"].features
+    assert names_of(SOCCER.candidates("shoot")) == SOCCER.actions()["shoot"].features
+
+
+def test_features_that_there_are_not_and_names_that_are_taken_are_refused() -> None:
+    with pytest.raises(DomainError, match=r"'default': goToPose: features: expected .*got \['drive_time'"):
+        dataclasses.replace(SOCCER, features=())
+    with pytest.raises(DomainError, match=r"features: expected each name once, \['dist'\] are repeated"):
+        dataclasses.replace(SOCCER, features=(*SOCCER.features, GENERAL["dist"]))
+
+
+def test_each_action_of_soccer_has_one_ideal_time() -> None:
+    for action_set in SOCCER.action_sets:
+        ideal = {
+            action: [feature.name for feature in SOCCER.candidates(action, action_set) if feature.ideal]
+            for action in SOCCER.actions(action_set)
+        }
+        assert ideal == {"goToPose": ["drive_time"], "dribbleBall": ["dribble_time"], "shoot": ["shot_time"]}

@@ -13,7 +13,8 @@ from refinement_fakes import LIBRARY, ROBOT, models
 from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.situations import CLEARANCE, SHORTEST
+from ator_ros.domains.soccer.situations import SHORTEST
+from ator_ros.domains.soccer.thresholds import ball_clearance
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.heuristics import LinearTime, arriving, bitbots, booster, linear_terms, refit
 from ator_ros.evaluation.policies import MODEL_SETS, POLICIES, Toolset
@@ -61,7 +62,7 @@ class TestTrials:
         for index in range(200):
             drawn = trial(index)
             ball, goal = (call.goal.pose for call in drawn.chain.calls)
-            assert drawn.world.robot.pose.distance(ball) >= CLEARANCE
+            assert drawn.world.robot.pose.distance(ball) >= ball_clearance(ROBOT)
             assert ball.distance(goal) >= SHORTEST
 
     def test_shooting_positions_lie_before_the_goal(self) -> None:

@@ -173,7 +173,8 @@ def test_columns_and_records_are_the_same_data() -> None:
 
 
 def test_result_is_written_and_read(tmp_path: Path) -> None:
-    path = write_result(tmp_path, {"summary": {"situations": 3}}, RECORDS)
+    settings = {"seed": 1, "chain": "dribble", "source": {"action_set": "default"}}
+    path = write_result(tmp_path, {"summary": {"situations": 3}, "settings": settings}, RECORDS)
     data = read_result(path)
     assert data["summary"] == {"situations": 3}
     assert to_records(data["runs"], 3) == RECORDS

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from robots import OTHERS
 from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal, Point
@@ -18,18 +19,18 @@ from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
+from ator_ros.domains.soccer.planned.clearance import ball_distances
 from ator_ros.domains.soccer.situations import (
-    CLEARANCE,
     SHOT_RANGE,
     Situation,
 )
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import EpisodeTask, collect, run_task
+from ator_ros.experience.columns import columns
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import BackendError, run_tasks
 from ator_ros.experience.table import (
-    COLUMNS,
     Experience,
     join,
     read_experience,
@@ -38,7 +39,7 @@ from ator_ros.experience.table import (
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.world.state import ObjectState, RobotState
+from ator_ros.world.state import ObjectState, RobotState, World
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +47,12 @@ def robot() -> Robot:
     return load_robot()
 
 
+every_robot = pytest.mark.parametrize("robot", [load_robot(), *OTHERS], ids=lambda robot: robot.name)
+
+
 @pytest.fixture(scope="module")
 def frame(robot: Robot) -> pd.DataFrame:
-    return join(collect([TURNING], SOCCER.tops, robot, episodes=6, seed=5))
+    return join(collect([TURNING], SOCCER.tops, robot, objects=SOCCER.objects, episodes=6, seed=5))
 
 
 TURNING = ActionSpec("goToPose", TurnDriveTurn, SOCCER.actions()["goToPose"].sample)
@@ -59,6 +63,7 @@ def draw(action: str, robot: Robot, count: int = 300) -> list[Situation]:
     return [SOCCER.actions()[action].sample(robot, rng) for _ in range(count)]
 
 
+@every_robot
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: Robot) -> None:
     for situation in draw(action, robot):
@@ -67,15 +72,28 @@ def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: R
             assert abs(y) <= field_of(robot).width / 2
         assert abs(situation.robot.v) <= robot.limits.v
         assert abs(situation.robot.w) <= robot.limits.w
-        assert 0.0 <= situation.goal.speed <= robot.holder_for("a test").limits.v
+        fastest = robot.holder_for("a test").limits.v
+        assert 0.0 <= situation.goal.speed <= fastest
+        if ball_of(situation) is not None and action != "goToPose":
+            assert situation.robot.v <= fastest
 
 
+@every_robot
+@pytest.mark.parametrize("action", list(SOCCER.actions()))
+def test_no_start_asks_for_what_the_robot_cannot_do(action: str, robot: Robot) -> None:
+    for situation in draw(action, robot, 5):
+        made = SOCCER.actions()[action].factory(robot)
+        made.start(World(0.0, situation.robot, situation.objects), situation.goal)
+
+
+@every_robot
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_no_start_touches_a_goal(action: str, robot: Robot) -> None:
     poses = np.array([situation.robot.pose for situation in draw(action, robot)])
     assert not touches_goals(poses, robot)
 
 
+@every_robot
 def test_approaches_start_clear_of_a_ball_that_lies_at_the_goal(robot: Robot) -> None:
     situations = draw("goToPose", robot)
     with_ball = [s for s in situations if ball_of(s) is not None]
@@ -83,7 +101,7 @@ def test_approaches_start_clear_of_a_ball_that_lies_at_the_goal(robot: Robot) ->
     for s in with_ball:
         assert s.goal.point is Point.HOLD
         assert (ball_of(s).x, ball_of(s).y) == s.goal.pose[:2]
-        assert s.robot.pose.distance(s.goal.pose) >= CLEARANCE
+        assert ball_distances(np.array([s.robot.pose]), ball_of(s), robot)[0] > 0.05
     assert all(s.goal.point is Point.AXLE for s in situations if ball_of(s) is None)
 
 
@@ -147,21 +165,22 @@ def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None
 
 
 def test_table_holds_the_documented_columns_and_counts_down(frame: pd.DataFrame) -> None:
-    assert list(frame.columns) == list(COLUMNS)
+    assert list(frame.columns) == list(columns(SOCCER.objects))
     for _, rows in frame.groupby("episode"):
         assert rows["t"].iloc[0] == 0.0
         np.testing.assert_allclose(rows["t"] + rows["time_to_go"], rows["duration"])
 
 
 def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame: pd.DataFrame) -> None:
-    parallel = join(collect([TURNING], SOCCER.tops, robot, episodes=6, seed=5, jobs=2))
+    tops, objects = SOCCER.tops, SOCCER.objects
+    parallel = join(collect([TURNING], tops, robot, objects=objects, episodes=6, seed=5, jobs=2))
     pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
-    other = join(collect([TURNING], SOCCER.tops, robot, episodes=1, seed=6))
+    other = join(collect([TURNING], tops, robot, objects=objects, episodes=1, seed=6))
     assert other["x"].iloc[0] != frame["x"].iloc[0]
 
 
 def test_an_episode_does_not_depend_on_how_many_there_are(robot: Robot, frame: pd.DataFrame) -> None:
-    alone = run_task(EpisodeTask(TURNING, SOCCER.tops, robot, 5, 4))
+    alone = run_task(EpisodeTask(TURNING, SOCCER.tops, robot, 5, 4, SOCCER.objects))
     rows = frame[frame["episode"] == 4].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone.astype(rows.dtypes), rows, check_exact=True)
 

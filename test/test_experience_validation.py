@@ -13,8 +13,10 @@ from experience_rows import made_up_experience
 from pyarrow import ArrowException
 from test_recordings import action_performance, write_records
 
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.columns import columns
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.table import COLUMNS, Experience, read_experience, write_experience
+from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import ModelFileError, load_models, model_path, save_model
 from ator_ros.performance.training import train
@@ -102,7 +104,7 @@ TYPES = (
 )
 
 
-@pytest.mark.parametrize("column", COLUMNS)
+@pytest.mark.parametrize("column", columns(SOCCER.objects))
 def test_columns_of_any_type_are_read_with_plain_ones_or_refused(tmp_path: Path, column: str) -> None:
     whole = made_up_experience("goToPose", episodes=5)
     plain = read_experience(table(tmp_path, whole)).frame.dtypes
@@ -131,10 +133,10 @@ def test_models_are_where_their_names_say(tmp_path: Path) -> None:
     with pytest.raises(
         ModelFileError, match=r"dribbleBall\.json: action: expected 'dribbleBall' in this place"
     ):
-        load_models(ROBOT, folder=tmp_path)
+        load_models(ROBOT, SOCCER.known_features, folder=tmp_path)
     save_model(tmp_path / "bezier" / "goToPose.json", model)
     with pytest.raises(ModelFileError, match=r"goToPose\.json: action_set: expected 'bezier' in this place"):
-        load_models(ROBOT, action_set="bezier", folder=tmp_path)
+        load_models(ROBOT, SOCCER.known_features, action_set="bezier", folder=tmp_path)
 
 
 def test_records_tell_their_action_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,24 +12,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.features import MOTIONS
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.direct import DIRECT_VARIABLES, direct_arrays
 from ator_ros.performance.features import (
-    FEATURES,
     IDEAL,
     PAPER_3,
     PAPER_11,
     Feature,
     derived_from,
-    feature_table,
     names_of,
 )
-from ator_ros.robot.description import load_robot
+from ator_ros.performance.features import feature_table as table_of_features
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.world.state import RobotState
 
 ROBOT = load_robot()
+FEATURES = SOCCER.known_features
 NAMES = tuple(FEATURES)
 Direct = dict[str, FloatArray]
+
+
+def feature_table(direct: Mapping[str, Any], robot: Robot, names: Sequence[str]) -> FloatArray:
+    """Compute features that are given by their names."""
+    return table_of_features(direct, robot, [FEATURES[name] for name in names])
 
 
 def direct_variables(state: RobotState, goal: Goal) -> dict[str, float]:
@@ -96,9 +105,9 @@ def table(direct: Direct) -> dict[str, FloatArray]:
 
 def same(one: FloatArray, two: FloatArray, feature: Feature) -> bool:
     difference = np.abs(one - two)
-    if feature.unit == "rad" and feature not in IDEAL:
+    if feature.unit == "rad" and feature not in (*IDEAL, *MOTIONS):
         difference = np.minimum(difference, np.abs(2 * math.pi - difference))
-    if feature in IDEAL or feature.name == "shot_time":
+    if feature in (*IDEAL, *MOTIONS) or feature.name == "shot_time":
         # Rounding decides between neighbouring entries of the tables, and between motions of one duration.
         return bool(np.mean(difference < 0.02) >= 0.94)
     return bool(np.all(difference < 1e-9))
@@ -212,7 +221,7 @@ def test_a_ball_in_the_way_costs_time() -> None:
 
 
 def test_derived_variables_are_joined() -> None:
-    assert derived_from(["v", "dx"]) == {"v", "x", "xg", "yawg", "hold"}
+    assert derived_from([FEATURES["v"], FEATURES["dx"]]) == {"v", "x", "xg", "yawg", "hold"}
 
 
 def test_missing_and_odd_shapes_are_refused() -> None:

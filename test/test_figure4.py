@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from experience_rows import made_up_experience
 
-from ator_ros.performance.features import feature_table
+from ator_ros.domains.soccer.figures import figure4
+from ator_ros.performance.features import PAPER_3, feature_table
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
-from ator_ros.report import figure4
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
@@ -22,8 +22,7 @@ ROBOT = load_robot()
 def test_the_situation_is_the_papers(hold: bool) -> None:
     angles = np.radians(np.arange(-180.0, 180.0, 10.0))
     direct = figure4.situations(ROBOT, angles, hold=hold)
-    names = ["dist", "angle_to_dest", "angle_at_dest"]
-    dist, to_dest, at_dest = feature_table(direct, ROBOT, names).T
+    dist, to_dest, at_dest = feature_table(direct, ROBOT, PAPER_3).T
     np.testing.assert_allclose(dist, 2.0)
     np.testing.assert_allclose(to_dest, 0.0, atol=1e-12)
     np.testing.assert_allclose(at_dest, np.abs(angles), atol=1e-12)

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from experience_rows import made_up_experience
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience import recordings, table
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
@@ -103,7 +104,7 @@ def test_a_pipe_that_nobody_writes_to_is_refused_at_once(tmp_path: Path) -> None
 
 def refuses_both(file: Path) -> None:
     with pytest.raises(ModelFileError, match="expected an ordinary file, got a folder, a pipe or a device"):
-        load_model(file, ROBOT)
+        load_model(file, ROBOT, SOCCER.known_features)
     with pytest.raises(RefinementError, match="expected an ordinary file"):
         load_gate(file)
 
@@ -155,10 +156,10 @@ def test_a_recording_that_needs_too_much_is_refused(tmp_path: Path, monkeypatch:
     from test_recordings import record
 
     record(tmp_path / "bag")
-    assert len(read_recording(tmp_path / "bag", ROBOT).frame)
+    assert len(read_recording(tmp_path / "bag", ROBOT, SOCCER).frame)
     monkeypatch.setattr(recordings, "_LARGEST_MESSAGE", 10)
     with pytest.raises(ExperienceError, match="a message of "):
-        read_recording(tmp_path / "bag", ROBOT)
+        read_recording(tmp_path / "bag", ROBOT, SOCCER)
     monkeypatch.undo()
 
     def unpack(*_: object) -> bytes:
@@ -166,7 +167,7 @@ def test_a_recording_that_needs_too_much_is_refused(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr("rosbags.highlevel.AnyReader.deserialize", unpack)
     with pytest.raises(ExperienceError, match=r"bag: .*: it needs too much memory"):
-        read_recording(tmp_path / "bag", ROBOT)
+        read_recording(tmp_path / "bag", ROBOT, SOCCER)
 
 
 @pytest.mark.parametrize("word", ["x=1e300", "speedg=inf", "w=" + "9" * 5000])

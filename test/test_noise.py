@@ -52,9 +52,9 @@ def test_the_command_writes_its_result(tmp_path: Path, capsys: pytest.CaptureFix
         "--policy",
         "bearing",
     ]
-    assert main([*words, "--conditions", "ball noise", "--out", str(out)]) == 0
+    assert main([*words, "--conditions", "noise", "--out", str(out)]) == 0
     data = json.loads(out.read_text())
-    assert [row["condition"] for row in data["chains"]["dribble"]] == [TRUTH, "ball noise"]
+    assert [row["condition"] for row in data["chains"]["dribble"]] == [TRUTH, "noise"]
     assert data["command"].endswith("--out noise.json")
     assert "below truth" in capsys.readouterr().out
 

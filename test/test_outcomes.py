@@ -8,13 +8,13 @@ import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.tops import DRIBBLE_BALL, GO_TO_BALL, GO_TO_POSE, SHOOT
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.experience.episode import run_episode
 from ator_ros.geometry import Pose
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
@@ -187,6 +187,19 @@ class TestJudge:
             assert run.success is success
             assert math.isnan(run.error)
             assert success or "post-condition of push" in run.reason
+
+    def test_where_odometry_drifts_only_what_is_about_objects_is_judged(self) -> None:
+        post = Condition((Term("robot.x", "goal.x", 0.1), *ROLLED.terms))
+        top = pushing(post, 0.0)
+        for x, success in ((1.0, False), (2.5, True)):
+            with Simulation(ROBOT) as simulation:
+                place(simulation, with_ball(x, 1.0))
+                plain, drifting = (
+                    judge(simulation, top, AHEAD, Status.SUCCEEDED, "arrived", drifts=drifts)
+                    for drifts in (False, True)
+                )
+            assert (plain.success, drifting.success) == (False, success)
+            assert plain.error == drifting.error == pytest.approx(2.0)
 
 
 class TestExecutor:

@@ -57,7 +57,7 @@ def test_one_situation_and_many_agree_to_the_last_bit(model: PerformanceModel) -
 def test_used_variables_are_those_the_prediction_changes_with(model: PerformanceModel) -> None:
     assert set(model.used_features) <= {name for tree in model.trees.values() for name in tree.names}
     used = {name for tree in model.trees.values() for name in tree.used_features()}
-    assert model.used_variables == derived_from(used)
+    assert model.used_variables == derived_from(model.features[name] for name in used)
     direct = direct_of(FRESH)
     before = model.predict(direct).duration
     for name in set(DIRECT_VARIABLES) - model.used_variables:

@@ -13,10 +13,8 @@ from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.planned import planning
 from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
-from ator_ros.domains.soccer.planned.manoeuvre import closed
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
 from ator_ros.domains.soccer.planned.screening import (
@@ -28,8 +26,10 @@ from ator_ros.domains.soccer.planned.screening import (
 )
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
+from ator_ros.motion import planning
+from ator_ros.motion.manoeuvre import closed
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.bench_planning import hard_situations, slices_of
+from ator_ros.tools.benchmarks.planning import hard_situations, slices_of
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 

@@ -13,6 +13,7 @@ from bag_types import own_types
 from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal, Point, Status
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.robot.description import load_robot
@@ -100,7 +101,7 @@ def twist(store: Any, command: Command) -> object:
 
 def test_drives_are_found_with_their_goals_and_durations(tmp_path: Path) -> None:
     durations = record(tmp_path / "bag")
-    experience = read_recording(tmp_path / "bag", ROBOT)
+    experience = read_recording(tmp_path / "bag", ROBOT, SOCCER)
     frame = experience.of("goToPose")
     starts = frame[frame["t"] == 0.0]
     assert starts["duration"].to_numpy() == pytest.approx(durations, abs=0.06)
@@ -114,33 +115,33 @@ def test_drives_are_found_with_their_goals_and_durations(tmp_path: Path) -> None
 @pytest.mark.parametrize("jump", [-2.0, 1e9])
 def test_the_robots_clock_may_jump_between_drives(tmp_path: Path, jump: float) -> None:
     durations = record(tmp_path / "bag", jump=jump)
-    frame = read_recording(tmp_path / "bag", ROBOT).frame
+    frame = read_recording(tmp_path / "bag", ROBOT, SOCCER).frame
     assert frame.groupby("episode")["duration"].first().max() < max(durations) + 0.1
 
 
 def test_a_single_file_can_be_given(tmp_path: Path) -> None:
     record(tmp_path / "bag")
     (file,) = (tmp_path / "bag").glob("*.mcap")
-    assert read_recording(file, ROBOT).frame["episode"].nunique() == len(GOALS)
+    assert read_recording(file, ROBOT, SOCCER).frame["episode"].nunique() == len(GOALS)
 
 
 def test_a_recording_without_the_topics_is_refused(tmp_path: Path) -> None:
     record(tmp_path / "bag", topics=("/robot/odom",))
     with pytest.raises(RecordingError, match="expected the topic performance/action, or odom and cmd_vel"):
-        read_recording(tmp_path / "bag", ROBOT)
+        read_recording(tmp_path / "bag", ROBOT, SOCCER)
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "drive.mcap"
     file.write_bytes(b"nothing of the kind")
     with pytest.raises(RecordingError, match=r"drive\.mcap: expected a recording"):
-        read_recording(file, ROBOT)
+        read_recording(file, ROBOT, SOCCER)
 
 
 def test_missing_rosbags_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(RecordingError, match="pip install rosbags"):
-        read_recording(tmp_path, ROBOT)
+        read_recording(tmp_path, ROBOT, SOCCER)
 
 
 def test_records_of_the_executor_are_taken_as_they_are(tmp_path: Path) -> None:
@@ -149,7 +150,7 @@ def test_records_of_the_executor_are_taken_as_they_are(tmp_path: Path) -> None:
     failed = action_performance(store, goal=Pose(2.5, 0.5, 0.7), speed=0.0, duration=9.0, code=2)
     canceled = action_performance(store, goal=Pose(2.5, 0.5, 0.7), speed=0.0, duration=1.0, code=4)
     write_records(tmp_path / "bag", store, [record, failed, canceled])
-    frame = read_recording(tmp_path / "bag", ROBOT).of("goToPose")
+    frame = read_recording(tmp_path / "bag", ROBOT, SOCCER).of("goToPose")
     assert frame["duration"].tolist() == [3.25, 9.0]
     assert frame["success"].tolist() == [True, False]
     assert frame[["x", "y", "v", "xg", "yg", "speedg", "hold"]].iloc[0].tolist() == [
@@ -183,7 +184,7 @@ def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None
         odd.start.objects[0].position.x, odd.heading_error = place, error
         bad.append(odd)
     write_records(tmp_path / "bag", store, [*bad, good])
-    experience = read_recording(tmp_path / "bag", ROBOT)
+    experience = read_recording(tmp_path / "bag", ROBOT, SOCCER)
     assert experience.of("goToPose")["duration"].tolist() == [3.25]
     assert experience.metadata["records_left_out"] == len(bad)
 

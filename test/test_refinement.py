@@ -25,11 +25,11 @@ from refinement_fakes import (
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import DOMAINS, Range
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.objective import MEASURES, Measure, Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.tops.chain import TopChain
+from ator_ros.tops.ranges import USUAL_RANGES, Range
 from ator_ros.world.state import RobotState, World
 
 
@@ -175,10 +175,10 @@ class TestFromOutside:
         def spinning(direct: dict[str, float]) -> object:
             return turning_time(direct) + (direct["sping"] - 0.3) ** 2
 
-        domains = {**DOMAINS, "spin": lambda *_: Range(-1.0, 1.0, 9)}
+        ranges = {**USUAL_RANGES, "spin": lambda *_: Range(-1.0, 1.0, 9)}
         learned = models() | {"goToPose": FakeModel(spinning, USED | {"sping"})}  # type: ignore[arg-type]
         chain = two_steps(ANGLE | {"spin"}).with_goal(0, SpinGoal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD))
-        result = Refiner(ROBOT, learned, domains=domains).refine(world(), chain)
+        result = Refiner(ROBOT, learned, ranges=ranges).refine(world(), chain)
         assert [variable.name for variable in result.free] == ["yaw", "spin"]
         goal = result.chain.calls[0].goal
         assert isinstance(goal, SpinGoal)

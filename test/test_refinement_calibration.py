@@ -45,7 +45,7 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.resources import resource_path
 from ator_ros.tops.chain import TopChain
 
-LEARNED = load_models(ROBOT)
+LEARNED = load_models(ROBOT, SOCCER.known_features)
 ADDED = {"goToPose": 0.25, "dribbleBall": 0.5}
 
 
@@ -187,11 +187,11 @@ def test_file_gives_back_the_same(tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"schema": "other"}, "schema: expected"),
-        ({"version": 2}, "version: expected 1, got 2"),
-        ({"shortfalls": []}, "shortfalls: expected an object"),
+        ({"version": 2}, "version: expected 1 to 1, got 2"),
+        ({"shortfalls": []}, r"shortfalls: expected a table; got \[\]"),
         ({"shortfalls": {"../x": {}}}, "expected names of actions"),
-        ({"shortfalls": {"goToPose": 1}}, "goToPose: expected an object with slopes"),
-        ({"shortfalls": {"goToPose": {"slopes": {"w": 1.0}}}}, "slopes: expected terms of"),
+        ({"shortfalls": {"goToPose": 1}}, "goToPose: expected a table with constant, .*slopes; got 1"),
+        ({"shortfalls": {"goToPose": {"slopes": {"w": 1.0}}}}, "slopes.w: expected one of .*; got 'w'"),
         ({"shortfalls": {"goToPose": {"slopes": {"v": 1e999}}}}, "slopes.v: expected a finite number"),
         ({"shortfalls": {"goToPose": {"slopes": {"v": 1e9}}}}, "slopes.v: expected a number from"),
         ({"shortfalls": {"goToPose": {"slopes": {}, "constant": True}}}, "constant: expected a finite"),

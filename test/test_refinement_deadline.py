@@ -21,17 +21,18 @@ from refinement_fakes import (
     world,
 )
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import search as search_module
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.chain_model import REPORTED, predict_chain
-from ator_ros.refinement.free_variables import Range
 from ator_ros.refinement.projection import chain_situations
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.refinement.search import BLOCK, search, searching
 from ator_ros.refinement.slices import Result, Slices
 from ator_ros.tops.chain import TopChain
+from ator_ros.tops.ranges import Range
 
 CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
 SPEED = Range(0.0, 1.0, 6)
@@ -196,7 +197,7 @@ def test_little_is_left_to_do_when_time_is_up(in_time: int) -> None:
 
 
 def test_steps_that_are_predicted_together_are_predicted_the_same_to_the_last_bit() -> None:
-    learned, chain = load_models(ROBOT), long_chain()
+    learned, chain = load_models(ROBOT, SOCCER.known_features), long_chain()
     together = predict_chain(world(), chain, learned, ROBOT)
     for direct, step, told in zip(
         chain_situations(world(), chain, ROBOT), chain.calls, together.actions, strict=True

@@ -7,8 +7,10 @@ import math
 
 import pytest
 from refinement_fakes import (
+    ALL,
     ANGLE,
     BOTH,
+    LIBRARY,
     NOTHING,
     ROBOT,
     SHOOT_USED,
@@ -22,9 +24,13 @@ from refinement_fakes import (
     world,
 )
 
+from ator_ros.actions.base import Goal, Point
+from ator_ros.geometry import Pose
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.tops.chain import EVERYTHING, TopChain
+from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+from ator_ros.tops.conditions import Condition
+from ator_ros.tops.ranges import USUAL_RANGES, Range
 
 
 def free_names(chain: TopChain, used: frozenset[str] = USED) -> list[tuple[int, str]]:
@@ -166,3 +172,31 @@ def test_shooting_heading_is_bound_by_nothing_and_used_by_the_shot() -> None:
     shot = {"shoot": FakeModel(turning_time, SHOOT_USED)}
     free = analyse(three_steps(), only_shot | shot, ROBOT).free
     assert [(variable.subgoal, variable.name) for variable in free] == [(1, "yaw")]
+
+
+def test_ranges_are_those_of_robot_and_scene_unless_a_domain_has_others() -> None:
+    top = dataclasses.replace(call("goToPose", 0.0, 0.0, 0.0).top, pre=Condition(), post=Condition())
+    step = TopCall(top, Goal(Pose(1.0, 0.0, 0.0)), ALL)
+    chain = TopChain((step, step))
+    usual = {each.name: each.domain for each in analyse(chain, models(), ROBOT).free if each.subgoal == 0}
+    assert usual["x"] == Range(-4.0, 4.0, 16)
+    assert usual["speed"].high == ROBOT.limits.v
+    ranges = {"x": lambda *_: Range(-2.0, 30.0, 16), "yaw": USUAL_RANGES["yaw"]}
+    own = analyse(chain, models(), ROBOT, ranges)
+    assert {each.name: each.domain for each in own.free}["x"] == Range(-2.0, 30.0, 16)
+    reasons = {each.name: each.reason for each in own.not_free}
+    assert reasons == dict.fromkeys(("y", "speed"), "without a range")
+    free = Refiner(ROBOT, models(), ranges=ranges).refine(world(), chain).free
+    assert [each.name for each in free if each.subgoal == 0] == ["x", "yaw"]
+
+
+def test_soccer_keeps_to_its_field_and_to_the_speeds_that_it_has_learned() -> None:
+    plain, held = Goal(Pose(0.0, 0.0, 0.0)), Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD)
+    found = {name: LIBRARY.ranges[name](ROBOT, plain) for name in ("x", "y", "yaw", "speed")}
+    assert found == {
+        "x": Range(-4.0, 4.0, 16),
+        "y": Range(-2.5, 2.5, 10),
+        "yaw": Range(-math.pi, math.pi, 36, periodic=True),
+        "speed": Range(0.0, 0.8, 6, rest=0.0),
+    }
+    assert LIBRARY.ranges["speed"](ROBOT, held) == Range(0.0, 0.8, 6, rest=0.0)

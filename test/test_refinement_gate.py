@@ -54,13 +54,24 @@ def test_file_gives_back_the_same_gate(gate: Any, tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"schema": "other"}, "schema: expected"),
-        ({"version": 99}, "version: expected 1, got 99"),
+        ({"version": 99}, "version: expected 1 to 1, got 99"),
         ({"action_set": "bezier"}, "action_set: expected 'default', got 'bezier'"),
-        ({"kind": ["tree"]}, "kind: expected open, threshold or tree"),
-        ({"gate": [1]}, "gate: expected an object"),
+        ({"kind": ["tree"]}, r"kind: expected a text; got \[\'tree\'\]"),
+        ({"kind": "shut"}, "kind: expected one of open, threshold, tree; got 'shut'"),
+        ({"gate": [1]}, r"gate: expected a table; got \[1\]"),
         ({"gate": {"gain": "0.1", "spread_factor": 0.0}}, r"gate\.gain: expected a finite number"),
         ({"gate": {"gain": 1e999, "spread_factor": 0.0}}, r"gate\.gain: expected a finite number"),
-        ({"kind": "tree", "gate": {"feature": ["gain"]}}, "expected lists of one length"),
+        (
+            {"kind": "tree", "gate": {"feature": ["gain"]}},
+            "gate: expected the fields .*; missing label, left",
+        ),
+        (
+            {
+                "kind": "tree",
+                "gate": {"feature": ["gain"], "threshold": [], "left": [0], "right": [0], "label": ["Equal"]},
+            },
+            "gate: expected lists of one length",
+        ),
         (
             {
                 "kind": "tree",
@@ -72,14 +83,14 @@ def test_file_gives_back_the_same_gate(gate: Any, tmp_path: Path) -> None:
                     "label": ["Equal"],
                 },
             },
-            "node 0: expected a split",
+            r"gate: node 0: expected children from 1, got \[0, 0\]",
         ),
         (
             {
                 "kind": "tree",
                 "gate": {"feature": [["x"]], "threshold": [0], "left": [0], "right": [0], "label": ["Equal"]},
             },
-            "node 0: expected a split",
+            r"gate\.feature\[0\]: expected a text; got \['x'\]",
         ),
     ],
 )

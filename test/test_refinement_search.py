@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.refinement.free_variables import Range
 from ator_ros.refinement.search import StepCost, search
+from ator_ros.tops.ranges import Range
 
 CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
 SPEED = Range(0.0, 1.0, 6)

@@ -218,7 +218,7 @@ def test_before_an_answer_it_says_whether_one_is_awaited(wanted: bool, told: str
 def test_a_refined_chain_must_be_valid() -> None:
     world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)})
     question = Question(world, CHAIN, 0, 0.0)
-    assert refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), world, ROBOT) == with_yaw(CHAIN, 1.0)
+    assert refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), world, LIBRARY) == with_yaw(CHAIN, 1.0)
     elsewhere = World(0.0, world.robot, {BALL: ObjectState(1.0, 1.0)})
     with pytest.raises(InvalidChainError, match="pre-condition of step 1"):
-        refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), elsewhere, ROBOT)
+        refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), elsewhere, LIBRARY)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from pathlib import Path
 
 import pytest
 
-from ator_ros.performance.model_file import is_model, load_model
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.performance.model_file import is_model, load_model, save_model
+from ator_ros.refinement.calibration_file import load_calibration, save_calibration
+from ator_ros.refinement.gate import OpenGate, ThresholdGate, TreeGate
+from ator_ros.refinement.gate_file import load_gate, save_gate
 from ator_ros.report.accuracy_tables import accuracy_table
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
@@ -21,7 +26,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        model = load_model(file, ROBOT)
+        model = load_model(file, ROBOT, SOCCER.known_features)
     accuracy, training = model.metadata["accuracy"], model.metadata["training"]
     for name in ("mae_s", "rmse_s"):
         low, high = accuracy[f"{name}_ci95"]
@@ -38,5 +43,23 @@ def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
 
 def test_the_table_of_accuracy_is_theirs() -> None:
     told = (DOCS / "accuracy.md").read_text(encoding="utf-8")
-    for line in accuracy_table(load_model(file, ROBOT) for file in FILES):
+    models = (load_model(file, ROBOT, SOCCER.known_features) for file in FILES)
+    for line in accuracy_table(models, SOCCER.presentation.published):
         assert line in told
+
+
+WRITTEN_BY_US = [file for file in sorted(resource_path("models").rglob("*.json")) if file.stem != "baselines"]
+
+
+@pytest.mark.parametrize("file", WRITTEN_BY_US, ids=lambda file: f"{file.parent.name}/{file.stem}")
+def test_reading_and_writing_a_shipped_file_gives_the_same_bytes(file: Path, tmp_path: Path) -> None:
+    copy, data = tmp_path / file.name, json.loads(file.read_text(encoding="utf-8"))
+    if file.name == "gate.json":
+        gate = load_gate(file, data["action_set"])
+        assert isinstance(gate, OpenGate | ThresholdGate | TreeGate)
+        save_gate(copy, gate, data["training"], data["action_set"])
+    elif file.name == "calibration.json":
+        save_calibration(copy, load_calibration(file), data["training"])
+    else:
+        save_model(copy, load_model(file, ROBOT, SOCCER.known_features))
+    assert copy.read_bytes() == file.read_bytes()

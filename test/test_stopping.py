@@ -26,6 +26,7 @@ from ator_ros.experience.table import join, read_experience
 from ator_ros.files import reserved
 from ator_ros.tools import collect
 from ator_ros.tools.command_line import INTERRUPTED, guarded, undisturbed
+from ator_ros.tools.work import collect as collect_work
 
 
 @pytest.fixture
@@ -217,7 +218,7 @@ def test_collect_keeps_its_table_elsewhere_when_the_disk_fills(
         free_what_is_reserved(small_disk)
         fill(small_disk)
 
-    monkeypatch.setattr(collect, "collect", filling)
+    monkeypatch.setattr(collect_work, "collect", filling)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     file = small_disk / "table.parquet"
     assert collect.main(["--actions", "goToPose", "--episodes", "3", "--out", str(file)]) == 1
@@ -239,8 +240,8 @@ def test_a_second_signal_while_the_table_is_joined_loses_nothing(
         os.kill(os.getpid(), signal.SIGTERM)
         return join(frames)
 
-    monkeypatch.setattr(collect, "collect", stopped)
-    monkeypatch.setattr(collect, "join", joined)
+    monkeypatch.setattr(collect_work, "collect", stopped)
+    monkeypatch.setattr(collect_work, "join", joined)
     file = tmp_path / "table.parquet"
     words = ["--actions", "goToPose", "--episodes", "9", "--out", str(file)]
     assert collect.main(words) == INTERRUPTED

@@ -9,14 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.tools import bench, bench_collection, bench_refinement, bench_simulation
+from ator_ros.tools import bench
+from ator_ros.tools.benchmarks import collection, refinement, simulation
+from ator_ros.tools.work import bench as work
 
 
 def test_the_report_holds_every_part_that_was_asked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     parts = {"fast": lambda _: {"case": {"median_ms": 0.5, "not_run": "no java"}}, "other": lambda _: {}}
-    monkeypatch.setattr(bench, "PARTS", parts)
+    monkeypatch.setattr(bench, "PARTS", tuple(parts))
+    monkeypatch.setattr(work, "PARTS", parts)
     out = tmp_path / "benchmarks.json"
     assert bench.main(["--parts", "fast", "--out", str(out)]) == 0
     report = json.loads(out.read_text(encoding="utf-8"))
@@ -34,7 +37,7 @@ def test_a_part_that_cannot_be_measured_ends_with_one_line(
     def missing(options: Namespace) -> Mapping[str, object]:
         raise RuntimeError("expected the service within 40 s")
 
-    monkeypatch.setattr(bench, "PARTS", {"service": missing})
+    monkeypatch.setattr(work, "PARTS", {"service": missing})
     out = tmp_path / "benchmarks.json"
     assert bench.main(["--parts", "service", "--out", str(out)]) == 1
     assert capsys.readouterr().err == "bench: service: expected the service within 40 s\n"
@@ -42,30 +45,30 @@ def test_a_part_that_cannot_be_measured_ends_with_one_line(
 
 
 def test_the_simulation_is_measured_with_and_without_a_ball() -> None:
-    results = bench_simulation.measure(blocks=1)
-    assert set(results) == set(bench_simulation.LIMITS_TIMES_REAL_TIME)
+    results = simulation.measure(blocks=1)
+    assert set(results) == set(simulation.LIMITS_TIMES_REAL_TIME)
     assert all(row["times_real_time"] > 0.0 and row["over_bare_loop"] > 0.0 for row in results.values())
 
 
 def test_collection_is_measured_with_one_process_and_with_two_workers() -> None:
-    ((case, row),) = bench_collection.measure(blocks=1, episodes=1).items()
+    ((case, row),) = collection.measure(blocks=1, episodes=1).items()
     assert case == "2 x 1000 episodes"
     assert row["times_one_process"] == pytest.approx(row["one_process_s"] / row["two_workers_s"], rel=0.02)
     assert row["collection_s"] == pytest.approx(row["start_s"] + 2000 * row["two_workers_s"], rel=0.02)
 
 
 def test_limits_are_judged() -> None:
-    assert bench.met({"times_real_time": 113.0, "limit_times_real_time": 100.0}) == {"met": True}
-    assert bench.met({"median_ms": 1.5, "p99_ms": 2.0, "limit_ms": 1.0}) == {"met": False}
-    assert bench.met({"ratio": 1.2, "limit_ratio": 1.5, "p99_ms": 6.0, "limit_p99_ms": 5.0}) == {"met": False}
-    assert bench.met({"median_ms": 1.5}) == {}
+    assert work.met({"times_real_time": 113.0, "limit_times_real_time": 100.0}) == {"met": True}
+    assert work.met({"median_ms": 1.5, "p99_ms": 2.0, "limit_ms": 1.0}) == {"met": False}
+    assert work.met({"ratio": 1.2, "limit_ratio": 1.5, "p99_ms": 6.0, "limit_p99_ms": 5.0}) == {"met": False}
+    assert work.met({"median_ms": 1.5}) == {}
 
 
 def test_of_refinement_the_quietest_round_counts() -> None:
-    results = bench_refinement.measure(requests=2, rounds=2)
-    assert results.keys() == bench_refinement.CASES.keys()
+    results = refinement.measure(requests=2, rounds=2)
+    assert results.keys() == refinement.CASES.keys()
     for row in results.values():
         assert row["median_ms"] > 0.0
-    assert {name for name, row in results.items() if "limit_ms" in row} == bench_refinement.LIMITS_MS.keys()
-    row = bench_refinement._row("any", [[3.0, 3.0], [1.0, 1.0], [2.0, 2.0]])
+    assert {name for name, row in results.items() if "limit_ms" in row} == refinement.LIMITS_MS.keys()
+    row = refinement._row("any", [[3.0, 3.0], [1.0, 1.0], [2.0, 2.0]])
     assert (row["median_ms"], row["slowest_median_ms"]) == (1.0, 3.0)

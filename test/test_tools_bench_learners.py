@@ -11,8 +11,8 @@ from experience_rows import made_up_experience
 from sklearn.tree import DecisionTreeRegressor
 
 from ator_ros.experience.table import Experience, join, write_experience
-from ator_ros.tools import bench_learners, peers
-from ator_ros.tools.peer_program import measure
+from ator_ros.tools.benchmarks import learners, peers
+from ator_ros.tools.benchmarks.peer_program import measure
 
 
 @pytest.fixture
@@ -23,25 +23,25 @@ def quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers, "python_of", no_environment)
     monkeypatch.setattr(peers, "WEKA_JAR", tmp_path / "weka.jar")
     for name in ("HistGradientBoostingRegressor", "RandomForestRegressor"):
-        monkeypatch.setattr(bench_learners, name, lambda **_: DecisionTreeRegressor(max_depth=5))
+        monkeypatch.setattr(learners, name, lambda **_: DecisionTreeRegressor(max_depth=5))
 
 
 def table(file: Path, seed: int) -> Path:
-    frames = [made_up_experience(action, seed=seed) for action in bench_learners.ACTIONS]
+    frames = [made_up_experience(action, seed=seed) for action in learners.ACTIONS]
     write_experience(file, Experience(join(frames), {"seed": seed}))
     return file
 
 
 @pytest.mark.usefixtures("quick")
 def test_peers_that_cannot_run_say_why_and_the_others_are_compared(tmp_path: Path) -> None:
-    tables = {kind: table(tmp_path / f"{kind}.parquet", seed) for kind, seed in bench_learners.SEEDS.items()}
-    cases = bench_learners.measure(tables)
+    tables = {kind: table(tmp_path / f"{kind}.parquet", seed) for kind, seed in learners.SEEDS.items()}
+    cases = learners.measure(tables)
     assert len(cases) == 2 * 2 * 8
     row = cases["goToPose, 11 features of the paper: requirements"]
     assert (row["limit_rmse_over_best_ceiling"], row["limit_predict_ms"]) == (1.15, 0.3)
     assert row["rmse_over_best_ceiling"] > 0.0
     assert "times_faster_fit" not in row
-    text = bench_learners.document(cases, 0.25)
+    text = learners.document(cases, 0.25)
     assert "| m5py | not run: installing the peers' packages failed with code 1: no network |" in text
     assert "| Weka M5P | not run: expected java and" in text
     assert "- `times_faster_fit`: not measured" in text
@@ -61,7 +61,7 @@ def test_ours_is_compared_with_the_best_of_the_others() -> None:
         "HistGradientBoosting": row(0.5, 1.0),
         "RandomForest": row(0.25, 1.0),
     }
-    required = bench_learners.requirements(results)
+    required = learners.requirements(results)
     assert required["rmse_over_best_model_tree"] == 1.25
     assert required["rmse_over_best_ceiling"] == 2.0
     assert required["times_faster_fit"] == 4.0
@@ -98,4 +98,4 @@ def test_a_table_that_cannot_be_used_is_said(tmp_path: Path) -> None:
     file = tmp_path / "experience.parquet"
     file.write_text("nothing")
     with pytest.raises(RuntimeError, match="expected a Parquet file"):
-        bench_learners.measure({"experience": file, "fresh": file})
+        learners.measure({"experience": file, "fresh": file})

@@ -22,6 +22,8 @@ from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, train
+from ator_ros.tools.command_line import INTERRUPTED
+from ator_ros.tools.work import collect as collect_work
 
 ROBOT = load_robot()
 
@@ -60,9 +62,9 @@ def test_collect_keeps_the_finished_episodes_on_ctrl_c(
         yield made_up_experience("goToPose", episodes=3)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(collect, "collect", interrupted)
+    monkeypatch.setattr(collect_work, "collect", interrupted)
     file = tmp_path / "part.parquet"
-    assert collect.main(["--actions", "goToPose", "--out", str(file)]) == collect.INTERRUPTED
+    assert collect.main(["--actions", "goToPose", "--out", str(file)]) == INTERRUPTED
     experience = read_experience(file)
     assert experience.frame["episode"].nunique() == 3
     assert experience.metadata["complete"] is False
@@ -76,7 +78,7 @@ def test_collect_keeps_the_finished_episodes_when_a_worker_is_killed(
         yield made_up_experience("goToPose", episodes=3)
         yield from run_tasks(die, [signal.SIGKILL] * 2, jobs=2)
 
-    monkeypatch.setattr(collect, "collect", broken)
+    monkeypatch.setattr(collect_work, "collect", broken)
     file = tmp_path / "part.parquet"
     assert collect.main(["--actions", "goToPose", "--out", str(file)]) == 1
     assert read_experience(file).frame["episode"].nunique() == 3
@@ -102,7 +104,7 @@ def test_a_signal_to_all_processes_ends_them_and_keeps_the_finished_episodes(
             assert process.poll() is None
         os.killpg(process.pid, number)  # a terminal, or a supervisor, sends it to all of them
         assert "interrupted; kept the finished episodes" in process.stdout.read()
-        assert process.wait() == collect.INTERRUPTED
+        assert process.wait() == INTERRUPTED
     assert eventually_gone(process.pid)
     assert 3 <= read_experience(file).frame["episode"].nunique() < 2000
 
@@ -149,6 +151,7 @@ import signal
 import sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job would ignore Ctrl-C
 from ator_ros.tools import collect
+from ator_ros.tools.work import collect as work
 
 class Bar:
     def __init__(self, episodes, **options):
@@ -162,7 +165,7 @@ class Bar:
     def close(self):
         self.episodes.close()
 
-collect.tqdm = Bar
+work.tqdm = Bar
 sys.exit(collect.main(sys.argv[1:]))
 """
 """Runs `collect` and tells how far it is."""

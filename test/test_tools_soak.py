@@ -8,7 +8,7 @@ import os
 import pytest
 
 from ator_ros.tools.soak import main
-from ator_ros.tools.soak_report import NODES, Answer, Sample, Soak, sample, summary
+from ator_ros.tools.work.soak_report import NODES, Answer, Sample, Soak, sample, summary
 
 
 def soak(last: Sample) -> Soak:

@@ -76,10 +76,10 @@ DAMAGES: list[tuple[Callable[[dict[str, Any]], object], str]] = [
     (lambda s: leaf(s).pop("spread"), r"root\.at_most.*: expected the fields .*; missing spread"),
     (lambda s: leaf(s).update(spread=-0.1), r"spread: expected a finite number of at least 0"),
     (lambda s: leaf(s).update(intercept=None), r"intercept: expected a finite number; got None"),
-    (lambda s: leaf(s).update(slopes=[1]), r"slopes: expected a table of slopes by feature; got \[1\]"),
+    (lambda s: leaf(s).update(slopes=[1]), r"slopes: expected a table; got \[1\]"),
     (lambda s: leaf(s)["slopes"].update(y=1.0), r"slopes: expected one of x0, x1, x2; got 'y'"),
     (lambda s: leaf(s)["slopes"].update(x0=math.inf), r"slopes\.x0: expected a finite number; got inf"),
-    (lambda s: leaf(s).update(range=[1]), r"range: expected two numbers or nulls; got \[1\]"),
+    (lambda s: leaf(s).update(range=[1]), r"range: expected two numbers or nulls; got \[1\.0\]"),
     (lambda s: leaf(s).update(range=[2, 1]), r"range\[1\]: expected a finite number of at least 2; got 1"),
 ]
 

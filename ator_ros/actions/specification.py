@@ -1,4 +1,4 @@
-"""What a domain says of each of its actions; a new action is a new row of specifications."""
+"""What a domain says of each of its actions: a new action is a new specification."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.base import Action
+from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.situation import Situation
 from ator_ros.robot.description import Robot
 
@@ -17,21 +18,28 @@ Sampler = Callable[[Robot, np.random.Generator], Situation]
 
 @dataclass(frozen=True)
 class ActionSpec:
-    """One action of a set.
+    """One action of a set: how it is made, how experience of it is gathered, what its model learns from.
 
     Attributes
     ----------
     name : str
-        Name of the action, the same in every set.
+        Name of the action, as TOPs name it; the same in every set.
     factory : callable
-        Makes the action for a robot: its class.
+        Makes the action for a robot; the class of the action, for example.
     sample : callable
-        Draws a situation to gather experience in; the generator is its only source of chance.
+        Draws a situation to gather experience in, from a robot and a generator, which is its only source of
+        chance. What the robot cannot do is not asked for: such episodes fail and teach nothing.
     features : tuple of str
-        Candidate features of its performance model, of which the model tree selects; empty: all general ones.
+        Names of the candidate features of its performance model, from which the model tree selects: general
+        ones (`ator_ros.performance.features.GENERAL`) and those that the domain adds (`Domain.features`). One
+        of them may be the action's ideal time (`Feature.ideal`): how long it would take at the robot's
+        limits. Empty: all general candidates.
+    remote : RemoteCall or None
+        The action server that executes it; None: the factory's action does.
     """
 
     name: str
     factory: ActionFactory
     sample: Sampler
     features: tuple[str, ...] = ()
+    remote: RemoteCall | None = None

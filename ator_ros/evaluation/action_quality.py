@@ -29,13 +29,14 @@ _MOVED = 0.01  # m that an approached ball may have moved before the robot has a
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One situation: kind of motion, action set, seed, index, and angle (rad) that turns the start."""
+    """One situation: kind of motion, action set, seed, index, angle (rad) that turns the start, robot."""
 
     kind: str
     action_set: str
     seed: int
     index: int
     turn: float = 0.0
+    robot: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +88,12 @@ def situation_of(task: Task, robot: Robot) -> Situation:
 
 def execute(task: Task) -> Outcome:
     """Execute one task in a world of its own."""
-    return execute_situation(situation_of(task, load_robot()), task)
+    return execute_situation(situation_of(task, load_robot(task.robot or None)), task)
 
 
 def execute_situation(situation: Situation, task: Task) -> Outcome:
     """Execute `situation` with the action set of `task` in a world of its own."""
-    with Simulation(load_robot()) as simulation:
+    with Simulation(load_robot(task.robot or None)) as simulation:
         return _execute(simulation, situation, task)
 
 
@@ -187,6 +188,8 @@ def regularity(base: Sequence[Outcome], turned: Sequence[Outcome]) -> dict[str, 
     return {f"p{level}_s": round(float(np.percentile(changes, level)), 3) for level in (50, 95, 99, 100)}
 
 
-def tasks(kind: str, action_set: str, seed: int, situations: int, turn_degrees: int = 0) -> list[Task]:
+def tasks(
+    kind: str, action_set: str, seed: int, situations: int, turn_degrees: int = 0, *, robot: str = ""
+) -> list[Task]:
     """Return the tasks of one kind, with all starts turned by `turn_degrees`."""
-    return [Task(kind, action_set, seed, index, turn_degrees * _TURN) for index in range(situations)]
+    return [Task(kind, action_set, seed, index, turn_degrees * _TURN, robot) for index in range(situations)]

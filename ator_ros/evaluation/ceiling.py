@@ -11,9 +11,12 @@ import numpy as np
 import pandas as pd
 from sklearn.ensemble import HistGradientBoostingRegressor
 
+from ator_ros.domains.domain import Domain
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.features import hold_angle, hold_dist
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
-from ator_ros.performance.features import FEATURES, derived_from, feature_table
+from ator_ros.performance.features import GENERAL, Feature, derived_from, feature_table
 from ator_ros.performance.training import direct_of
 from ator_ros.robot.description import Robot
 
@@ -29,32 +32,28 @@ class IdealTime:
     ----------
     robot : Robot
         Its limits, and the position of its hold.
-    feature : str
-        A feature that depends on the same direct variables.
+    used_variables : frozenset of str
+        The direct variables that the time depends on.
     compute : callable
         Returns the time in s, shape (n,).
     """
 
     robot: Robot
-    feature: str
+    used_variables: frozenset[str]
     compute: Callable[[Geometry], FloatArray]
-
-    @property
-    def used_variables(self) -> frozenset[str]:
-        """Direct variables that the time depends on."""
-        return derived_from([self.feature])
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
         """Return the duration in s, shape (n,), and nothing else."""
         return SimpleNamespace(duration=self.compute(Geometry(direct, self.robot)))
 
 
-def ideal_times(robot: Robot) -> dict[str, IdealTime]:
-    """Return by action the ideal time that is also a feature of the learned models."""
+def ideal_times(domain: Domain, robot: Robot, action_set: str) -> dict[str, IdealTime]:
+    """Return by action the ideal time among its candidate features, for the actions that have one."""
     return {
-        "goToPose": IdealTime(robot, "drive_time", lambda geometry: geometry.drive.time),
-        "dribbleBall": IdealTime(robot, "dribble_time", lambda geometry: geometry.dribble.time),
-        "shoot": IdealTime(robot, "shot_time", lambda geometry: geometry.shot.time),
+        action: IdealTime(robot, feature.derives, feature.compute)
+        for action in domain.actions(action_set)
+        for feature in domain.candidates(action, action_set)
+        if feature.ideal
     }
 
 
@@ -67,16 +66,17 @@ def plain_times(robot: Robot) -> dict[str, IdealTime]:
     def either_way(geometry: Geometry) -> FloatArray:
         return np.minimum(geometry.turn_drive_turn(), geometry.turn_drive_turn(reverse=True))
 
+    turning, aiming = GENERAL["turn_drive_turn"], SOCCER.known_features["hold_angle"].derives
     return {
-        "goToPose": IdealTime(robot, "turn_drive_turn", either_way),
-        "dribbleBall": IdealTime(robot, "turn_drive_turn", lambda geometry: geometry.turn_drive_turn()),
-        "shoot": IdealTime(robot, "hold_angle", _turn_and_drive),
+        "goToPose": IdealTime(robot, turning.derives, either_way),
+        "dribbleBall": IdealTime(robot, turning.derives, turning.compute),
+        "shoot": IdealTime(robot, aiming, _turn_and_drive),
     }
 
 
 def _turn_and_drive(geometry: Geometry) -> FloatArray:
     limits = geometry.robot.limits
-    return np.abs(geometry.hold_angle) / limits.w + geometry.hold_dist / limits.v
+    return np.abs(geometry.once(hold_angle)) / limits.w + geometry.once(hold_dist) / limits.v
 
 
 class BoostedTime:
@@ -86,12 +86,14 @@ class BoostedTime:
     ----------
     robot : Robot
         Its limits, and the position of its hold.
+    features : tuple of Feature
+        What it predicts from.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, features: tuple[Feature, ...]) -> None:
         self.robot = robot
-        self.names = tuple(FEATURES)
-        self.used_variables = derived_from(self.names)
+        self.features = features
+        self.used_variables = derived_from(features)
         self._boosting = HistGradientBoostingRegressor(max_iter=250, learning_rate=0.08, random_state=0)
 
     def fit(self, rows: pd.DataFrame) -> BoostedTime:
@@ -99,11 +101,12 @@ class BoostedTime:
         # Samples at 1 Hz: more of the same episodes take time and add little.
         sampled = np.isclose(rows["t"] % 1.0, 0.0, atol=0.01)
         good = rows[rows["success"] & sampled]
-        table = feature_table(direct_of(good), self.robot, self.names)
+        table = feature_table(direct_of(good), self.robot, self.features)
         weight = np.where(good["t"] == 0.0, START_WEIGHT, 1.0)
         self._boosting.fit(table, good["time_to_go"].to_numpy(dtype=float), sample_weight=weight)
         return self
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
         """Return the duration in s, shape (n,), and nothing else."""
-        return SimpleNamespace(duration=self._boosting.predict(feature_table(direct, self.robot, self.names)))
+        table = feature_table(direct, self.robot, self.features)
+        return SimpleNamespace(duration=self._boosting.predict(table))

@@ -29,7 +29,8 @@ class ChainRun:
     duration : float
         In s; `TIME_LIMIT` if the chain failed.
     success : bool
-        Whether every action succeeded and, by the true state, the last TOP's post-condition holds.
+        Whether every action succeeded and, by the true state, the last TOP's post-condition holds; where
+        sensors are between the true state and the executor, its terms that name objects.
     reason : str
         A sentence on how it ended.
     actions : tuple of float
@@ -100,7 +101,7 @@ def run_chain(
         actions = tuple(record.duration for record in executor.records)
         executor.break_off(simulation.world(), message)
         ended, last = simulation.time, chain.calls[-1]
-        judgement = judge(simulation, last.top, last.goal, status, message)
+        judgement = judge(simulation, last.top, last.goal, status, message, drifts=observe is not None)
     return ChainRun(
         ended if judgement.success else TIME_LIMIT,
         judgement.success,

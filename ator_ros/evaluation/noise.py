@@ -60,11 +60,11 @@ CONDITIONS: Mapping[str, SensingCondition] = MappingProxyType(
     {
         TRUTH: SensingCondition(),
         "drift": SensingCondition(REALISTIC),
-        "ball noise": SensingCondition(
+        "noise": SensingCondition(
             sight=Sight(noise=REALISTIC_SIGHT.noise, velocity_noise=REALISTIC_SIGHT.velocity_noise)
         ),
-        "ball delay": SensingCondition(sight=Sight(delay=REALISTIC_SIGHT.delay)),
-        "ball dropouts": SensingCondition(sight=Sight(dropouts=REALISTIC_SIGHT.dropouts)),
+        "delay": SensingCondition(sight=Sight(delay=REALISTIC_SIGHT.delay)),
+        "dropouts": SensingCondition(sight=Sight(dropouts=REALISTIC_SIGHT.dropouts)),
         "latency": SensingCondition(_LATE, foreseen=_LATE.latency),
         "latency, 50 ms too much foreseen": SensingCondition(_LATE, foreseen=0.15),
         "latency, 50 ms too little foreseen": SensingCondition(_LATE, foreseen=0.05),
@@ -73,7 +73,7 @@ CONDITIONS: Mapping[str, SensingCondition] = MappingProxyType(
         "all and latency": SensingCondition(
             dataclasses.replace(REALISTIC, latency=_LATE.latency), REALISTIC_SIGHT, foreseen=_LATE.latency
         ),
-        "all, lost balls fetched": SensingCondition(REALISTIC, REALISTIC_SIGHT, fetches=2),
+        "all, lost objects fetched": SensingCondition(REALISTIC, REALISTIC_SIGHT, fetches=2),
         "all, untracked": SensingCondition(REALISTIC, REALISTIC_SIGHT, tracked=False),
     }
 )

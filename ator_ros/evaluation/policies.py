@@ -53,7 +53,9 @@ class Toolset:
     def refiner(self, models: str = "learned", *, gated: bool = False) -> Refiner:
         """Return a refiner with one of the sets of models."""
         gate = self.gate if gated else OpenGate()
-        return Refiner(self.robot, self.models[models], gate, calibration=self.calibration)
+        return Refiner(
+            self.robot, self.models[models], gate, ranges=self.domain.variables, calibration=self.calibration
+        )
 
     def predict(self, world: World, chain: TopChain) -> ChainPrediction:
         """Return the learned models' prediction of a chain as it is, corrected by the calibration."""
@@ -87,7 +89,7 @@ def bearing(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
 
 
 def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the bearing of the next goal from each subgoal as its heading, as most soccer teams do."""
+    """Choose the bearing of the next goal from each subgoal as its heading."""
     places = [call.goal.pose for call in trial.chain.calls]
     return Choice(with_headings(trial.chain, _bearings(places)))
 

@@ -109,6 +109,7 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
 def _portable(settings: dict[str, Any]) -> dict[str, Any]:
     """Return settings without the folders of this machine."""
     source = settings["source"]
+    source["robot"] = Path(source["robot"]).name
     source["models"] = Path(source["models"]).name
     source["experience"] = [Path(table).name for table in source["experience"]]
     return settings

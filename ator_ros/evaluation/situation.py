@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
@@ -20,6 +21,8 @@ from ator_ros.tops.library import TopLibrary
 
 Record = dict[str, Any]
 """The result of one situation; see `evaluate_trial`."""
+ONE_GOAL = 5
+"""Numbers in a record's "start" where the chain has one goal only."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Settings:
     seed : int
         Seed of the situations.
     chain : str
-        Name of one of the domain's chains.
+        Name of one of the domain's chains; by default its first.
     policies : tuple of str
         Names of `POLICIES`.
     oracle : int
@@ -46,12 +49,18 @@ class Settings:
     """
 
     seed: int
-    chain: str = "dribble"
+    chain: str = ""
     policies: tuple[str, ...] = tuple(POLICIES)
     oracle: int = 0
     oracle_margin: float | None = None
     oracle_speeds: tuple[float, ...] = ()
     source: ToolsetSource = field(default_factory=ToolsetSource)
+
+    def __post_init__(self) -> None:
+        """Name the chain, as results are to tell it."""
+        if not self.chain:
+            first = next(iter(find_domain(self.source.domain).chains))
+            object.__setattr__(self, "chain", first)
 
 
 class Executions:
@@ -91,11 +100,12 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     Returns
     -------
     dict
-        "index"; "start": robot x, y, yaw, ball x, y, goal x, y, yaw (m, rad); "policies": by name "duration"
-        (s), "success", "reason", "error" (m), "chosen": heading and speed of each intermediate subgoal,
-        "actions": durations of the actions (s), "predicted": duration of the chain (s); "features" and
-        "features_speed": features of the gate; "oracle": "headings" (rad), "durations" (s), "best" (s)
-        and "success"; "oracle_speed": "best" and "success"; "executed": number of chains executed.
+        "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
+        "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading and speed of
+        each intermediate subgoal, "actions": durations of the actions (s), "predicted": duration of the chain
+        (s); "features" and "features_speed": features of the gate; "oracle": "headings" (rad), "durations"
+        (s), "best" (s) and "success"; "oracle_speed": "best" and "success"; "executed": number of chains
+        executed.
     """
     settings, index = task
     tools, library = _tools(settings.source)
@@ -121,9 +131,9 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
 
 
 def _start(trial: Trial) -> list[float]:
-    ball = trial.chain.calls[0].goal.pose
-    goal = trial.chain.calls[1].goal.pose
-    return [round(value, 4) for value in (*trial.world.robot.pose, ball.x, ball.y, *goal)]
+    first, *later = (call.goal.pose for call in trial.chain.calls)
+    places = (*trial.world.robot.pose, first.x, first.y, *(later[0] if later else ()))
+    return [round(value, 4) for value in places]
 
 
 def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) -> Record:

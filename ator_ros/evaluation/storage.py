@@ -7,17 +7,18 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.files import UnreadableError, read_json, read_text, write_text
+from ator_ros.schema import Format, SchemaError, Within, structured
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"
-SCHEMA = "ator_ros/evaluation"
-VERSION = 1
+FORMAT = Format("ator_ros/evaluation", 1, "evaluation", "schema", "version")
 LARGEST = 1_000_000_000
 """Bytes of a file of results that is read."""
 
@@ -110,7 +111,7 @@ class PartialResults:
 
 def write_result(folder: Path, result: Mapping[str, Any], records: Sequence[Record]) -> Path:
     """Write `evaluation.json`: what `result` holds, and every run under "runs", by columns to be compact."""
-    head = json.dumps({"schema": SCHEMA, "version": VERSION, **result}, indent=1)
+    head = json.dumps({**FORMAT.head(), **result}, indent=1)
     runs = json.dumps(to_columns(records), separators=(",", ":"))
     path = folder / RESULT
     write_text(path, f'{head[:-2]},\n "runs": {runs}\n}}\n')
@@ -139,6 +140,33 @@ def to_records(columns: Mapping[str, Any], count: int) -> list[Record]:
     return records
 
 
+@dataclass(frozen=True)
+class _Source:
+    action_set: str
+
+
+@dataclass(frozen=True)
+class _Settings:
+    seed: int
+    chain: str
+    source: _Source
+
+
+@dataclass(frozen=True)
+class _Summary:
+    situations: Annotated[int, Within(0)]
+
+
+@dataclass(frozen=True)
+class _ResultFile:
+    """The fields of `evaluation.json` that are used again; runs: records by columns."""
+
+    summary: _Summary
+    settings: _Settings
+    runs: dict[str, Any]
+    digests: dict[str, str] | None = None
+
+
 def read_result(path: Path) -> dict[str, Any]:
     """Read `evaluation.json`.
 
@@ -148,9 +176,10 @@ def read_result(path: Path) -> dict[str, Any]:
         The file cannot be read, or is no finished evaluation.
     """
     try:
-        data = read_json(path, largest=LARGEST)
+        data = FORMAT.current(read_json(path, largest=LARGEST))
+        structured(data, _ResultFile)
     except UnreadableError as error:
         raise EvaluationError(str(error)) from error
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA or data.get("version") != VERSION:
-        raise EvaluationError(f"{path}: expected an evaluation of version {VERSION}, got another file")
+    except SchemaError as error:
+        raise EvaluationError(f"{path}: {error}") from error
     return data

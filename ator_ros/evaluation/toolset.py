@@ -35,6 +35,8 @@ class ToolsetSource:
     ----------
     domain : str
         Name of the domain.
+    robot : str
+        File of the robot's description; empty: the shipped one.
     action_set : str
         Name of one of its action sets.
     models : str
@@ -44,9 +46,14 @@ class ToolsetSource:
     """
 
     domain: str = DEFAULT
+    robot: str = ""
     action_set: str = "default"
     models: str = ""
     experience: tuple[str, ...] = ()
+
+    def described(self) -> Robot:
+        """Return the robot."""
+        return find_domain(self.domain).robot(self.robot or None)
 
     def folder(self) -> Path:
         """Return the folder of the model files."""
@@ -55,7 +62,7 @@ class ToolsetSource:
 
     def digest(self, policies: Iterable[str], chain: str) -> str:
         """Return a digest of the robot's description and of all files that the choices depend on."""
-        robot = find_domain(self.domain).robot()
+        robot = self.described()
         sha = hashlib.sha256(robot.digest().encode())
         names = [f"{action}.json" for action in self._actions(chain, robot)] + [CALIBRATION]
         names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
@@ -72,9 +79,9 @@ class ToolsetSource:
         ModelFileError
             A model cannot be used.
         """
-        robot = find_domain(self.domain).robot()
+        robot, features = self.described(), find_domain(self.domain).known_features
         files = {action: self.folder() / f"{action}.json" for action in self._actions(chain, robot)}
-        models = {action: model_digest(load_model(file, robot)) for action, file in files.items()}
+        models = {action: model_digest(load_model(file, robot, features)) for action, file in files.items()}
         return {"robot": robot.digest(), **models}
 
     def _actions(self, chain: str, robot: Robot) -> list[str]:
@@ -114,6 +121,12 @@ def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
     return find_domain(source.domain).library(robot, source.action_set)
 
 
+def _files(folder: Path, actions: Iterable[str]) -> dict[str, Path]:
+    """Return the models there are; if there is none, all that should be, for the error."""
+    files = {action: folder / f"{action}.json" for action in actions}
+    return {action: file for action, file in files.items() if file.exists()} or files
+
+
 def make_toolset(source: ToolsetSource) -> Toolset:
     """Read models and gate, and fit gradient boosting.
 
@@ -122,22 +135,22 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     ModelFileError, RefinementError, ExperienceError, EvaluationError
         An existing file cannot be used; the message names it.
     """
-    domain, folder = find_domain(source.domain), source.folder()
-    robot = domain.robot()
-    actions = list(domain.actions(source.action_set))
-    headed = arriving(domain.tops)
+    domain, robot, folder = find_domain(source.domain), source.described(), source.folder()
+    actions, features = list(domain.actions(source.action_set)), domain.known_features
+    headed, files = arriving(domain.tops), _files(folder, list(domain.actions(source.action_set)))
     models: dict[str, Models] = {
-        "learned": {action: load_model(folder / f"{action}.json", robot) for action in actions},
+        "learned": {action: load_model(file, robot, features) for action, file in files.items()},
         "bitbots": {action: bitbots(robot, arrives=action in headed) for action in actions},
         "booster": {action: booster(robot, arrives=action in headed) for action in actions},
-        "ideal_time": ideal_times(robot),
+        "ideal_time": ideal_times(domain, robot, source.action_set),
         "turn_drive_turn": plain_times(robot),
     }
     if (folder / BASELINES).exists():
         models |= load_baselines(folder / BASELINES, robot)
     if source.experience:
         models["hist_gradient_boosting"] = {
-            action: BoostedTime(robot).fit(rows) for action, rows in read_rows(source.experience).items()
+            action: BoostedTime(robot, tuple(features.values())).fit(rows)
+            for action, rows in read_rows(source.experience).items()
         }
     gate = load_gate(folder / GATE, source.action_set) if (folder / GATE).exists() else OpenGate()
     return Toolset(domain, robot, models, gate, load_calibration_if_any(folder))

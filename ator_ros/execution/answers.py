@@ -6,8 +6,8 @@ from ator_ros.execution.phases import Phase
 from ator_ros.execution.progress import Progress
 from ator_ros.execution.refining import Question, Refining, refined_chain
 from ator_ros.execution.transitions import GoalCourse, Signal
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopChain
+from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest
 from ator_ros.world.state import World
 
@@ -23,12 +23,14 @@ class Answers:
         The chain.
     course : GoalCourse
         The goal's phase.
-    robot : Robot
-        Its sizes, and the deceleration of rolling objects.
+    library : TopLibrary
+        The robot, and the ranges of goal variables.
     """
 
-    def __init__(self, refining: Refining, progress: Progress, course: GoalCourse, robot: Robot) -> None:
-        self._refining, self._progress, self._course, self._robot = refining, progress, course, robot
+    def __init__(
+        self, refining: Refining, progress: Progress, course: GoalCourse, library: TopLibrary
+    ) -> None:
+        self._refining, self._progress, self._course, self._library = refining, progress, course, library
         self._answer: tuple[TopChain, str] | None = None
 
     @property
@@ -61,12 +63,13 @@ class Answers:
         answer, question, self._answer = self._answer, self.question, None
         if answer is None or question is None:
             return
-        progress, robot = self._progress, self._robot
+        progress, library = self._progress, self._library
         if question.step != progress.index:
             self.refuse("its step was over when the answer came")
             return
         try:
-            changed = refined_chain(progress.chain, question, answer[0], at_rest(world, robot), robot)
+            resting = at_rest(world, library.robot)
+            changed = refined_chain(progress.chain, question, answer[0], resting, library)
         except InvalidChainError as error:
             self.refuse(f"its answer cannot be used: {error}")
             return
@@ -81,7 +84,7 @@ class Answers:
         assert question is not None
         planned = progress.chain
         try:
-            progress.chain = refined_chain(planned, question, chain, progress.start, self._robot)
+            progress.chain = refined_chain(planned, question, chain, progress.start, self._library)
         except InvalidChainError as error:
             self.refuse(f"its answer cannot be used: {error}")
         else:

@@ -73,6 +73,8 @@ class ChainExecutor:
         self._planned = -math.inf  # when a step was last planned while another was driven, s
         self.records: list[ActionRecord] = []
         self.fetched = 0
+        self.released = False
+        """Whether somebody else moves the robot: the last tick had no command."""
         self._index = 0
         self._over = False
         self._run = self._new_run(chain, 0)
@@ -223,4 +225,5 @@ class ChainExecutor:
 
     def _chain_step(self, world: World, step: Step) -> ChainStep:
         assert self._began is not None
+        self.released = step.command is None
         return ChainStep(step.command, step.status, self._index, step.message, world.time - self._began)

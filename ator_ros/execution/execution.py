@@ -58,7 +58,7 @@ class Execution:
         self._robot, self._deadlines, self._refining = library.robot, deadlines, refining
         self._course = GoalCourse()
         self._progress = Progress(library, predictor, chain, time_limit=deadlines.action, fetches=fetches)
-        self._answers = Answers(refining, self._progress, self._course, library.robot)
+        self._answers = Answers(refining, self._progress, self._course, library)
         self._guards = Guards(fence, library.robot, deadlines.longest_gap)
         self._seen: World | None = None
         self._accepted, self._heard = now, math.inf
@@ -141,8 +141,13 @@ class Execution:
         return 0.0 if self.ending is not None else self._progress.predicted_remaining(now)
 
     def silent(self, now: float) -> bool:
-        """Return whether odometry has been missing for half its deadline, so that the robot should stand."""
-        return self.phase is not Phase.ENDED and now - self._heard > self._deadlines.silence
+        """Return whether odometry has been missing for half its deadline, so that the robot should stand.
+
+        A robot that somebody else moves cannot be paused: our commands would only disturb.
+        """
+        released = self.phase is Phase.EXECUTING and self._progress.released
+        waiting = self.phase is not Phase.ENDED and not released
+        return waiting and now - self._heard > self._deadlines.silence
 
     # What happens to it
 
@@ -244,7 +249,7 @@ class Execution:
         fault = self._guards.check(world, progress.call, overdue)
         if isinstance(fault, Fault):
             return self._stop(*fault)
-        if fault is not None:
+        if fault is not None and not progress.released:
             self.reason = fault
             return STOP
         self._answers.apply(world)

@@ -87,6 +87,11 @@ class Progress:
         return 0 if self._executor is None else self._executor.fetched
 
     @property
+    def released(self) -> bool:
+        """Whether somebody else moves the robot: the last tick had no command."""
+        return self._executor is not None and self._executor.released
+
+    @property
     def lost(self) -> str | None:
         """The object whose loss made the last action fail; None if there is none."""
         return self.records[-1].action.lost if self.records else None

@@ -11,6 +11,7 @@ from ator_ros.refinement.changes import allowed_changes
 from ator_ros.refinement.free_variables import with_values
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopChain
+from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, followed, is_at_front
 from ator_ros.world.state import ObjectState, World
 
@@ -112,7 +113,7 @@ class Refining:
 
 
 def refined_chain(
-    chain: TopChain, question: Question, answer: TopChain, world: World, robot: Robot
+    chain: TopChain, question: Question, answer: TopChain, world: World, library: TopLibrary
 ) -> TopChain:
     """Return `chain` with the changes that `answer` makes to the chain of `question`.
 
@@ -123,12 +124,12 @@ def refined_chain(
     InvalidChainError
         The answer changes what it may not, or what results is no valid plan from `world`.
     """
-    changes = allowed_changes(question.chain, answer, robot)
+    changes = allowed_changes(question.chain, answer, library.robot, library.ranges)
     rest = [
         dataclasses.replace(call, goal=with_values(call.goal, values)) if values else call
         for call, values in zip(chain.calls[question.step :], changes, strict=True)
     ]
-    violations = TopChain(tuple(rest)).violations(world, robot)
+    violations = TopChain(tuple(rest)).violations(world, library.robot)
     if violations:
         raise InvalidChainError(f"no valid plan: {'; '.join(violations)}")
     return TopChain((*chain.calls[: question.step], *rest))

@@ -5,39 +5,41 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 
-from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
+from ator_ros.actions.base import Action, ActionError, Goal, Status
 from ator_ros.execution.predictions import Predictor
 from ator_ros.geometry import Pose
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot.ball import BALL
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import held_first, objects_in
+from ator_ros.tops.objects import fetched, held_first, kept, objects_in
 from ator_ros.tops.top import Top
 from ator_ros.world.state import ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})
 _PERIOD = 0.05  # s
 _MOST_TICKS = 100
-AWAY = World(0.0, RobotState(Pose(-1.0, 0.5, 1.0)), {BALL: ObjectState(0.0, 0.0)})
+_AWAY = RobotState(Pose(-1.0, 0.5, 1.0))
+_THERE = ObjectState(0.0, 0.0)
 
 
 def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
-    """Refine the paper's chain once, with the heading and the arrival speed at the ball free."""
-    if not {"goToBall", "dribbleBall"} <= set(library) or library.robot.holder is None:
+    """Refine once to fetch an object and to carry it, with heading and arrival speed at the object free."""
+    fetching = next((top for top in library.usable() if fetched(top)), None)
+    carrying = next((top for top in library.usable() if kept(top)), None)
+    if fetching is None or carrying is None:
         return
     calls = (
-        TopCall(library["goToBall"], Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD), OPEN),
-        TopCall(library["dribbleBall"], Goal(Pose(2.0, 1.0, 0.0), 0.0, Point.HOLD)),
+        TopCall(fetching, Goal(Pose(0.0, 0.0, 0.0), 0.0, fetching.point), OPEN),
+        TopCall(carrying, Goal(Pose(2.0, 1.0, 0.0), 0.0, carrying.point)),
     )
     with contextlib.suppress(RefinementError):  # the first request reports it
-        refiner.refine(AWAY, TopChain(calls))
+        refiner.refine(_world(library.robot, _AWAY, _THERE, fetching), TopChain(calls))
 
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
-    """Plan and predict each TOP of `library` in the open and beside a goal post, where the search is long."""
+    """Plan and predict each TOP of `library` in the open and beside a bay, where the search is long."""
     area, bays = robot.scene.area, robot.scene.bays
     x, y, width = (bays[-1].x, bays[-1].y, bays[-1].width) if bays else (area.length / 2.0, 0.0, 0.0)
     post = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
@@ -46,25 +48,24 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
             starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, post, top))
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
         else:
-            starts, goals = (_away(top),) * 2, (Pose(0.0, 0.0, 0.0), post._replace(yaw=2.5))
+            starts, goals = (
+                (_world(robot, _AWAY, _THERE, top),) * 2,
+                (Pose(0.0, 0.0, 0.0), post._replace(yaw=2.5)),
+            )
         for world, goal in zip(starts, goals, strict=True):
             call = TopCall(top, Goal(goal, 0.0, top.point))
             if _planned(library.action(top), world, call.goal):
                 predictor.chain(world, TopChain((call,)))
 
 
-def _away(top: Top) -> World:
-    """Return a world in which all objects that a TOP speaks of lie away from the robot."""
-    return dataclasses.replace(AWAY, objects=_all_at(AWAY.objects[BALL], top))
-
-
 def _holding(robot: Robot, pose: Pose, top: Top) -> World:
     hold = robot.hold_point(pose)
-    return World(0.0, RobotState(pose), _all_at(ObjectState(hold.x, hold.y), top))
+    return _world(robot, RobotState(pose), ObjectState(hold.x, hold.y), top)
 
 
-def _all_at(there: ObjectState, top: Top) -> dict[str, ObjectState]:
-    return dict.fromkeys((BALL, *objects_in(top)), there)
+def _world(robot: Robot, state: RobotState, there: ObjectState, top: Top) -> World:
+    """Return a world in which all objects of the scene, and those that a TOP speaks of, are `there`."""
+    return World(0.0, state, dict.fromkeys((*robot.scene.objects, *objects_in(top)), there))
 
 
 def _planned(action: Action, world: World, goal: Goal) -> bool:

@@ -32,9 +32,11 @@ class EpisodeTask:
     tops : tuple of Top
         The TOPs of the domain, one of which says what an episode is for.
     robot : Robot
-        Shape, limits, ball and field.
+        Shape and limits.
     seed, episode : int
         Of the collection, and the number of the episode in it.
+    objects : tuple of str
+        The objects whose places are logged.
     time_limit : float
         In s.
     """
@@ -44,6 +46,7 @@ class EpisodeTask:
     robot: Robot
     seed: int
     episode: int
+    objects: tuple[str, ...] = ()
     time_limit: float = TIME_LIMIT
 
 
@@ -57,7 +60,7 @@ def run_task(task: EpisodeTask) -> pd.DataFrame:
     """Run one episode in a world of its own and return its rows.
 
     Bullet keeps contact caches over replacements of the bodies: in a world used before, an episode with
-    a ball differs in the sixth digit. A new world costs 11 ms.
+    contacts differs in the sixth digit. A new world costs 11 ms.
     """
     rng = episode_generator(task.action.name, task.seed, task.episode)
     situation = task.action.sample(task.robot, rng)
@@ -68,7 +71,7 @@ def run_task(task: EpisodeTask) -> pd.DataFrame:
     with Simulation(task.robot) as simulation:
         action = task.action.factory(task.robot)
         episode = run_episode(simulation, action, situation, top=top, time_limit=task.time_limit)
-    return episode_frame(task.episode, episode)
+    return episode_frame(task.episode, episode, task.objects)
 
 
 def collect(
@@ -76,6 +79,7 @@ def collect(
     tops: Sequence[Top],
     robot: Robot,
     *,
+    objects: tuple[str, ...],
     episodes: int,
     seed: int,
     jobs: int = 1,
@@ -90,7 +94,9 @@ def collect(
     tops : sequence of Top
         The TOPs of the domain: their post-conditions decide on success.
     robot : Robot
-        Shape, limits, ball and field.
+        Shape and limits.
+    objects : tuple of str
+        The objects whose places are logged: those of the domain.
     episodes, seed : int
         Episodes of each action, and the seed of all of them.
     jobs, backend
@@ -102,5 +108,9 @@ def collect(
         A situation belongs to none of the TOPs.
     """
     purposes, numbers = tuple(tops), range(episodes)
-    tasks = [EpisodeTask(action, purposes, robot, seed, number) for action in actions for number in numbers]
+    tasks = [
+        EpisodeTask(action, purposes, robot, seed, number, objects)
+        for action in actions
+        for number in numbers
+    ]
     yield from run_tasks(run_task, tasks, jobs=jobs, backend=backend)

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation
+from ator_ros.experience.columns import STATE_COLUMNS
 from ator_ros.geometry import FloatArray
-from ator_ros.robot.ball import ball_of
 from ator_ros.simulation.run import TIME_LIMIT, judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, World
 
 TICKS_PER_SAMPLE = 2  # control ticks of 1/20 s, so that samples come at the paper's 10 Hz
-SAMPLE_COLUMNS = ("t", "x", "y", "yaw", "v", "w", "ball_x", "ball_y")
-"""What is logged in each sample: s since the start, m, rad, m/s, rad/s; NaN without a ball."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,9 @@ class Episode:
     ----------
     situation : Situation
         Start and goal.
-    samples : ndarray, shape (n, len(SAMPLE_COLUMNS))
-        The states at 10 Hz from the start on; those at and after the end are left out.
+    samples : ndarray, shape (n, sample_width(objects))
+        The states at 10 Hz from the start on; those at and after the end are left out. Its columns are
+        STATE_COLUMNS, then x, y in m of each object, NaN where unknown.
     duration : float
         From the start to the tick at which the action ended, in s.
     success : bool
@@ -40,6 +41,8 @@ class Episode:
     position_error, heading_error : float
         At the end, between the goal and the point that shall come there, in m and rad. Of a TOP in which the
         robot does not come to the goal: how far the world is from the post-condition, and NaN.
+    objects : tuple of str
+        The objects in `samples`.
     """
 
     situation: Situation
@@ -49,6 +52,7 @@ class Episode:
     reason: str
     position_error: float
     heading_error: float
+    objects: tuple[str, ...] = ()
 
 
 def run_episode(
@@ -85,20 +89,29 @@ def run_episode(
         done = Step(STOP, Status.RUNNING, f"not started: {error}")
     duration = simulation.time - start
     judgement = judge(simulation, top, situation.goal, done.status, done.message)
-    rows = [_sample(world, start) for world in worlds[::TICKS_PER_SAMPLE]]
+    names = tuple(situation.objects)
+    rows = [sample_of(world, start, names) for world in worlds[::TICKS_PER_SAMPLE]]
     samples = [row for row in rows if row[0] < duration]
     return Episode(
         situation,
-        np.asarray(samples, dtype=float).reshape(len(samples), len(SAMPLE_COLUMNS)),
+        np.asarray(samples, dtype=float).reshape(len(samples), sample_width(names)),
         duration,
         judgement.success,
         judgement.reason,
         judgement.error,
         judgement.heading_error,
+        names,
     )
 
 
-def _sample(world: World, start: float) -> tuple[float, ...]:
-    pose, ball = world.robot.pose, ball_of(world)
-    ball_x, ball_y = (ball.x, ball.y) if ball is not None else (math.nan, math.nan)
-    return (world.time - start, *pose, world.robot.v, world.robot.w, ball_x, ball_y)
+def sample_width(objects: Collection[str]) -> int:
+    """Return the number of columns of samples with these objects."""
+    return len(STATE_COLUMNS) + 2 * len(objects)
+
+
+def sample_of(world: World, start: float, objects: Iterable[str]) -> tuple[float, ...]:
+    """Return a row of `Episode.samples`: the state `world` of an episode that started at `start` (s)."""
+    found = (world.objects.get(name) for name in objects)
+    places = ((math.nan, math.nan) if there is None else (there.x, there.y) for there in found)
+    robot = world.robot
+    return (world.time - start, *robot.pose, robot.v, robot.w, *itertools.chain.from_iterable(places))

@@ -7,11 +7,10 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from typing import Any, TypeVar
-
-import joblib
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -58,8 +57,10 @@ def run_tasks(
     if backend == "loky" and jobs == 1:
         yield from map(function, tasks)
         return
+    import joblib  # takes a second
+
     # joblib 1.3's dask backend gives its results all at once only.
-    streams = backend == "loky" or _joblib_version() >= (1, 4)
+    streams = backend == "loky" or _version_of(joblib) >= (1, 4)
     try:
         with joblib.parallel_config(backend=backend, n_jobs=jobs):
             results = joblib.Parallel(return_as="generator" if streams else "list", batch_size=1)(
@@ -75,8 +76,8 @@ def run_tasks(
             raise BackendError(f"a worker process was killed: {str(error).splitlines()[0]}") from error
 
 
-def _joblib_version() -> tuple[int, int]:
-    major, minor = joblib.__version__.split(".")[:2]
+def _version_of(module: Any) -> tuple[int, int]:
+    major, minor = module.__version__.split(".")[:2]
     return int(major), int(minor)
 
 
@@ -90,6 +91,7 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int | Non
             signal.signal(number, signal.SIG_IGN)
     if parent is not None and os.getpid() not in _watched:
         _watched.add(os.getpid())
+        warnings.simplefilter("ignore", UserWarning)  # the parent tells them, once
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     return function(task)
 

@@ -1,7 +1,7 @@
 """Experience from recordings (MCAP, made by ``ros2 bag record -s mcap``): a real robot has no other.
 
 The records that our executor publishes on ``performance/action`` are taken as they are. Where there are none,
-drives are found in ``odom`` and ``cmd_vel`` (and ``ball`` where there is one); see `drives`.
+drives are found in ``odom`` and ``cmd_vel``, and in the topics of the domain's objects; see `drives`.
 """
 
 from __future__ import annotations
@@ -9,24 +9,26 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from ator_ros.experience.columns import MOST_OBJECTS
 from ator_ros.experience.drives import SHORTEST, Streams, drives
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of, finite, pose_of, sound
 from ator_ros.experience.table import Experience, episode_frame, join, library_versions
 from ator_ros.experience.validation import checked_rows
+from ator_ros.experience.vocabulary import Vocabulary
 from ator_ros.files import limited_memory
 from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
 
-TOPICS = ("odom", "cmd_vel", "ball")
+TOPICS = ("odom", "cmd_vel")
 RECORDS = "performance/action"
 _LARGEST_MESSAGE = 100_000  # bytes; ours have some hundred
 _MOST_BYTES = 4_000_000_000  # of memory
@@ -45,9 +47,9 @@ class _Recorded:
     action_sets: set[str] = field(default_factory=set)
     left_out: int = 0
 
-    def add(self, message: Any) -> None:
+    def add(self, message: Any, domain: Vocabulary) -> None:
         """Take an ActionPerformance; one with numbers that are none is left out, and counted."""
-        episode = episode_of(message)
+        episode = episode_of(message, domain)
         if not sound(episode):
             self.left_out += 1
             return
@@ -55,16 +57,16 @@ class _Recorded:
         # Recordings from before it was told have none.
         self.action_sets.add(getattr(message, "action_set", "") or "default")
 
-    def episodes(self, robot: Robot) -> Iterator[Episode]:
+    def episodes(self, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
         """Yield the executor's records, or the drives where there are none."""
         if self.records:
             yield from self.records
         else:
             for streams in self.stretches:
-                yield from drives(streams, robot)
+                yield from drives(streams, robot, domain)
 
 
-def read_recording(path: Path | str, robot: Robot) -> Experience:
+def read_recording(path: Path | str, robot: Robot, domain: Vocabulary) -> Experience:
     """Read the drives of a recording as experience.
 
     Parameters
@@ -73,6 +75,8 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
         An .mcap file, or the folder that ``ros2 bag record`` made.
     robot : Robot
         The robot that was recorded.
+    domain : Vocabulary
+        Its objects have topics of their names; its TOPs say what drives and records are of.
 
     Raises
     ------
@@ -83,22 +87,24 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
         It names an action or an action set by what is no name.
     """
     file = Path(path)
-    by_robot = _read(file)
-    episodes = [episode for recorded in by_robot.values() for episode in recorded.episodes(robot)]
+    by_robot = _read(file, domain)
+    episodes = [episode for recorded in by_robot.values() for episode in recorded.episodes(robot, domain)]
     if not episodes:
         raise RecordingError(
             f"{file}: expected the topic {RECORDS}, or odom and cmd_vel with at least one drive of "
             f"{SHORTEST} s between two stops; found {_listed(by_robot) or 'no such topics'} without one"
         )
+    objects = _objects(file, domain, episodes)
     numbers: dict[str, int] = defaultdict(int)
     frames: list[pd.DataFrame] = []
     for episode in episodes:
         action = episode.situation.action
-        frames.append(episode_frame(numbers[action], episode))
+        frames.append(episode_frame(numbers[action], episode, objects))
         numbers[action] += 1
     metadata = {
         "seed": None,
         "robot_digest": robot.digest(),
+        "domain": domain.name,
         "action_set": _action_set(file, by_robot),
         "command": f"recording {file.name}",
         "records_left_out": sum(recorded.left_out for recorded in by_robot.values()),
@@ -106,6 +112,14 @@ def read_recording(path: Path | str, robot: Robot) -> Experience:
     }
     rows = checked_rows(file, join(frames), metadata["action_set"] or "default")
     return Experience(rows, metadata)
+
+
+def _objects(file: Path, domain: Vocabulary, episodes: Iterable[Episode]) -> tuple[str, ...]:
+    """Return the objects of the domain, and those that records name besides."""
+    found = tuple(dict.fromkeys([*domain.objects, *(name for item in episodes for name in item.objects)]))
+    if len(found) > MOST_OBJECTS:
+        raise RecordingError(f"{file}: expected at most {MOST_OBJECTS} objects, got {len(found)}")
+    return found
 
 
 def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
@@ -116,21 +130,22 @@ def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
     return found[0] if found else None
 
 
-def _read(file: Path) -> dict[str, _Recorded]:
+def _read(file: Path, domain: Vocabulary) -> dict[str, _Recorded]:
     """Return what was recorded by the namespace of the robot."""
     by_robot: dict[str, _Recorded] = defaultdict(_Recorded)
-    for name, message in _messages(file):
-        topic = _kind(name)
+    topics = (RECORDS, *TOPICS, *domain.objects)
+    for name, message in _messages(file, topics):
+        topic = _kind(name, topics)
         namespace = name[: -len(topic)] or "/"
         if topic != RECORDS:
             _add(by_robot[namespace], topic, message)
         elif message.outcome.code in ENDED:
-            by_robot[namespace].add(message)
+            by_robot[namespace].add(message, domain)
     return by_robot
 
 
-def _messages(file: Path) -> Iterator[tuple[str, Any]]:
-    """Yield topic and message of all that is of use, in the order of their arrival."""
+def _messages(file: Path, topics: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """Yield topic and message of all of `topics`, in the order of their arrival."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -139,7 +154,7 @@ def _messages(file: Path) -> Iterator[tuple[str, Any]]:
     try:
         typestore = get_typestore(Stores.ROS2_JAZZY)
         with limited_memory(_MOST_BYTES), AnyReader([file], default_typestore=typestore) as reader:
-            wanted = [c for c in reader.connections if _kind(c.topic)]
+            wanted = [c for c in reader.connections if _kind(c.topic, topics)]
             for connection, _, raw in reader.messages(connections=wanted):
                 if len(raw) > _LARGEST_MESSAGE:
                     raise ValueError(f"a message of {len(raw)} bytes on {connection.topic}")
@@ -154,9 +169,9 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(map(printable, itertools.islice(names, 5)))
 
 
-def _kind(topic: str) -> str:
-    """Return which of the topics `topic` is, in whatever namespace; empty for none."""
-    return next((name for name in (RECORDS, *TOPICS) if f"/{topic}".endswith(f"/{name}")), "")
+def _kind(topic: str, topics: Sequence[str]) -> str:
+    """Return which of `topics` a topic is, in whatever namespace; empty for none."""
+    return next((name for name in topics if f"/{topic}".endswith(f"/{name}")), "")
 
 
 def _add(recorded: _Recorded, topic: str, message: Any) -> None:
@@ -172,9 +187,9 @@ def _add(recorded: _Recorded, topic: str, message: Any) -> None:
     stamp = message.header.stamp
     time = stamp.sec + 1e-9 * stamp.nanosec
     pose, twist = pose_of(message.pose.pose), message.twist.twist
-    if topic == "ball":
+    if topic not in TOPICS:
         if finite(pose):
-            streams.ball.append((time, pose.x, pose.y))
+            streams.objects[topic].append((time, pose.x, pose.y))
     elif finite(row := (time, *pose, twist.linear.x, twist.angular.z)):
         if not streams.goes_on_at(time):
             recorded.stretches.append(streams := Streams())

@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
+from ator_ros.experience.columns import MOST_OBJECTS
+from ator_ros.experience.episode import Episode, sample_width
 from ator_ros.experience.validation import FARTHEST
+from ator_ros.experience.vocabulary import Vocabulary, point_of
+from ator_ros.files import is_name
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import printable
 from ator_ros.world.state import ObjectState, RobotState
@@ -20,33 +23,35 @@ ENDED = (SUCCEEDED, FAILED)
 """Outcomes of actions that were not broken off from outside."""
 
 
-def episode_of(message: Any) -> Episode:
-    """Return the episode that an ActionPerformance tells of; it has no samples but its start."""
+def episode_of(message: Any, domain: Vocabulary) -> Episode:
+    """Return the episode that a record of any action tells of; it has no samples but its start."""
     start, call = message.start, message.call
     objects = {
         item.name: ObjectState(item.position.x, item.position.y, item.velocity.x, item.velocity.y)
         for item in start.objects
     }
-    point = Point.AXLE if call.top == "goToPose" else Point.HOLD
     return Episode(
         situation=Situation(
             message.action,
             RobotState(pose_of(start.robot), start.v, start.w),
             objects,
-            Goal(pose_of(call.goal.pose), call.speed, point),
+            Goal(pose_of(call.goal.pose), call.speed, point_of(domain, call.top)),
         ),
-        samples=np.empty((0, len(SAMPLE_COLUMNS))),
+        samples=np.empty((0, sample_width(objects))),
         duration=message.actual.duration,
         success=message.outcome.code == SUCCEEDED,
         reason=printable(message.outcome.reason, 200),
         position_error=message.actual.accuracy,
         heading_error=message.heading_error,
+        objects=tuple(objects),
     )
 
 
 def sound(episode: Episode) -> bool:
-    """Return whether a model can learn from an episode: a sensor may have sent NaN."""
+    """Return whether a model can learn from an episode: a sensor may have sent NaN, a program no name."""
     robot, goal, objects = episode.situation.robot, episode.situation.goal, episode.situation.objects
+    if len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
+        return False
     errors = (episode.position_error, episode.heading_error)
     numbers: tuple[float, ...] = (*robot.pose, robot.v, robot.w, *goal.pose, goal.speed, episode.duration)
     numbers += tuple(number for there in objects.values() for number in (there.x, there.y))

@@ -8,10 +8,14 @@ from pathlib import Path
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, join, read_experience
+from ator_ros.experience.vocabulary import Vocabulary
+from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 
 
-def read_sources(paths: Sequence[Path], robot: Robot, action_set: str | None = None) -> Experience:
+def read_sources(
+    paths: Sequence[Path], robot: Robot, domain: Vocabulary, action_set: str | None = None
+) -> Experience:
     """Read and join all sources; episodes keep apart, and the first source's metadata count.
 
     Parameters
@@ -20,15 +24,17 @@ def read_sources(paths: Sequence[Path], robot: Robot, action_set: str | None = N
         Tables (.parquet) and recordings (.mcap, or the folder they are in).
     robot : Robot
         Whose experience it must be.
+    domain : Vocabulary
+        Of which it must be; a table that names none may be of the domain that has its objects.
     action_set : str, optional
         Of sources that do not tell their own; where they do, they must tell this one.
 
     Raises
     ------
     ExperienceError
-        A source cannot be used, or they are of different robots or action sets.
+        A source cannot be used, or they are of different robots, domains or action sets.
     """
-    tables = [_read(path, robot) for path in paths]
+    tables = [_read(path, robot, domain) for path in paths]
     frames, shift = [], 0
     for table in tables:
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
@@ -38,17 +44,21 @@ def read_sources(paths: Sequence[Path], robot: Robot, action_set: str | None = N
     if len(sets) > 1:
         raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
     joined = {
+        "domain": domain.name,
         "action_set": sets.pop(),
         "records_left_out": sum(table.metadata.get("records_left_out", 0) for table in tables),
     }
-    return Experience(join(frames), {**tables[0].metadata, **joined})
+    metadata = {**tables[0].metadata, **joined}
+    metadata.pop("objects", None)  # the columns say which the joined table has
+    return Experience(join(frames), metadata)
 
 
-def _read(path: Path, robot: Robot) -> Experience:
+def _read(path: Path, robot: Robot, domain: Vocabulary) -> Experience:
     if path.suffix == ".parquet":
         table = read_experience(path)
+        _check_domain(path, table, domain)
     elif path.suffix == ".mcap" or path.is_dir():
-        table = read_recording(path, robot)
+        table = read_recording(path, robot, domain)
     else:
         raise ExperienceError(
             f"{path}: expected a table of collect (.parquet) or a recording (.mcap, or the folder it is in)"
@@ -60,3 +70,15 @@ def _read(path: Path, robot: Robot) -> Experience:
             "give its description with --robot, or collect anew"
         )
     return table
+
+
+def _check_domain(path: Path, table: Experience, domain: Vocabulary) -> None:
+    """Refuse a table of another domain; the oldest tables name none, but have its objects."""
+    found = table.metadata.get("domain")
+    foreign = [name for name in table.objects if name not in domain.objects]
+    if found == domain.name or (found is None and not foreign):
+        return
+    there = quoted(found) if found is not None else f"a table with the objects {', '.join(foreign)}"
+    raise ExperienceError(
+        f"{path}: metadata.domain: expected {domain.name!r}, got {there}: name its domain with --domain"
+    )

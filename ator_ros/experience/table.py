@@ -14,42 +14,25 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.base import Point
-from ator_ros.experience.episode import SAMPLE_COLUMNS, Episode
+from ator_ros.experience.columns import (
+    MOST_OBJECTS,
+    STATE_COLUMNS,
+    columns,
+    object_columns,
+    objects_of_columns,
+)
+from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.validation import checked_rows
-from ator_ros.files import limited_memory, replaced
-from ator_ros.robot.ball import ball_of
+from ator_ros.files import is_name, limited_memory, replaced
+from ator_ros.printable import quoted
+from ator_ros.schema import Format, SchemaError, structured
+from ator_ros.world.state import World
 
-FORMAT = "ator_ros experience"
-SCHEMA_VERSION = 1
+FORMAT = Format("ator_ros experience", 1, "experience")
 _KEY = b"ator_ros"
 _MOST_ROWS = 5_000_000  # 30 times those of a thousand episodes of each action
 _MOST_BYTES = 4_000_000_000  # of memory
-
-COLUMNS: dict[str, str] = {
-    "action": "name of the action",
-    "episode": "number of the episode within its action",
-    "t": "s since the start of the episode",
-    "x": "m, axle",
-    "y": "m, axle",
-    "yaw": "rad",
-    "v": "m/s, forward",
-    "w": "rad/s, counter-clockwise",
-    "ball_x": "m, NaN without a ball",
-    "ball_y": "m, NaN without a ball",
-    "xg": "m, goal of the axle (hold 0) or of the ball (hold 1)",
-    "yg": "m, goal of the axle (hold 0) or of the ball (hold 1)",
-    "yawg": "rad, heading at the goal",
-    "speedg": "m/s, forward speed at the goal",
-    "hold": "1: the ball's place in the robot's front shall come to (xg, yg); 0: the axle",
-    "time_to_go": "s until the action ended",
-    "duration": "s, of the whole episode",
-    "success": "the action ended well and did what it is for",
-    "reason": "how the episode ended",
-    "position_error": "m, at the end",
-    "heading_error": "rad, at the end; NaN where the heading does not matter",
-}
-"""Name and meaning of each column; SI units, world frame."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +42,9 @@ class Experience:
     Attributes
     ----------
     frame : pandas.DataFrame
-        The columns of COLUMNS; the rows of an episode of an action together, in the order of time.
+        The columns of `columns`; the rows of an episode of an action together, in the order of time.
     metadata : dict
-        How it was made: seed, robot digest, action set, command, versions.
+        How it was made: seed, robot digest, domain, action set, command, versions.
     """
 
     frame: pd.DataFrame
@@ -72,6 +55,11 @@ class Experience:
         """The seed that it was collected with; 0 for a recording, which has none."""
         seed = self.metadata.get("seed")
         return seed if isinstance(seed, int) else 0
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """The objects whose places it holds."""
+        return objects_of_columns(self.frame.columns)
 
     def of(self, action: str) -> pd.DataFrame:
         """Return the rows of one action.
@@ -90,16 +78,26 @@ class Experience:
         return rows.reset_index(drop=True)
 
 
-def episode_frame(number: int, episode: Episode) -> pd.DataFrame:
-    """Return the rows of one episode; one without samples (not started, or a record), its start."""
+def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd.DataFrame:
+    """Return the rows of one episode; one without samples (not started, or a record), its start.
+
+    Parameters
+    ----------
+    number : int
+        Number of the episode within its action.
+    episode : Episode
+        What was observed.
+    objects : tuple of str
+        The objects whose places are kept, NaN where the episode does not know them.
+    """
     goal = episode.situation.goal
     samples = episode.samples
     if len(samples) == 0:
-        start, ball = episode.situation.robot, ball_of(episode.situation)
-        place = (ball.x, ball.y) if ball is not None else (np.nan, np.nan)
-        samples = np.array([(0.0, *start.pose, start.v, start.w, *place)])
-    frame = pd.DataFrame(samples, columns=list(SAMPLE_COLUMNS))
+        start = World(0.0, episode.situation.robot, episode.situation.objects)
+        samples = np.array([sample_of(start, 0.0, episode.objects)])
+    frame = pd.DataFrame(samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)])
     constants = {
+        **dict.fromkeys(object_columns(name for name in objects if name not in episode.objects), np.nan),
         "action": episode.situation.action,
         "episode": number,
         "xg": goal.pose.x,
@@ -114,15 +112,17 @@ def episode_frame(number: int, episode: Episode) -> pd.DataFrame:
         "position_error": episode.position_error,
         "heading_error": episode.heading_error,
     }
-    return frame.assign(**constants)[list(COLUMNS)]
+    return frame.assign(**constants)[list(columns(objects))]
 
 
 def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Join frames of episodes into one table with the column types of the file."""
+    """Join frames of episodes, of whatever objects, into one table with the column types of the file."""
     parts = list(frames)
     if not parts:
-        return pd.DataFrame({name: pd.Series(dtype=float) for name in COLUMNS})
-    return pd.concat(parts, ignore_index=True).astype({"episode": np.int32, "hold": np.int8, "success": bool})
+        return pd.DataFrame({name: pd.Series(dtype=float) for name in columns(())})
+    joined = pd.concat(parts, ignore_index=True)
+    ordered = joined[list(columns(objects_of_columns(joined.columns)))]
+    return ordered.astype({"episode": np.int32, "hold": np.int8, "success": bool})
 
 
 def library_versions() -> dict[str, str]:
@@ -146,7 +146,12 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     """
     arrow, parquet = require_pyarrow()
     table = arrow.Table.from_pandas(experience.frame, preserve_index=False)
-    metadata = {"format": FORMAT, "schema_version": SCHEMA_VERSION, "columns": COLUMNS, **experience.metadata}
+    metadata = {
+        **FORMAT.head(),
+        "columns": columns(experience.objects),
+        "objects": experience.objects,
+        **experience.metadata,
+    }
     text = json.dumps(metadata, sort_keys=True).encode()
     table = table.replace_schema_metadata({**(table.schema.metadata or {}), _KEY: text})
     with replaced(path) as temporary:
@@ -167,43 +172,62 @@ def read_experience(path: Path | str) -> Experience:
         raise ExperienceError(f"{path}: expected a Parquet file with experience: there is no such file")
     try:
         with limited_memory(_MOST_BYTES):
-            table = _read_table(parquet, Path(path))
+            metadata, wanted, table = _read_table(parquet, Path(path))
     except (OSError, MemoryError, arrow.ArrowException) as error:
         raise ExperienceError(f"{path}: expected a Parquet file with experience: {error}") from error
-    metadata = _metadata(path, (table.schema.metadata or {}).get(_KEY))
-    missing = [name for name in COLUMNS if name not in table.column_names]
-    if missing:
-        raise ExperienceError(
-            f"{path}: expected the columns {', '.join(COLUMNS)}; missing: {', '.join(missing)}"
-        )
-    frame = table.replace_schema_metadata(None).to_pandas()[list(COLUMNS)]  # pandas' own may be damaged
+    frame = table.replace_schema_metadata(None).to_pandas()[wanted]  # pandas' own may be damaged
     return Experience(checked_rows(path, frame, metadata.get("action_set", "default")), metadata)
 
 
-def _read_table(parquet: Any, path: Path) -> Any:
-    """Read the columns of COLUMNS, those that there are; texts once each, however often they are used."""
+def _read_table(parquet: Any, path: Path) -> tuple[dict[str, Any], list[str], Any]:
+    """Return metadata, names of columns, and columns; texts once each, however often they are used."""
     with parquet.ParquetFile(path, read_dictionary=["action", "reason"]) as file:
         rows, names = file.metadata.num_rows, file.schema_arrow.names
+        metadata = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
         if rows > _MOST_ROWS:
             raise ExperienceError(f"{path}: expected at most {_MOST_ROWS} rows, got {rows}")
-        return file.read(columns=[name for name in COLUMNS if name in names])
+        wanted = list(columns(_objects(path, metadata, names)))
+        missing = [name for name in wanted if name not in names]
+        if missing:
+            raise ExperienceError(
+                f"{path}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"
+            )
+        return metadata, wanted, file.read(columns=wanted)
+
+
+def _objects(path: Path, metadata: dict[str, Any], names: list[str]) -> tuple[str, ...]:
+    """Return the objects of a table; those from before they were named are told by its columns."""
+    objects = metadata.get("objects", list(objects_of_columns(names)))
+    if not isinstance(objects, list) or len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
+        raise ExperienceError(
+            f"{path}: metadata.objects: expected at most {MOST_OBJECTS} names of letters, digits and _, "
+            f"got {quoted(objects)}"
+        )
+    return tuple(dict.fromkeys(objects))
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    """The metadata that is used; a recording has no seed, and perhaps no action set."""
+
+    seed: int | None = None
+    robot_digest: str | None = None
+    domain: str | None = None
+    action_set: str | None = None
+    complete: bool = True
+    command: str | None = None
+    records_left_out: int = 0
+    versions: dict[str, str] | None = None
 
 
 def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:
     try:
-        metadata = json.loads(text or b"null")
-    except ValueError as error:
+        metadata = FORMAT.current(json.loads(text or b"null"))
+        structured(metadata, _Metadata)
+    except SchemaError as error:
+        raise ExperienceError(f"{path}: metadata.{error}") from error
+    except (ValueError, RecursionError) as error:
         raise ExperienceError(f"{path}: metadata: expected JSON: {error}") from error
-    if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
-        raise ExperienceError(
-            f"{path}: metadata.format: expected {FORMAT!r}: this is no experience of ator_ros"
-        )
-    found = metadata.get("schema_version")
-    if not isinstance(found, int) or not 1 <= found <= SCHEMA_VERSION:
-        raise ExperienceError(
-            f"{path}: metadata.schema_version: expected 1 to {SCHEMA_VERSION}, got {found!r}; "
-            "a newer one needs a newer ator_ros"
-        )
     return metadata
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from ator_ros.experience.columns import object_columns, objects_of_columns
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.files import is_name
 from ator_ros.geometry import FloatArray
@@ -36,7 +37,6 @@ _RULES = {
     "episode": _Rule("whole numbers from 0 to 1e7", 0.0, 1e7, whole=True),
     **dict.fromkeys(("t", "time_to_go", "duration"), _TIME),
     **dict.fromkeys(("x", "y", "yaw", "v", "w", "xg", "yg", "yawg"), _PLACE),
-    **dict.fromkeys(("ball_x", "ball_y"), _PLACE_OR_NAN),
     "speedg": _Rule("speeds in m/s from 0", 0.0),
     "hold": _Rule("0 or 1", 0.0, 1.0, whole=True),
     "success": _Rule("true or false", 0.0, 1.0, whole=True),
@@ -54,7 +54,7 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     source : Path or str
         Where they were read, for the message.
     frame : pandas.DataFrame
-        With the columns of `table.COLUMNS`, of any types.
+        With the columns of `columns.columns`, of any types.
     action_set : object
         Name of the set that the actions are of.
 
@@ -71,10 +71,12 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     for name in names.unique():
         if not is_name(name):
             raise ExperienceError(f"{source}: action: expected {_NAME}, got {quoted(name)}")
-    columns: dict[str, object] = {name: _numbers(source, frame[name], rule) for name, rule in _RULES.items()}
-    columns |= {"action": names, "reason": frame["reason"].astype(object)}
+    objects = dict.fromkeys(object_columns(objects_of_columns(frame.columns)), _PLACE_OR_NAN)
+    rules = {**_RULES, **objects}
+    checked: dict[str, object] = {name: _numbers(source, frame[name], rule) for name, rule in rules.items()}
+    checked |= {"action": names, "reason": frame["reason"].astype(object)}
     plain = {"episode": np.int32, "hold": np.int8, "success": bool}
-    return pd.DataFrame({name: columns[name] for name in frame.columns}).astype(plain)
+    return pd.DataFrame({name: checked[name] for name in frame.columns}).astype(plain)
 
 
 def _numbers(source: Path | str, column: pd.Series, rule: _Rule) -> FloatArray:

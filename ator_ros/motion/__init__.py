@@ -1,1 +1,1 @@
-"""Motion: how long turns, straights and two-turn ways take; used to plan and as ideal times."""
+"""Motion within limits: durations of turns, straights and two-turn manoeuvres, to plan and as ideal times."""

@@ -1,8 +1,14 @@
-"""The kinds of ideal motions whose times are features: driving, approaching the ball, dribbling."""
+"""Families of ideal motions, made from a robot's limits: their times are features.
+
+A family is a few kinds of motion, each a turn, a straight drive, a turn and a straight run, of which the
+fastest counts. Kinds are given as shares of the limits, so that every robot has its own. Those of
+`drive_family` were chosen one by one, each as the one that brings the times nearest to those of all
+combinations of a fine grid; a test compares them with such a grid for small, heavy and quick robots.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -11,11 +17,11 @@ import numpy as np
 
 from ator_ros.motion.durations import rates_of
 from ator_ros.motion.motion_search import KIND, Rows, Rules
-from ator_ros.motion.turns import TurnTables, Way, turn_tables
-from ator_ros.robot.description import Limits, Robot
+from ator_ros.motion.turn_tables import TurnTables, Way, turn_tables
+from ator_ros.robot.description import Limits
 
-RUN = 0.25  # m straight up to a ball, twice the length of the fins that catch it
-PASSING = 0.4  # m that a straight drive keeps from the ball: half a robot and half a ball, and some
+_DETOUR = 7.2
+"""Cost, in m of driving at full speed, of each m that a drive passes an object at the goal too near."""
 
 
 class Kind(NamedTuple):
@@ -54,7 +60,7 @@ class Family:
     run : float or None
         Length in m of the straight run at the end; None where it is as long as its change of speed needs.
     passing : float
-        Distance in m that the straight drive keeps from a ball at the goal; 0 without a ball.
+        Distance in m that the straight drive keeps from an object at the goal; 0 where there is none.
     forward : bool
         Whether the robot never drives backward.
     """
@@ -94,97 +100,61 @@ class Family:
         return np.array(rows, dtype=KIND)
 
     def rules(self, hold: float) -> Rules:
-        """Return what holds for all kinds, with a ball `hold` m ahead of the destination."""
+        """Return what holds for all kinds, with an object `hold` m ahead of the destination."""
         run = np.nan if self.run is None else self.run
-        return Rules(rates_of(self.limits), run, self.passing, self.forward, hold)
+        detour = _DETOUR / self.limits.v
+        return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, hold)
 
 
-# The kinds below were chosen one by one, each as the one that brings the times nearest to those of all
-# combinations of a fine grid. Changes of speed and rates of turn are shares of the limits.
+class FreeTurns(NamedTuple):
+    """A kind of motion of a robot that may turn at its limit at any speed.
+
+    Attributes
+    ----------
+    first, last : float
+        Change of speed in both turns as shares of the limit; the last as seen from the goal.
+    backward : bool
+        Whether the drive between them goes backward.
+    share : float
+        See `Kind`.
+    """
+
+    first: float
+    last: float
+    backward: bool = False
+    share: float = 0.0
+
+
 _DRIVES = (
-    # first turn, last turn, backward
-    (1.0, 1.0, False),
-    (-0.6, -0.3, True),
-    (-1.0, -1.0, True),
-    (0.6, 0.3, False),
-    (-0.6, -0.6, True),
-    (0.3, 0.6, False),
-    (0.6, 0.6, False),
-    (-0.3, -1.0, True),
+    FreeTurns(1.0, 1.0),
+    FreeTurns(-0.6, -0.3, backward=True),
+    FreeTurns(-1.0, -1.0, backward=True),
+    FreeTurns(0.6, 0.3),
+    FreeTurns(-0.6, -0.6, backward=True),
+    FreeTurns(0.3, 0.6),
+    FreeTurns(0.6, 0.6),
+    FreeTurns(-0.3, -1.0, backward=True),
 )
-_APPROACHES = (
-    # first turn, last turn, speed between it and the run, backward
-    (1.0, 0.5, 0.8, False),
-    (0.3, -0.25, 0.8, False),
-    (-1.0, -1.0, 0.35, True),
-    (0.1, 0.25, 0.0, False),
-    (1.0, 1.0, 1.0, False),
-    (0.6, 0.0, 1.0, False),
-    (-0.6, -1.0, 0.8, True),
-    (0.1, 0.0, 0.35, False),
-)
-_AT_ONCE = np.nan
-_DRIBBLES = (
-    # speed before the first turn (m/s), its change and rate; change and rate of the last turn, speed after it
-    (_AT_ONCE, 0.75, 1.0, 0.0, 1.0, 0.5),
-    (0.55, 0.0, 1.0, 0.0, 1.0, 0.4),
-    (0.1, 0.0, 0.67, 0.0, 0.67, 0.1),
-    (_AT_ONCE, 0.96, 1.0, 0.5, 0.67, 0.3),
-    (0.2, 0.25, 1.0, 0.0, 1.0, 0.4),
-    (_AT_ONCE, 0.96, 1.0, 0.5, 0.83, 0.6),
-    (_AT_ONCE, 0.96, 1.0, 0.0, 1.0, 0.4),
-    (0.2, 0.25, 1.0, 0.0, 0.83, 0.2),
-    (_AT_ONCE, 0.96, 1.0, 0.0, 1.0, 0.95),
-    (0.1, 0.0, 0.67, 0.0, 0.83, 0.3),
-    (_AT_ONCE, 0.96, 1.0, 0.9, 0.5, 0.4),
-    (_AT_ONCE, 0.75, 1.0, 0.0, 1.0, 0.75),
-)
-_SHOTS = (
-    (_AT_ONCE, 0.75, 1.0, 0.0, 1.0, 0.5),
-    (_AT_ONCE, 0.96, 1.0, 0.0, 1.0, 0.75),
-    (0.1, 0.0, 0.67, 0.0, 0.67, 0.3),
-    (0.2, 0.25, 1.0, 0.0, 1.0, 0.3),
-    (0.55, 0.0, 1.0, 0.0, 1.0, 0.5),
-)
+_WEAK = 0.25
+_DRIVES_OF_THE_WEAK = (FreeTurns(0.0, 0.0), FreeTurns(1.0, 0.3), FreeTurns(0.3, 1.0), FreeTurns(-0.3, -0.3))
 
 
 @lru_cache(maxsize=8)
-def drive_family(robot: Robot) -> Family:
-    """Return the motions without a ball, forward or in reverse."""
-    limits = robot.limits
-    kinds = (
-        Kind(Way(first * limits.a, limits.w), Way(last * limits.a, limits.w), backward=backward)
-        for first, last, backward in _DRIVES
-    )
-    return Family(limits, tuple(kinds))
+def drive_family(limits: Limits) -> Family:
+    """Return the motions to a pose, forward or in reverse, of a robot with these limits."""
+    weak = gained_in_turn(limits) < _WEAK
+    return Family(limits, free_kinds(limits, (*_DRIVES, *_DRIVES_OF_THE_WEAK) if weak else _DRIVES))
 
 
-@lru_cache(maxsize=8)
-def approach_family(robot: Robot) -> Family:
-    """Return the motions up to a ball: forward or in reverse to behind it, then straight."""
-    limits = robot.limits
-    kinds = (
-        Kind(Way(first * limits.a, limits.w), Way(last * limits.a, limits.w), share, backward=backward)
-        for first, last, share, backward in _APPROACHES
-    )
-    return Family(limits, tuple(kinds), run=RUN, passing=PASSING)
+def gained_in_turn(limits: Limits) -> float:
+    """Return the speed gained in a turn by 1 rad as a share of full speed: weak robots need more kinds."""
+    return limits.a / (limits.v * limits.w)
 
 
-@lru_cache(maxsize=8)
-def dribble_family(robot: Robot) -> Family:
-    """Return the motions with the ball: forward only; the more speed a last turn loses, the wider it is."""
-    return _pushing(robot.holder_for("pushing an object").limits, _DRIBBLES)
-
-
-@lru_cache(maxsize=8)
-def shot_family(robot: Robot) -> Family:
-    """Return the motions with the ball that end in a run at full speed; where it leads there is a choice."""
-    return _pushing(robot.holder_for("pushing an object").limits, _SHOTS)
-
-
-def _pushing(limits: Limits, rows: Sequence[tuple[float, ...]]) -> Family:
-    kinds = (
-        Kind(Way(gain * limits.a, begin * limits.w), Way(lose * limits.brake, end * limits.w), share, entry)
-        for entry, gain, begin, lose, end, share in rows
-    )
-    return Family(limits, tuple(kinds), run=None, forward=True)
+def free_kinds(limits: Limits, rows: Iterable[FreeTurns]) -> tuple[Kind, ...]:
+    """Return kinds of motion for these limits."""
+    return tuple(
+        Kind(Way(row.first * limits.a, limits.w), Way(row.last * limits.a, limits.w), row.share,
+             backward=row.backward)
+        for row in rows
+    )  # fmt: skip

@@ -56,7 +56,7 @@ def fastest_motions(ends: FloatArray, family: Family, *, hold: float) -> Motions
     family : Family
         Which motions there are.
     hold : float
-        Distance in m from the destination to the ball in front of it.
+        Distance in m from the destination to the object in front of it.
     """
     time, turn = result = np.empty((2, ends.shape[1]))
     search_fastest(ends, family.rows, family.tables, family.rules(hold), result)

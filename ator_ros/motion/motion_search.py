@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Rates, change_distance, drive_time, forward_time, turn_time
-from ator_ros.motion.turns import (
+from ator_ros.motion.turn_tables import (
     HALF,
     STEP,
     TURNS,
@@ -28,7 +28,6 @@ from ator_ros.motion.turns import (
     window_of,
 )
 
-_WAY_ROUND = 6.0  # s per m that a straight drive passes too near the ball
 _FULL_TURN = 2.0 * math.pi
 _MOST_TURNED = math.radians(450.0)
 _BRACKETS = 2 * HALF + 1
@@ -62,22 +61,26 @@ Rows = NDArray[np.void]
 
 
 class Rules(NamedTuple):
-    """What holds for all kinds of a family; see `families.Family`. run: NaN where it is as long as needed."""
+    """What holds for all kinds of a family; see `families.Family`.
+
+    run: NaN where it is as long as needed. detour: s per m that a straight drive passes too near the object.
+    """
 
     rates: Rates
     run: float
     passing: float
+    detour: float
     forward: bool
     hold: float
 
 
 class _Way(NamedTuple):
-    """From where the first turn begins to where the last one ends, and to the ball, in m."""
+    """From where the first turn begins to where the last one ends, and to the object at the goal, in m."""
 
     x: float
     y: float
-    ball_x: float
-    ball_y: float
+    object_x: float
+    object_y: float
 
 
 @compiled
@@ -154,7 +157,7 @@ def _fastest(
 ) -> tuple[float, float, int]:
     """Return time (s), turned angle (rad) and kind of the fastest motion to one destination."""
     cos, sin = math.cos(turn), math.sin(turn)
-    ball_x, ball_y = x + rules.hold * cos, y + rules.hold * sin
+    object_x, object_y = x + rules.hold * cos, y + rules.hold * sin
     # The whole change of heading may go either way round, or a circle more.
     circle = math.copysign(_FULL_TURN, turn)
     totals = (turn, turn - circle, turn + circle)
@@ -164,7 +167,7 @@ def _fastest(
         index = (likely + number) % len(kinds)
         kind, lane = kinds[index], lanes[index]
         lead, run = lane["lead"], lane["run"]
-        way = _Way(x - lead - run * cos, y - run * sin, ball_x - lead, ball_y)
+        way = _Way(x - lead - run * cos, y - run * sin, object_x - lead, object_y)
         rate = max(kind["first_rate"], kind["last_rate"])
         for around in range(3 if rules.forward else 2):
             total = totals[around]
@@ -246,8 +249,8 @@ def _time(
     else:
         result += drive_time(length, before, after, rates)
     if rules.passing > 0.0:
-        to_ball = cos * way.ball_x + sin * way.ball_y - begun
-        if min(length, 0.0) < to_ball < max(length, 0.0):
-            beside = cos * way.ball_y - sin * way.ball_x - look_up(across, begin, share)
-            result += _WAY_ROUND * max(rules.passing - abs(beside), 0.0)
+        to_object = cos * way.object_x + sin * way.object_y - begun
+        if min(length, 0.0) < to_object < max(length, 0.0):
+            beside = cos * way.object_y - sin * way.object_x - look_up(across, begin, share)
+            result += rules.detour * max(rules.passing - abs(beside), 0.0)
     return result

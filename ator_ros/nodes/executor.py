@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from functools import partial
 from typing import Any
 
 from nav_msgs.msg import Odometry
@@ -14,13 +13,11 @@ from rclpy.node import Node
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
-from ator_interfaces.srv import RefineSubgoal
 from ator_ros.execution.driving import Driving
 from ator_ros.execution.phases import WATCH_PERIOD, Ending, Phase
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse
 from ator_ros.nodes import conversions
-from ator_ros.nodes.bounded import bounded, with_parts
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
@@ -28,9 +25,12 @@ from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
 from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
+from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
-from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA, SERVICES
-from ator_ros.nodes.running import run_node
+from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.refinement_client import refinement_client
+from ator_ros.nodes.remote_servers import RemoteServers
+from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.world.inputs import ClockJumpError
 from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
@@ -38,9 +38,6 @@ from ator_ros.world.state import STOP, Command, World
 _WARNING_PERIOD = 2.0
 _RESET_PERIOD = 1.0
 """Real s within which nobody resets twice: then two nodes publish odometry."""
-_LAST_SPINS = 30
-_MOST_IN_ANSWERS = 256
-"""Items of a sequence in an answer of refinement that are looked at; honest ones have up to 128."""
 
 
 class ExecutorNode(Node):
@@ -57,7 +54,7 @@ class ExecutorNode(Node):
         refused. A base that does not follow its commands ends a goal, and so does a way that leads out of the
         fence.
     Subscribes to
-        odom, and the topic of each object of the domain, in soccer ball (nav_msgs/Odometry): their stamps,
+        odom (nav_msgs/Odometry), and the topics of the domain's objects, in soccer ball: their stamps,
         `latency` later, are the time of the control programs.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active.
@@ -65,7 +62,8 @@ class ExecutorNode(Node):
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Calls
-        refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it.
+        refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it; the action servers that the
+        domain names, and cmd_vel is silent while one of them moves the robot.
     """
 
     def __init__(self) -> None:
@@ -73,19 +71,19 @@ class ExecutorNode(Node):
         self._settings = declare_with_domain(self, parameters_for)
         robot = robot_of(self._settings)
         self._bounds = bounds_of(robot)
-        domain = domain_of(self._settings)
-        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        self._domain = domain = domain_of(self._settings)
+        self._remotes = RemoteServers(self, domain, self._settings["frame"])
+        self._libraries = self._remotes.libraries(robot)
         for reason in filter(None, (top.lacks(robot) for top in domain.tops)):
             self.get_logger().warning(reason)
-        folder = self._settings["models"]
-        self._models = {name: read_models(self, robot, name, folder, domain) for name in domain.action_sets}
+        where = self._settings["models"]
+        self._models = {name: read_models(self, robot, name, where, domain) for name in domain.action_sets}
         self._predictors = {
             name: Predictor(robot, read.models, read.calibration) for name, read in self._models.items()
         }
         for name, library in self._libraries.items():
             rehearse(robot, library, self._predictors[name])
-        self._objects = domain.objects
-        self._inputs = inputs_of(self._settings, self._objects)
+        self._inputs = inputs_of(self._settings, domain.objects)
         self._driving = Driving(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
         self._world: World | None = None
@@ -96,8 +94,8 @@ class ExecutorNode(Node):
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals = "", 0
         self._offer()
-        topics = ("odom", *self._objects)
-        self._diagnostics = Diagnostics(self, self._health, dict.fromkeys(topics, Odometry), states=topics)
+        topics = {"odom": Odometry, **self._objects.topics}
+        self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
         self.get_logger().info("ready for chains")
 
     def _offer(self) -> None:
@@ -106,12 +104,10 @@ class ExecutorNode(Node):
         )
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
-        self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
-        answer = bounded(RefineSubgoal.Response, _MOST_IN_ANSWERS)
-        self._refinement.srv_type = with_parts(RefineSubgoal, Response=answer)
+        self._refinement = refinement_client(self)
         # In this order: of messages that have all come, those of objects are then taken first.
-        for name in self._objects:
-            self.create_subscription(Odometry, name, partial(self._take_object, name), SENSOR_DATA)
+        sources, frame = map(self._domain.source, self._domain.objects), self._settings["frame"]
+        self._objects = ObjectSources(self, sources, self._take_object, frame=frame, bounds=self._bounds)
         self.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
         self._server = DeferredActionServer(
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
@@ -120,11 +116,9 @@ class ExecutorNode(Node):
 
     # Inputs
 
-    def _take_object(self, name: str, message: Odometry) -> None:
-        frame = self._settings["frame"]
+    def _take_object(self, name: str, read: Reader, message: Any) -> None:
         try:
-            read = conversions.object_from(message, frame=frame, where=name, bounds=self._bounds)
-            remark = self._inputs.object(name, *read)
+            remark = self._inputs.object(name, *read(message))
         except (MessageError, StampError) as error:
             self._note(f"ignored: {error}")
         else:
@@ -147,13 +141,21 @@ class ExecutorNode(Node):
         world = self._driving.ahead(world, None if self._run is None else self._run.execution, now)
         self._world, self._heard = world, now
         self._ticks.came(now)
-        if self._run is not None:
+        if self._run is not None and self._remotes.ending():
+            self._stand_by(self._run)
+        elif self._run is not None:
             command = self._run.execution.tick(world, now, overdue=self._inputs.overdue)
             done = time.monotonic()
             self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
             self._longest_tick = max(self._longest_tick, done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
+
+    def _stand_by(self, run: GoalRun) -> None:
+        """Command the robot to stand while a server may still move it though its goal was canceled."""
+        self._send(STOP)
+        self._driving.reset()  # its motion is not ours
+        run.execution.listening(time.monotonic())
 
     def _take_jump(self, jump: ClockJumpError) -> None:
         """Begin anew after odometry's clock has jumped. One reset is no cause for a warning."""
@@ -169,7 +171,9 @@ class ExecutorNode(Node):
             self._end(Ending.INPUT_LOST, str(jump))
 
     def _watch(self) -> None:
-        if self._run is None:
+        for remark in self._remotes.remarks():
+            self._note(remark)
+        if self._run is None or self._remotes.ending():
             return
         now = time.monotonic()
         if self._run.execution.silent(now):
@@ -246,8 +250,6 @@ class ExecutorNode(Node):
             self._last_error = run.execution.reason
         self.get_logger().info(f"goal ended: {run.summary}")
 
-    # Outputs
-
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
         """Send a command, which counts as sent now, or with the newest state where it answers that.
 
@@ -269,10 +271,9 @@ class ExecutorNode(Node):
         stale = silence is None or silence > self._settings["odom_timeout"]
         longest, self._longest_tick = self._longest_tick, 0.0
         known = {} if self._world is None else self._world.objects
-        overdue = self._inputs.overdue
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
-            **{name: _known(name in known, name in overdue) for name in self._objects},
+            **self._objects.told(known, self._inputs.overdue),
             "longest time between ticks (ms)": self._ticks.take(),
             "longest tick (ms)": f"{1000.0 * longest:.1f}",
             "goal": "none" if self._run is None else self._run.execution.phase.value,
@@ -282,7 +283,8 @@ class ExecutorNode(Node):
             **self._digests,
             **told_of(self._models),
         }
-        problems = ("odom is missing" if stale else "", problems_of(self._models))
+        missing = "odom is missing" if stale else self._objects.missing(known)
+        problems = missing, problems_of(self._models), self._remotes.problem
         return Health("; ".join(filter(None, problems)), error=stale and self._run is not None, values=values)
 
     def stop(self) -> None:
@@ -290,13 +292,7 @@ class ExecutorNode(Node):
         self._send(STOP)  # first: to end an action may fail
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
-        executor: Any = self.executor
-        for _ in range(_LAST_SPINS):  # so that the answer leaves, also to a client that asks for it only now
-            executor.spin_once(timeout_sec=0.01)
-
-
-def _known(known: bool, overdue: bool) -> str:
-    return ("overdue" if overdue else "known") if known else "unknown"
+        spin_out(self)  # so that the answer leaves, also to a client that asks for it only now
 
 
 def main(args: list[str] | None = None) -> None:

@@ -74,7 +74,7 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str, domain: 
         place = Path(folder) if folder else domain.shipped_models
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", RobotMismatchWarning)
-            models = load_models(robot, action_set=action_set, folder=place)
+            models = load_models(robot, domain.known_features, action_set=action_set, folder=place)
         digest = _digest(place, action_set, models)
     except NoModelsError as error:
         log.info(f"action set {action_set}: no models: {error}")

@@ -86,7 +86,7 @@ class Parameter:
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
 
 
-DOMAIN = Parameter("domain", DEFAULT, "name of the domain: an entry point of the group ator_ros.domains")
+DOMAIN = Parameter("domain", DEFAULT, "name of an installed domain, or the YAML file of one")
 
 
 OBJECT = "OBJECT"

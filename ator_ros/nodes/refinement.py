@@ -115,7 +115,9 @@ class RefinementNode(Node):
         )
         if read.models:
             gate = self._load_gate(read.folder / model_path("gate", action_set), action_set)
-            self._refiners[action_set] = Refiner(robot, read.models, gate, calibration=read.calibration)
+            self._refiners[action_set] = Refiner(
+                robot, read.models, gate, ranges=domain.variables, calibration=read.calibration
+            )
             rehearse_refinement(library, self._refiners[action_set])
 
     def _load_gate(self, file: Path, action_set: str) -> Gate | None:

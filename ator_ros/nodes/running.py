@@ -10,6 +10,7 @@ import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -24,6 +25,7 @@ from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
+_LAST_SPINS = 30
 _EXPECTED = (SetupError, ResourceError, ParameterException, RuntimeError)  # rcl's errors are RuntimeErrors
 
 
@@ -66,6 +68,13 @@ def run_node(
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def spin_out(node: Node) -> None:
+    """Let a node that ends work for a last moment."""
+    executor: Any = node.executor
+    for _ in range(_LAST_SPINS):
+        executor.spin_once(timeout_sec=0.01)
 
 
 def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> ArgumentParser:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Callable
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.durations import drive_time, rates_of, turn_time
-from ator_ros.motion.families import Family, approach_family, dribble_family, drive_family, shot_family
+from ator_ros.motion.families import Family
 from ator_ros.motion.ideal_times import Motions, fastest_motions
 from ator_ros.performance.direct import Direct, direct_arrays
 from ator_ros.robot.description import Robot
 
-# The ideal shots, nine of them; the action itself chooses among more: m before the goal at which the ball is
-# let go, and where into the goal's mouth, in shares of its width from the middle, in which direction (rad).
-RELEASE = 0.33
-_AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
+Derived = TypeVar("Derived")
 
 
 class Geometry:
@@ -28,17 +26,24 @@ class Geometry:
     direct : mapping
         Direct variables, see `direct_arrays`.
     robot : Robot
-        Limits, and where a ball is held.
+        Limits, and where it holds an object.
     """
 
     def __init__(self, direct: Direct, robot: Robot) -> None:
         self.direct = direct_arrays(direct)
         self.robot = robot
-        self.features: dict[str, FloatArray] = {}  # by name, each computed for the first tree that asks
+        self._kept: dict[Callable[[Geometry], Any], Any] = {}
+
+    def once(self, compute: Callable[[Geometry], Derived]) -> Derived:
+        """Return what `compute` returns for this geometry; only the first request calls it."""
+        if compute not in self._kept:
+            self._kept[compute] = compute(self)
+        kept: Derived = self._kept[compute]
+        return kept
 
     @cached_property
     def destination(self) -> tuple[FloatArray, FloatArray]:
-        """Where the axle shall come, in m: behind the ball where the goal is that of a held ball."""
+        """Where the axle shall come, in m: behind the goal's position if a held object shall come there."""
         d = self.direct
         back = self.robot.hold * d["hold"]
         return d["xg"] - back * np.cos(d["yawg"]), d["yg"] - back * np.sin(d["yawg"])
@@ -92,10 +97,18 @@ class Geometry:
         way = d["v"] * time
         return d["x"] + way * np.cos(heading), d["y"] + way * np.sin(heading), d["yaw"] + half, time
 
-    def _motions(
+    def fastest_to(
         self, family: Family, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray
     ) -> Motions:
-        """Return the fastest motions to the fastest of m destinations, shape (m, n), and speeds, m/s."""
+        """Return the fastest motions of a family to one of m destinations, whichever is reached first.
+
+        Parameters
+        ----------
+        family : Family
+            The motions to choose from; before them the rotation of the start is lost.
+        x, y, heading, speed : ndarray, shape (n,) or (m, n)
+            Where the axle shall come (m), and heading (rad) and speed (m/s) there.
+        """
         from_x, from_y, yaw, opening = self._opening
         dx, dy = x - from_x, y - from_y
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -107,28 +120,6 @@ class Geometry:
         motions = fastest_motions(ends.reshape(len(columns), -1), family, hold=self.robot.hold)
         return motions.best_of(len(opening)).after(opening)
 
-    def _to_goal(self, family: Family) -> Motions:
-        return self._motions(family, *self.destination, self.direct["yawg"], self.direct["speedg"])
-
-    @cached_property
-    def drive(self) -> Motions:
-        """The fastest ideal motion without the ball, or up to it where the goal is to hold one."""
-        holding = self.direct["hold"] > 0.5
-        if holding.all():
-            return self._to_goal(approach_family(self.robot))
-        plain = self._to_goal(drive_family(self.robot))
-        if not holding.any():
-            return plain
-        approach = self._to_goal(approach_family(self.robot))
-        return Motions(
-            np.where(holding, approach.time, plain.time), np.where(holding, approach.turn, plain.turn)
-        )
-
-    @cached_property
-    def dribble(self) -> Motions:
-        """The fastest ideal motion with the ball."""
-        return self._to_goal(dribble_family(self.robot))
-
     def turn_drive_turn(self, *, reverse: bool = False) -> FloatArray:
         """Return the time in s of turning on the spot, driving, and turning again."""
         first, last = np.abs(self.to_dest), np.abs(self.at_dest)
@@ -138,38 +129,3 @@ class Geometry:
         rest = np.zeros_like(self.dist)
         driving = drive_time(self.dist, rest, self.direct["speedg"], rates)
         return turn_time(first, rates.w, rates.aw) + driving + turn_time(last, rates.w, rates.aw)
-
-    @cached_property
-    def _from_hold(self) -> tuple[FloatArray, FloatArray]:
-        d, hold = self.direct, self.robot.hold
-        dx = d["xg"] - d["x"] - hold * np.cos(d["yaw"])
-        dy = d["yg"] - d["y"] - hold * np.sin(d["yaw"])
-        return dx, dy
-
-    @cached_property
-    def hold_dist(self) -> FloatArray:
-        """Distance in m from the hold at the start to the goal's position."""
-        dx, dy = self._from_hold
-        return np.asarray(np.sqrt(dx * dx + dy * dy))
-
-    @cached_property
-    def hold_bearing(self) -> FloatArray:
-        """Bearing in rad, in the world, of the goal's position seen from the hold at the start."""
-        dx, dy = self._from_hold
-        return np.arctan2(dy, dx)
-
-    @cached_property
-    def hold_angle(self) -> FloatArray:
-        """Signed angle in rad from the heading to the goal's position, seen from the hold at the start."""
-        return wrap_angles(self.hold_bearing - self.direct["yaw"])
-
-    @cached_property
-    def shot(self) -> Motions:
-        """The fastest ideal motion with the ball to a run, at full speed, into the goal's mouth."""
-        d, width = self.direct, self.robot.scene.bays[0].width
-        back = RELEASE + self.robot.hold
-        heading = np.where(d["xg"] > 0.0, 0.0, np.pi) + _SHOTS
-        x = d["xg"] - back * np.cos(heading)
-        y = d["yg"] + width * _AIMS - back * np.sin(heading)
-        fastest = self.robot.holder_for("a shot").limits.v
-        return self._motions(shot_family(self.robot), x, y, heading, fastest + 0.0 * x)

@@ -22,7 +22,7 @@ DIRECT_VARIABLES: dict[str, str] = {
     "hold": "",
 }
 """Name and unit. x, y, yaw, v, w: the axle at the start. xg, yg: where the goal's point shall come, the
-axle (hold 0) or the ball in the robot's front (hold 1); yawg, speedg: heading and forward speed there.
+axle (hold 0) or an object held in front (hold 1); yawg, speedg: heading and forward speed there.
 All in the world frame."""
 
 Direct = Mapping[str, Any]

@@ -1,6 +1,7 @@
 """Features: derived variables that correlate better with performance than the direct ones (paper, section 3).
 
-One function, `feature_table`, serves learning and prediction. A feature is computed only if asked for.
+Those here hold for any action of a robot that drives; a domain adds its own, see `Domain.features`. One
+function, `feature_table`, serves learning and prediction. A feature is computed only if asked for.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.robot.description import Robot
@@ -19,7 +20,7 @@ from ator_ros.robot.description import Robot
 Mirror = Literal["even", "odd"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Feature:
     """One derived variable.
 
@@ -30,11 +31,15 @@ class Feature:
     derives : frozenset of str
         The direct variables that it is computed from (paper, section 4.2).
     compute : callable
-        Gives its values, shape (n,).
+        Returns its values, shape (n,).
     translation, rotation : bool
         Whether it stays the same when the world is moved or turned.
     mirror : {"even", "odd"}
         Whether it keeps its value or changes its sign when the world is mirrored at the x axis.
+    ideal : bool
+        Whether it is an ideal time: how long the action would take at the robot's limits.
+    described : bool
+        Whether it is another quantity of such an ideal motion.
     """
 
     name: str
@@ -44,21 +49,22 @@ class Feature:
     translation: bool = True
     rotation: bool = True
     mirror: Mirror = "even"
+    ideal: bool = False
+    described: bool = False
 
 
-def _of(words: str) -> frozenset[str]:
+def variables(words: str) -> frozenset[str]:
+    """Return the names of the direct variables in a text, for `Feature.derives`."""
     return frozenset(words.split())
 
 
 def _raw(name: str, unit: str, mirror: Mirror) -> Feature:
     still = name in ("yaw", "yawg")
-    return Feature(name, unit, _of(name), lambda g: g.direct[name], still, False, mirror)
+    return Feature(name, unit, variables(name), lambda g: g.direct[name], still, False, mirror)
 
 
-_PLACES = _of("x y xg yg yawg hold")
+_PLACES = variables("x y xg yg yawg hold")
 _POSES = _PLACES | {"yaw"}
-_MOTION = _POSES | {"v", "w", "speedg"}
-_SHOT = _of("x y yaw xg yg")
 
 PAPER_11 = (
     _raw("x", "m", "even"),
@@ -67,8 +73,8 @@ PAPER_11 = (
     _raw("xg", "m", "even"),
     _raw("yg", "m", "odd"),
     _raw("yawg", "rad", "odd"),
-    Feature("dx", "m", _of("x xg yawg hold"), lambda g: g.dx, rotation=False),
-    Feature("dy", "m", _of("y yg yawg hold"), lambda g: g.dy, rotation=False, mirror="odd"),
+    Feature("dx", "m", variables("x xg yawg hold"), lambda g: g.dx, rotation=False),
+    Feature("dy", "m", variables("y yg yawg hold"), lambda g: g.dy, rotation=False, mirror="odd"),
     Feature("dist", "m", _PLACES, lambda g: g.dist),
     Feature("angle_to_dest", "rad", _POSES, lambda g: np.abs(g.to_dest)),
     Feature("angle_at_dest", "rad", _PLACES, lambda g: np.abs(g.at_dest)),
@@ -80,37 +86,22 @@ PAPER_3 = PAPER_11[-3:]
 
 SIGNED = (
     Feature("angle_at_dest_by_turn", "rad", _POSES, lambda g: g.side * g.at_dest),
-    Feature("angle_between", "rad", _of("yaw yawg"), lambda g: np.abs(g.turn)),
-    Feature("v", "m/s", _of("v"), lambda g: g.direct["v"]),
+    Feature("angle_between", "rad", variables("yaw yawg"), lambda g: np.abs(g.turn)),
+    Feature("v", "m/s", variables("v"), lambda g: g.direct["v"]),
     Feature("w_by_turn", "rad/s", _POSES | {"w"}, lambda g: g.side * g.direct["w"]),
-    Feature("speedg", "m/s", _of("speedg"), lambda g: g.direct["speedg"]),
-    Feature("hold", "", _of("hold"), lambda g: g.direct["hold"]),
+    Feature("speedg", "m/s", variables("speedg"), lambda g: g.direct["speedg"]),
+    Feature("hold", "", variables("hold"), lambda g: g.direct["hold"]),
 )
 """Angles and turn rate relative to the side of the first turn, velocities, and the kind of goal."""
 
 IDEAL = (
-    Feature("turn_drive_turn", "s", _POSES | {"speedg"}, lambda g: g.turn_drive_turn()),
+    Feature("turn_drive_turn", "s", _POSES | {"speedg"}, lambda g: g.turn_drive_turn(), ideal=True),
     Feature("reverse_turn_drive_turn", "s", _POSES | {"speedg"}, lambda g: g.turn_drive_turn(reverse=True)),
-    Feature("drive_time", "s", _MOTION, lambda g: g.drive.time),
-    Feature("drive_turn", "rad", _MOTION, lambda g: g.drive.turn),
-    Feature("dribble_time", "s", _MOTION, lambda g: g.dribble.time),
-    Feature("dribble_turn", "rad", _MOTION, lambda g: g.dribble.turn),
 )
-"""Ideal times at the robot's limits, and the angles turned on the way."""
+"""Times at the robot's limits to turn on the spot, drive and turn again, forward and in reverse."""
 
-SHOT = (
-    Feature("hold_dist", "m", _SHOT, lambda g: g.hold_dist),
-    Feature("hold_angle", "rad", _SHOT, lambda g: np.abs(g.hold_angle)),
-    Feature("shot_time", "s", _SHOT | {"v", "w"}, lambda g: g.shot.time, translation=False, rotation=False),
-    Feature("hold_off_axis", "rad", _SHOT, lambda g: np.abs(g.hold_bearing), rotation=False),
-    Feature(
-        "heading_off_axis", "rad", _of("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"])), rotation=False
-    ),
-)
-"""Of a ball that is held and a goal whose heading doesn't matter, on the field's x axis."""
-
-FEATURES: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *IDEAL, *SHOT)}
-"""All features by name; a new one is a new row."""
+GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *IDEAL)}
+"""The features that every domain has, by name."""
 
 
 def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
@@ -118,7 +109,7 @@ def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
     return tuple(feature.name for feature in features)
 
 
-def feature_table(direct: Direct, robot: Robot, names: Sequence[str]) -> FloatArray:
+def feature_table(direct: Direct, robot: Robot, features: Sequence[Feature]) -> FloatArray:
     """Compute features.
 
     Parameters
@@ -126,28 +117,25 @@ def feature_table(direct: Direct, robot: Robot, names: Sequence[str]) -> FloatAr
     direct : mapping
         Direct variables of n situations, see `direct_arrays`.
     robot : Robot
-        Limits, and where a ball is held.
-    names : sequence of str
+        Limits, and where it holds an object.
+    features : sequence of Feature
         Which features.
 
     Returns
     -------
-    ndarray, shape (n, len(names))
+    ndarray, shape (n, len(features))
     """
-    geometry = Geometry(direct, robot)
-    return table_of(geometry, names)
+    return table_of(Geometry(direct, robot), features)
 
 
-def table_of(geometry: Geometry, names: Sequence[str]) -> FloatArray:
-    """Compute the features `names` of a geometry that others may have been computed of, shape (n, k)."""
-    table = np.empty((len(geometry.direct["x"]), len(names)))
-    for column, name in enumerate(names):
-        if name not in geometry.features:
-            geometry.features[name] = FEATURES[name].compute(geometry)
-        table[:, column] = geometry.features[name]
+def table_of(geometry: Geometry, features: Sequence[Feature]) -> FloatArray:
+    """Compute features of a geometry of which others may have been computed before, shape (n, k)."""
+    table = np.empty((len(geometry.direct["x"]), len(features)))
+    for column, feature in enumerate(features):
+        table[:, column] = geometry.once(feature.compute)
     return table
 
 
-def derived_from(names: Iterable[str]) -> frozenset[str]:
-    """Return the direct variables that the features `names` derive from (paper, section 4.2)."""
-    return frozenset().union(*(FEATURES[name].derives for name in names))
+def derived_from(features: Iterable[Feature]) -> frozenset[str]:
+    """Return the direct variables that features derive from (paper, section 4.2)."""
+    return frozenset().union(*(feature.derives for feature in features))

@@ -12,7 +12,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
-from ator_ros.performance.features import FEATURES, derived_from, table_of
+from ator_ros.performance.features import Feature, derived_from, table_of
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.performance.tree.rules import RuleWriter
 from ator_ros.robot.description import Robot
@@ -56,6 +56,8 @@ class PerformanceModel:
         The robot whose limits the features use.
     trees : mapping of str to ModelTree
         A tree for each measure that was learned; "duration" is always among them.
+    features : mapping of str to Feature
+        The features that the trees name, by name, and perhaps others.
     metadata : mapping
         Where the model comes from and how accurate it is; see `model_file`.
     """
@@ -63,6 +65,7 @@ class PerformanceModel:
     action: str
     robot: Robot
     trees: Mapping[str, ModelTree]
+    features: Mapping[str, Feature]
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
@@ -73,7 +76,14 @@ class PerformanceModel:
     @cached_property
     def used_variables(self) -> frozenset[str]:
         """The direct variables that any prediction derives from (paper, section 4.2)."""
-        return derived_from({name for tree in self.trees.values() for name in tree.used_features()})
+        names = {name for tree in self.trees.values() for name in tree.used_features()}
+        return derived_from(self.features[name] for name in names)
+
+    @cached_property
+    def ideal_time(self) -> Feature | None:
+        """The ideal time among the features that predict the duration; None if there is none."""
+        named = map(self.features.__getitem__, self.trees["duration"].names)
+        return next((feature for feature in named if feature.ideal), None)
 
     def predict(self, direct: Direct, measures: tuple[str, ...] = ("duration",)) -> Prediction:
         """Predict the performance of n situations at once.
@@ -94,13 +104,13 @@ class PerformanceModel:
         fields: dict[str, FloatArray] = {}
         if "duration" in measures or "spread" in measures:
             tree = self.trees["duration"]
-            fields["duration"], fields["spread"] = tree.predict_with_spread(table_of(geometry, tree.names))
+            fields["duration"], fields["spread"] = tree.predict_with_spread(self._table(geometry, tree))
         for name in measures:
             if name in self.trees and name not in fields:
                 tree = self.trees[name]
                 low, high = _RANGES.get(name, (0.0, np.inf))
                 if tree.constant is None:
-                    values = tree.predict(table_of(geometry, tree.names))
+                    values = tree.predict(self._table(geometry, tree))
                 else:
                     values = np.full(len(geometry.direct["x"]), tree.constant)
                 fields[name] = np.minimum(np.maximum(values, low), high)
@@ -113,11 +123,14 @@ class PerformanceModel:
     def explain(self, direct: Direct, measure: str = "duration") -> str:
         """Return the rule that predicts `measure` in one situation, and what each of its terms adds."""
         tree = self.trees[measure]
-        row = table_of(Geometry(direct, self.robot), tree.names)[0]
+        row = self._table(Geometry(direct, self.robot), tree)[0]
         return self._writer(measure).explanation(tree, row)
 
+    def _table(self, geometry: Geometry, tree: ModelTree) -> FloatArray:
+        return table_of(geometry, [self.features[name] for name in tree.names])
+
     def _writer(self, measure: str) -> RuleWriter:
-        units = {name: FEATURES[name].unit for name in self.trees[measure].names}
+        units = {name: self.features[name].unit for name in self.trees[measure].names}
         target = "time" if measure == "duration" else measure
         return RuleWriter(units, target=target, target_unit=MEASURES[measure])
 

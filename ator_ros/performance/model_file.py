@@ -3,37 +3,47 @@
 from __future__ import annotations
 
 import json
-import math
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
-from ator_ros.performance.features import FEATURES
+from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
+from ator_ros.schema import Format, SchemaError, Within, structured
 
-FORMAT = "ator_ros performance model"
-SCHEMA_VERSION = 1
-FIELDS: dict[str, type] = {
-    "format": str,
-    "schema_version": int,
-    "action": str,
-    "action_set": str,
-    "robot_digest": str,
-    "features": dict,
-    "trees": dict,
-    "training": dict,
-    "versions": dict,
-    "accuracy": dict,
-}
-"""The fields of a model file. features: unit by name; trees: by measure, see `tree_to_dict`; training:
-digest of the rows, episodes, examples, seed, command; accuracy: on fresh episodes, empty if not measured."""
+FORMAT = Format("ator_ros performance model", 1, "performance model")
 
-ACCURACY = ("mae_s", "rmse_s")
+
+@dataclass(frozen=True)
+class _Accuracy:
+    """On fresh episodes, in s; a model of which it was not measured has none."""
+
+    mae_s: Annotated[float, Within(0.0)]
+    rmse_s: Annotated[float, Within(0.0)]
+
+
+@dataclass(frozen=True)
+class _ModelFile:
+    """The fields of a model file.
+
+    features: unit by name; trees: by measure, see `tree_to_dict`; training: digest of the rows, episodes,
+    examples, seed, command; accuracy: empty if not measured.
+    """
+
+    action: str
+    action_set: str
+    robot_digest: str
+    features: dict[str, str]
+    trees: dict[str, Any]
+    training: dict[str, Any]
+    versions: dict[str, Any]
+    accuracy: dict[str, Any]
 
 
 class ModelFileError(ValueError):
@@ -74,12 +84,11 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
     """
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
     data = {
-        "format": FORMAT,
-        "schema_version": SCHEMA_VERSION,
+        **FORMAT.head(),
         "action": model.action,
         "action_set": model.metadata.get("action_set", "default"),
         "robot_digest": model.metadata.get("robot_digest", model.robot.digest()),
-        "features": {name: FEATURES[name].unit for name in names},
+        "features": {name: model.features[name].unit for name in names},
         "training": model.metadata.get("training", {}),
         "versions": model.metadata.get("versions", {}),
         "accuracy": model.metadata.get("accuracy", {}),
@@ -88,7 +97,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
     write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
 
-def load_model(path: Path | str, robot: Robot) -> PerformanceModel:
+def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) -> PerformanceModel:
     """Read a model.
 
     Parameters
@@ -97,20 +106,22 @@ def load_model(path: Path | str, robot: Robot) -> PerformanceModel:
         The JSON file.
     robot : Robot
         For whose limits features are computed; another one than in learning raises a RobotMismatchWarning.
+    features : mapping of str to Feature
+        All features that the file may name; see `Domain.known_features`.
 
     Raises
     ------
     ModelFileError
         The file is missing, damaged, no model, or newer than this program.
     """
-    data = _read(path)
-    units = {name: FEATURES[name].unit for name in data["features"] if name in FEATURES}
-    for name, unit in data["features"].items():
+    data, file = _read(path)
+    units = {name: features[name].unit for name in file.features if name in features}
+    for name, unit in file.features.items():
         if units.get(name) != unit:
-            known = f"in {units[name]!r}" if name in units else f"one of {', '.join(FEATURES)}"
+            known = f"in {units[name]!r}" if name in units else f"one of {', '.join(features)}"
             raise ModelFileError(f"{path}: features.{name}: expected a feature {known}, got unit {unit!r}")
     trees = {}
-    for measure, tree in data["trees"].items():
+    for measure, tree in file.trees.items():
         where = f"{path}: trees.{measure}"
         if measure not in MEASURES:
             raise ModelFileError(f"{where}: expected one of the measures {', '.join(MEASURES)}")
@@ -125,21 +136,26 @@ def load_model(path: Path | str, robot: Robot) -> PerformanceModel:
             )
     if "duration" not in trees:
         raise ModelFileError(f"{path}: trees.duration: expected a tree, found none")
-    _check_accuracy(path, data["accuracy"])
-    if data["robot_digest"] != robot.digest():
-        _warn_of_robot(path, data, robot)
+    if file.robot_digest != robot.digest():
+        _warn_of_robot(path, file, robot)
     metadata = {name: value for name, value in data.items() if name not in ("format", "trees")}
-    return PerformanceModel(data["action"], robot, trees, metadata)
+    named = {name: features[name] for name in units}
+    return PerformanceModel(file.action, robot, trees, named, metadata)
 
 
 def load_models(
-    robot: Robot, *, action_set: str = "default", folder: Path | None = None
+    robot: Robot,
+    features: Mapping[str, Feature],
+    *,
+    action_set: str = "default",
+    folder: Path | None = None,
 ) -> dict[str, PerformanceModel]:
     """Read all models of an action set.
 
     Parameters
     ----------
     robot : Robot
+    features : mapping of str to Feature
         As for `load_model`.
     action_set : str
         Name of the set.
@@ -162,7 +178,8 @@ def load_models(
     if not top.is_dir():
         raise ModelFileError(f"{top}: expected a folder of models, found none")
     place = top / model_path("any", action_set).parent
-    models = {file.stem: load_model(file, robot) for file in sorted(place.glob("*.json")) if is_model(file)}
+    files = filter(is_model, sorted(place.glob("*.json")))
+    models = {file.stem: load_model(file, robot, features) for file in files}
     if not models:
         raise NoModelsError(f"{place}: expected model files such as goToPose.json: run train to make them")
     for name, model in models.items():
@@ -180,41 +197,28 @@ def is_model(file: Path) -> bool:
     return not file.stem.startswith(("gate", "baselines", "calibration"))
 
 
-def _read(path: Path | str) -> dict[str, Any]:
+def _read(path: Path | str) -> tuple[dict[str, Any], _ModelFile]:
+    """Return the file's fields as they are, which a model carries along, and as their schema."""
     try:
-        data = read_json(Path(path), parse_constant=_refuse_constant)
+        data = FORMAT.current(read_json(Path(path), parse_constant=_refuse_constant))
+        file = structured(data, _ModelFile)
+        if file.accuracy:
+            structured(file.accuracy, _Accuracy, "accuracy")
     except UnreadableError as error:
         raise ModelFileError(str(error)) from error
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        raise ModelFileError(f"{path}: format: expected {FORMAT!r}: this is no performance model of ator_ros")
-    version = data.get("schema_version")
-    if type(version) is not int or not 1 <= version <= SCHEMA_VERSION:
-        raise ModelFileError(
-            f"{path}: schema_version: expected 1 to {SCHEMA_VERSION}, got {version!r}; "
-            "a newer one needs a newer ator_ros"
-        )
-    for name, kind in FIELDS.items():
-        if not isinstance(data.get(name), kind):
-            got = f"got {type(data[name]).__name__}" if name in data else "it is missing"
-            raise ModelFileError(f"{path}: {name}: expected {kind.__name__}, {got}")
-    return data
+    except SchemaError as error:
+        raise ModelFileError(f"{path}: {error}") from error
+    return data, file
 
 
 def _refuse_constant(text: str) -> float:
     raise ValueError(f"expected finite numbers, got {text}")
 
 
-def _check_accuracy(path: Path | str, accuracy: Mapping[str, Any]) -> None:
-    for name in ACCURACY if accuracy else ():
-        value = accuracy.get(name)
-        if not isinstance(value, int | float) or not math.isfinite(value) or value < 0.0:
-            raise ModelFileError(f"{path}: accuracy.{name}: expected a time in s, got {value!r}")
-
-
-def _warn_of_robot(path: Path | str, data: Mapping[str, Any], robot: Robot) -> None:
+def _warn_of_robot(path: Path | str, file: _ModelFile, robot: Robot) -> None:
     warnings.warn(
-        f"{path}: robot_digest: this model of {data['action']} was learned with ANOTHER ROBOT "
-        f"({data['robot_digest']}) than {robot.name} ({robot.digest()}): its predictions may be wrong. "
+        f"{path}: robot_digest: this model of {file.action} was learned with ANOTHER ROBOT "
+        f"({file.robot_digest}) than {robot.name} ({robot.digest()}): its predictions may be wrong. "
         "Run collect and train with this robot's config.",
         RobotMismatchWarning,
         stacklevel=3,

@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import IDEAL, PAPER_3, SIGNED, feature_table, names_of
+from ator_ros.performance.features import IDEAL, PAPER_3, SIGNED, Feature, feature_table, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
-CANDIDATES = (*names_of(PAPER_3), *names_of(SIGNED), *names_of(IDEAL))
-"""Features that any action's model tree can select from; see `ActionSpec.features`."""
+CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *IDEAL)
+"""Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
 
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
@@ -49,7 +49,7 @@ def train(
     rows: pd.DataFrame,
     robot: Robot,
     *,
-    features: Sequence[str] = CANDIDATES,
+    features: Sequence[Feature] = CANDIDATES,
     training: Training | None = None,
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
@@ -65,7 +65,7 @@ def train(
         Its rows of an experience table.
     robot : Robot
         The robot of the experience.
-    features : sequence of str
+    features : sequence of Feature
         Candidate features.
     training : Training, optional
         Weights.
@@ -75,7 +75,6 @@ def train(
     TrainingError
         Too few episodes have succeeded.
     """
-    names = tuple(features)
     how = training or Training()
     starts = rows[rows["t"] == 0.0]
     good, good_starts = rows[rows["success"]], starts[starts["success"]]
@@ -83,20 +82,21 @@ def train(
         raise TrainingError(
             f"{action}: expected at least 20 episodes that succeeded, got {len(good_starts)} of {len(starts)}"
         )
-    trees = {"duration": _duration_tree(good, robot, names, how)}
-    trees["success"] = _small_tree(starts, robot, names, starts["success"].to_numpy(dtype=float))
+    trees = {"duration": _duration_tree(good, robot, features, how)}
+    trees["success"] = _small_tree(starts, robot, features, starts["success"].to_numpy(dtype=float))
     for measure, column in (("accuracy", "position_error"), ("heading", "heading_error")):
         values = good_starts[column].to_numpy(dtype=float)
         if np.isfinite(values).all():
-            trees[measure] = _small_tree(good_starts, robot, names, values)
-    return PerformanceModel(action, robot, {name: trees[name] for name in MEASURES if name in trees})
+            trees[measure] = _small_tree(good_starts, robot, features, values)
+    ordered = {name: trees[name] for name in MEASURES if name in trees}
+    return PerformanceModel(action, robot, ordered, {feature.name: feature for feature in features})
 
 
-def _duration_tree(rows: pd.DataFrame, robot: Robot, names: Sequence[str], how: Training) -> ModelTree:
+def _duration_tree(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature], how: Training) -> ModelTree:
     weight = np.where(rows["t"] == 0.0, how.start_weight, how.later_weight)
     rows, weight = rows[weight > 0.0], weight[weight > 0.0]
     tree = ModelTreeRegressor(smoothing=_SMOOTHING).fit(
-        pd.DataFrame(feature_table(direct_of(rows), robot, names), columns=list(names)),
+        _table(rows, robot, features),
         rows["time_to_go"].to_numpy(dtype=float),
         sample_weight=weight,
         groups=rows["episode"].to_numpy(),
@@ -104,11 +104,17 @@ def _duration_tree(rows: pd.DataFrame, robot: Robot, names: Sequence[str], how: 
     return narrowed(tree.tree_)
 
 
-def _small_tree(rows: pd.DataFrame, robot: Robot, names: Sequence[str], values: np.ndarray) -> ModelTree:
+def _small_tree(
+    rows: pd.DataFrame, robot: Robot, features: Sequence[Feature], values: np.ndarray
+) -> ModelTree:
     """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
-    table = pd.DataFrame(feature_table(direct_of(rows), robot, names), columns=list(names))
+    table = _table(rows, robot, features)
     tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0).fit(table, values)
     return narrowed(tree.tree_)
+
+
+def _table(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> pd.DataFrame:
+    return pd.DataFrame(feature_table(direct_of(rows), robot, features), columns=list(names_of(features)))
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:

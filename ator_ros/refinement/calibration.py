@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.performance.features import feature_table
+from ator_ros.performance.features import GENERAL, feature_table
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.refinement.free_variables import analyse
@@ -29,8 +29,6 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
-IDEAL_TIMES = ("drive_time", "dribble_time", "shot_time")
-"""Features that are the time in s of an action's ideal motion."""
 BEYOND = 1.0
 """Difference in s between prediction and ideal time beyond which it means nothing more."""
 
@@ -228,10 +226,9 @@ def _steps(
     """Return the executions of one action in chains; the features of all are computed at once."""
     if not isinstance(model, PerformanceModel):
         return [None] * len(actions)
-    ideal = _ideal_of(model.trees["duration"].names)
     with np.errstate(all="ignore"):
-        names = ("dist",) if ideal is None else ("dist", ideal)
-        table = feature_table(stacked(situations), robot, names).tolist()
+        features = [feature for feature in (GENERAL["dist"], model.ideal_time) if feature is not None]
+        table = feature_table(stacked(situations), robot, features).tolist()
     return [_step(*row) for row in zip(situations, actions, table, strict=True)]
 
 
@@ -243,11 +240,6 @@ def _step(direct: Columns, action: Mapping[str, float], features: Sequence[float
     return PredictedStep(
         direct, predicted, action.get("spread", 0.0), [predicted, *features[1:]][-1], features[0]
     )
-
-
-def _ideal_of(names: Sequence[str]) -> str | None:
-    """Return the ideal time among a model's features: the duration of an action has at most one."""
-    return next((name for name in IDEAL_TIMES if name in names), None)
 
 
 def model_digest(model: Any) -> str:

@@ -3,28 +3,49 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
 from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall
 from ator_ros.refinement.errors import RefinementError
+from ator_ros.schema import Format, OneOf, SchemaError, Within, short, structured
 
-SCHEMA = "ator_ros/calibration"
-VERSION = 1
+FORMAT = Format("ator_ros/calibration", 1, "calibration", "schema", "version")
 CALIBRATION = "calibration.json"
-_LARGEST = 1e6
 _MOST_ACTIONS = 100
+_Seconds = Annotated[float, Within(-1e6, 1e6)]
+
+
+@dataclass(frozen=True)
+class _Shortfall:
+    """The fields of a `Shortfall`."""
+
+    constant: _Seconds
+    slopes: dict[Annotated[str, OneOf(tuple(TERMS))], _Seconds]
+    low: _Seconds
+    high: _Seconds
+    model: str
+
+    def __post_init__(self) -> None:
+        """Check the bounds of a correction."""
+        if self.low > self.high:
+            raise ValueError(f"expected low at most high, got {self.low:g} and {self.high:g}")
+
+
+@dataclass(frozen=True)
+class _CalibrationFile:
+    """The fields of a calibration's file; shortfalls: by the name of the action."""
+
+    shortfalls: dict[str, _Shortfall]
 
 
 def save_calibration(path: Path, calibration: Calibration, training: Mapping[str, Any]) -> None:
     """Write a calibration, with how it was learned, to `path`; atomic."""
     data = {
-        "schema": SCHEMA,
-        "version": VERSION,
+        **FORMAT.head(),
         "shortfalls": {action: asdict(shortfall) for action, shortfall in calibration.shortfalls.items()},
         "training": dict(training),
     }
@@ -41,17 +62,22 @@ def load_calibration(path: Path) -> Calibration:
         field.
     """
     try:
-        data = read_json(path)
+        data = FORMAT.current(read_json(path))
+        _check_names(data.get("shortfalls"))  # before anything is built of them
+        file = structured(data, _CalibrationFile)
     except UnreadableError as error:
         raise RefinementError(str(error)) from error
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise RefinementError(f"{path}: schema: expected {SCHEMA!r}, got another kind of file")
-    if data.get("version") != VERSION:
-        raise RefinementError(f"{path}: version: expected {VERSION}, got {data.get('version')!r}")
-    shortfalls = data.get("shortfalls")
-    if not isinstance(shortfalls, dict) or len(shortfalls) > _MOST_ACTIONS:
-        raise RefinementError(f"{path}: shortfalls: expected an object of at most {_MOST_ACTIONS} actions")
-    return Calibration({action: _shortfall(path, action, item) for action, item in shortfalls.items()})
+    except SchemaError as error:
+        raise RefinementError(f"{path}: {error}") from error
+    return Calibration({name: Shortfall(**vars(item)) for name, item in file.shortfalls.items()})
+
+
+def _check_names(actions: object) -> None:
+    if isinstance(actions, dict) and len(actions) > _MOST_ACTIONS:
+        raise SchemaError(f"shortfalls: expected at most {_MOST_ACTIONS} actions, got {len(actions)}")
+    for action in actions if isinstance(actions, dict) else ():
+        if not is_name(action):
+            raise SchemaError(f"shortfalls: expected names of actions, got {short(action)}")
 
 
 def load_calibration_if_any(folder: Path) -> Calibration:
@@ -64,27 +90,3 @@ def load_calibration_if_any(folder: Path) -> Calibration:
     """
     path = folder / CALIBRATION
     return load_calibration(path) if path.exists() else Calibration()
-
-
-def _shortfall(path: Path, action: str, data: Any) -> Shortfall:
-    if not is_name(action):
-        raise RefinementError(f"{path}: shortfalls: expected names of actions, got {action[:40]!r}")
-    where = f"{path}: shortfalls.{action}"
-    if not isinstance(data, dict) or not isinstance(data.get("slopes"), dict):
-        raise RefinementError(f"{where}: expected an object with slopes")
-    if unknown := sorted(set(data["slopes"]) - set(TERMS)):
-        raise RefinementError(f"{where}.slopes: expected terms of {sorted(TERMS)}, got {unknown[0][:40]!r}")
-    slopes = {name: _number(f"{where}.slopes.{name}", value) for name, value in data["slopes"].items()}
-    constant, low, high = (_number(f"{where}.{name}", data.get(name)) for name in ("constant", "low", "high"))
-    model = data.get("model")
-    if low > high or not isinstance(model, str):
-        raise RefinementError(f"{where}: expected low at most high and the digest of a model")
-    return Shortfall(constant, slopes, low, high, model)
-
-
-def _number(where: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise RefinementError(f"{where}: expected a finite number, got {str(value)[:40]!r}")
-    if abs(value) > _LARGEST:
-        raise RefinementError(f"{where}: expected a number from -{_LARGEST:g} to {_LARGEST:g}, got {value:g}")
-    return float(value)

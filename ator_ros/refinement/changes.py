@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import math
 
-from ator_ros.refinement.free_variables import DOMAINS, goal_values
+from ator_ros.refinement.free_variables import goal_values
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
+from ator_ros.tops.ranges import Ranges
 
 _SAME = 1e-6
 """Difference in m, rad or m/s that a way through messages may make."""
 
 
-def allowed_changes(plan: TopChain, refined: TopChain, robot: Robot) -> list[dict[str, float]]:
+def allowed_changes(
+    plan: TopChain, refined: TopChain, robot: Robot, ranges: Ranges
+) -> list[dict[str, float]]:
     """Return, step by step, the goal variables that `refined` changes, with their new values.
 
     Raises
     ------
     InvalidChainError
         It has other steps than `plan`, or changes what `plan` does not open or a condition binds, or a value
-        lies outside the variable's domain.
+        lies outside the variable's range, or it has none.
     """
     if [call.top for call in plan.calls] != [call.top for call in refined.calls]:
         raise InvalidChainError("expected the steps of the question")
@@ -34,9 +37,11 @@ def allowed_changes(plan: TopChain, refined: TopChain, robot: Robot) -> list[dic
                 raise InvalidChainError(f"{where}: expected {_value(old, name):g} as planned, got {value:g}")
             if (step, name) in bound:
                 raise InvalidChainError(f"{where}: expected no change, it is {bound[step, name]}")
-            domain = DOMAINS[name](robot, old.goal)
-            if not domain.contains(value):
-                expected = f"expected a number from {domain.low:g} to {domain.high:g}"
+            if name not in ranges:
+                raise InvalidChainError(f"{where}: expected no change, it has no range")
+            allowed = ranges[name](robot, old.goal)
+            if not allowed.contains(value):
+                expected = f"expected a number from {allowed.low:g} to {allowed.high:g}"
                 raise InvalidChainError(f"{where}: {expected}, got {value:g}")
         changes.append(values)
     return changes

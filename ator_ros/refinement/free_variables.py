@@ -1,26 +1,23 @@
 """Which variables of a chain's subgoals are free (paper, section 4.2): computed, not listed.
 
-A goal variable is free when the plan opens it, no condition binds it, every action whose performance it may
-change has a performance model, and one of these models uses a direct variable that it changes.
+A goal variable is free when the plan opens it, it has a range, no condition binds it, every action whose
+performance it may change has a performance model, and one of these models uses a direct variable that it
+changes.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from types import MappingProxyType
 from typing import Any, Protocol
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
-
-ARRIVAL_SPEED = 0.8
-"""Greatest arrival speed in m/s that is searched, and that situations to learn from are drawn with."""
+from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 
 
 class PredictsPerformance(Protocol):
@@ -35,52 +32,8 @@ class PredictsPerformance(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
-    """The values that a goal variable may take.
-
-    Attributes
-    ----------
-    low, high : float
-        Bounds in the variable's unit (m, rad, m/s).
-    steps : int
-        How finely the first grid divides it, relative to other variables.
-    periodic : bool
-        The bounds are the same value, as with an angle.
-    rest : float or None
-        The value that an unrefined chain takes; None: the one at which the action alone is cheapest.
-    """
-
-    low: float
-    high: float
-    steps: int
-    periodic: bool = False
-    rest: float | None = None
-
-    def contains(self, value: float) -> bool:
-        """Return whether the variable may take `value`, to rounding; an angle may take any finite one."""
-        slack = 1e-9 * (self.high - self.low)
-        return math.isfinite(value) and (self.periodic or self.low - slack <= value <= self.high + slack)
-
-
-def _speed_domain(robot: Robot, goal: Goal) -> Range:
-    limits = robot.holder_for("a goal of the hold").limits if goal.point is Point.HOLD else robot.limits
-    return Range(0.0, min(limits.v, ARRIVAL_SPEED), 6, rest=0.0)
-
-
-#: Range of each goal variable; a new goal variable is a new row, here or in what is given to the refiner.
-DOMAINS: Mapping[str, Callable[[Robot, Goal], Range]] = MappingProxyType(
-    {
-        "x": lambda robot, _: Range(-robot.scene.area.length / 2, robot.scene.area.length / 2, 16),
-        "y": lambda robot, _: Range(-robot.scene.area.width / 2, robot.scene.area.width / 2, 10),
-        "yaw": lambda *_: Range(-math.pi, math.pi, 36, periodic=True),
-        "speed": _speed_domain,
-    }
-)
-
-
-@dataclass(frozen=True, slots=True)
 class FreeVariable:
-    """One free variable: of which subgoal of the chain (counted from 0), its name, and its domain."""
+    """One free variable: of which subgoal of the chain (counted from 0), its name, and its range."""
 
     subgoal: int
     name: str
@@ -141,7 +94,7 @@ def analyse(
     chain: TopChain,
     models: Mapping[str, PredictsPerformance],
     robot: Robot,
-    domains: Mapping[str, Callable[[Robot, Goal], Range]] = DOMAINS,
+    ranges: Ranges = USUAL_RANGES,
 ) -> Analysis:
     """Compute the free variables of a chain.
 
@@ -152,9 +105,9 @@ def analyse(
     models : mapping
         Action name to performance model; an action may lack one.
     robot : Robot
-        Sizes and limits that bound the domains.
-    domains : mapping, optional
-        Goal variable to its domain; variables without one are never free.
+        Sizes and limits that bound the ranges.
+    ranges : mapping, optional
+        Goal variable to its range; variables without one are never free.
     """
     free: list[FreeVariable] = []
     not_free: list[NotFree] = []
@@ -162,12 +115,12 @@ def analyse(
     for index, call in enumerate(chain.calls):
         for name in _opened(call):
             reason = bound.get((index, name)) or _why_closed(call, name)
-            if reason is None and name not in domains:
-                reason = "without a domain"
+            if reason is None and name not in ranges:
+                reason = "without a range"
             if reason is None:
                 reason = _why_unknown(chain, index, name, models)
             if reason is None:
-                free.append(FreeVariable(index, name, domains[name](robot, call.goal)))
+                free.append(FreeVariable(index, name, ranges[name](robot, call.goal)))
             else:
                 not_free.append(NotFree(index, name, reason))
     return Analysis(tuple(free), tuple(not_free))

@@ -3,19 +3,47 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import FEATURES, Gate, OpenGate, ThresholdGate, TreeGate
+from ator_ros.schema import Format, OneOf, SchemaError, short, structured
 
-SCHEMA = "ator_ros/gate"
-VERSION = 1
-LABELS = ("Higher", "Equal", "Lower")
+FORMAT = Format("ator_ros/gate", 1, "gate", "schema", "version")
+
+
+@dataclass(frozen=True)
+class _GateFile:
+    """The fields of a gate's file; gate: those of the gate of this kind."""
+
+    action_set: str
+    kind: Annotated[str, OneOf((OpenGate.kind, ThresholdGate.kind, TreeGate.kind))]
+    gate: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """The columns of a `TreeGate`."""
+
+    feature: tuple[Annotated[str, OneOf(("", *FEATURES))], ...]
+    threshold: tuple[float, ...]
+    left: tuple[int, ...]
+    right: tuple[int, ...]
+    label: tuple[Annotated[str, OneOf(("Higher", "Equal", "Lower"))], ...]
+
+    def __post_init__(self) -> None:
+        """Check that the columns make a tree."""
+        columns = (self.feature, self.threshold, self.left, self.right, self.label)
+        if len({len(column) for column in columns}) != 1 or not self.feature:
+            raise ValueError("expected lists of one length, at least 1")
+        for index, (name, *children) in enumerate(zip(self.feature, self.left, self.right, strict=True)):
+            # Children come after their parent, so that no tree can send the reader in circles.
+            if name and not all(index < child < len(self.feature) for child in children):
+                raise ValueError(f"node {index}: expected children from {index + 1}, got {children}")
 
 
 def save_gate(
@@ -26,8 +54,7 @@ def save_gate(
 ) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
     data = {
-        "schema": SCHEMA,
-        "version": VERSION,
+        **FORMAT.head(),
         "action_set": action_set,
         "kind": gate.kind,
         "gate": asdict(gate),
@@ -46,52 +73,19 @@ def load_gate(path: Path, action_set: str = "default") -> Gate:
         message names file and field.
     """
     try:
-        data = read_json(path)
+        file = structured(FORMAT.current(read_json(path)), _GateFile)
+        if file.action_set != action_set:
+            raise SchemaError(
+                f"action_set: expected {action_set!r}, got {short(file.action_set)}: "
+                "learn the gate of these actions with the tool gate"
+            )
+        if file.kind == OpenGate.kind:
+            return OpenGate()
+        if file.kind == ThresholdGate.kind:
+            return structured(file.gate, ThresholdGate, "gate")
+        tree = structured(file.gate, _Tree, "gate")
     except UnreadableError as error:
         raise RefinementError(str(error)) from error
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise RefinementError(f"{path}: schema: expected {SCHEMA!r}, got another kind of file")
-    if data.get("version") != VERSION:
-        raise RefinementError(f"{path}: version: expected {VERSION}, got {str(data.get('version'))[:80]}")
-    if data.get("action_set") != action_set:
-        raise RefinementError(
-            f"{path}: action_set: expected {action_set!r}, got {str(data.get('action_set'))[:80]!r}: "
-            "learn the gate of these actions with the tool gate"
-        )
-    gate = data.get("gate")
-    if not isinstance(gate, dict):
-        raise RefinementError(f"{path}: gate: expected an object, got {type(gate).__name__}")
-    kind = data.get("kind")
-    if kind == OpenGate.kind:
-        return OpenGate()
-    if kind == ThresholdGate.kind:
-        return ThresholdGate(_number(path, gate, "gain"), _number(path, gate, "spread_factor"))
-    if kind == TreeGate.kind:
-        return _tree(path, gate)
-    raise RefinementError(f"{path}: kind: expected open, threshold or tree, got {str(kind)[:80]!r}")
-
-
-def _number(path: Path, data: Mapping[str, Any], name: str) -> float:
-    value = data.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise RefinementError(f"{path}: gate.{name}: expected a finite number, got {repr(value)[:80]}")
-    return float(value)
-
-
-def _tree(path: Path, data: Mapping[str, Any]) -> TreeGate:
-    names = ("feature", "threshold", "left", "right", "label")
-    columns: list[Any] = [data.get(name) for name in names]
-    lengths = {len(column) if isinstance(column, list) else -1 for column in columns}
-    if len(lengths) != 1 or min(lengths) < 1:
-        raise RefinementError(f"{path}: gate: expected lists of one length for {', '.join(names)}")
-    nodes = list(zip(*columns, strict=True))
-    for index, (feature, threshold, left, right, label) in enumerate(nodes):
-        inner = isinstance(feature, str) and feature in FEATURES
-        inner = inner and isinstance(threshold, int | float) and math.isfinite(threshold)
-        # Children come after their parent, so that no tree can send the reader in circles.
-        inner = inner and all(type(child) is int and index < child < len(nodes) for child in (left, right))
-        if label not in LABELS or not (inner or feature == ""):
-            raise RefinementError(
-                f"{path}: gate: node {index}: expected a split on {sorted(FEATURES)} or a leaf"
-            )
-    return TreeGate(*(tuple(column) for column in columns))
+    except SchemaError as error:
+        raise RefinementError(f"{path}: {error}") from error
+    return TreeGate(tree.feature, tree.threshold, tree.left, tree.right, tree.label)

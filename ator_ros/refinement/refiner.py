@@ -5,20 +5,17 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from ator_ros.actions.base import Goal
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import (
-    DOMAINS,
     Analysis,
     FreeVariable,
     PredictsPerformance,
-    Range,
     analyse,
     goal_values,
     goal_variable,
@@ -30,6 +27,7 @@ from ator_ros.refinement.search import Optimum, searching, unsearched
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
+from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
 LONGEST_CHAIN = 32
@@ -48,8 +46,8 @@ class Refiner:
         Action name to performance model; an action may lack one.
     gate : Gate, optional
         Decides from the predictions whether refinement pays; by default it always does.
-    domains : mapping, optional
-        Goal variable to its domain.
+    ranges : mapping, optional
+        Goal variable to its range: those of a domain are `TopLibrary.ranges`; by default the usual ones.
     calibration : Calibration, optional
         What the models' predictions miss; it is added to what is reported, after everything is decided.
     """
@@ -60,13 +58,13 @@ class Refiner:
         models: Mapping[str, PredictsPerformance],
         gate: Gate | None = None,
         *,
-        domains: Mapping[str, Callable[[Robot, Goal], Range]] = DOMAINS,
+        ranges: Ranges = USUAL_RANGES,
         calibration: Calibration | None = None,
     ) -> None:
         self.robot = robot
         self.models = models
         self.gate = gate if gate is not None else OpenGate()
-        self._domains = domains
+        self._ranges = ranges
         self._calibration = (calibration or Calibration()).matching(models)
 
     def refine(
@@ -203,7 +201,7 @@ class Refiner:
                         f"{name} of subgoal {index + 1} ({call.top.name}): "
                         f"expected a finite number, got {value}"
                     )
-        return analyse(chain, self.models, self.robot, self._domains)
+        return analyse(chain, self.models, self.robot, self._ranges)
 
     def _model(
         self,

@@ -18,8 +18,8 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.free_variables import Range
 from ator_ros.refinement.slices import Slices, completed
+from ator_ros.tops.ranges import Range
 
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
 """Gives the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""

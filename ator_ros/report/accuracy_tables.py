@@ -7,9 +7,9 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import Domain
 from ator_ros.performance.accuracy import AT_REST, accuracy
-from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, names_of
+from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot
@@ -17,26 +17,32 @@ from ator_ros.robot.description import Robot
 PAPER = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
 """Mean absolute and root-mean-square error in s that the paper reports."""
 
-_IDEAL = {*names_of(IDEAL), "shot_time"}
-ABLATION: dict[str, tuple[tuple[str, ...], Training]] = {
-    "the paper's 3, all 10 Hz examples": (names_of(PAPER_3), Training(later_weight=1.0)),
-    "the paper's 3, starts": (names_of(PAPER_3), Training()),
-    "the paper's 11, all 10 Hz examples": (names_of(PAPER_11), Training(later_weight=1.0)),
-    "the paper's 11, starts": (names_of(PAPER_11), Training()),
-    "3, signed angles and velocities, starts": (names_of((*PAPER_3, *SIGNED)), Training()),
-    "all, all 10 Hz examples": (names_of((*PAPER_11, *SIGNED, *IDEAL)), Training(later_weight=1.0)),
-    "all, starts": (names_of((*PAPER_11, *SIGNED, *IDEAL)), Training()),
+_Row = tuple[Sequence[Feature], Training]
+ABLATION: dict[str, _Row] = {
+    "the paper's 3, all 10 Hz examples": (PAPER_3, Training(later_weight=1.0)),
+    "the paper's 3, starts": (PAPER_3, Training()),
+    "the paper's 11, all 10 Hz examples": (PAPER_11, Training(later_weight=1.0)),
+    "the paper's 11, starts": (PAPER_11, Training()),
+    "3, signed angles and velocities, starts": ((*PAPER_3, *SIGNED), Training()),
 }
-"""Rows of the ablation: candidate features, and weights of starts and later examples."""
+"""First rows of the ablation: candidate features, and weights of starts and later examples."""
 
 
-def accuracy_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
-    """Yield lines of Markdown: what the model files say about themselves."""
+def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, str]) -> Iterator[str]:
+    """Yield lines of Markdown: what the model files say about themselves.
+
+    Parameters
+    ----------
+    models : iterable of PerformanceModel
+        Measured models.
+    published : mapping
+        Mean absolute and root-mean-square error in s that the paper reports, by action.
+    """
     yield "| action | set | kind of start | episodes | MAE (s) | RMSE (s) | relative | paper |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for model in models:
         measured = model.metadata["accuracy"]
-        paper = PAPER.get(model.action, "-")
+        paper = published.get(model.action, "-")
         for kind, numbers in {"at rest": measured, **measured.get("kinds", {})}.items():
             if numbers:
                 which = f"{model.action} | {model.metadata['action_set']} | {kind}"
@@ -60,7 +66,12 @@ def success_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
 
 
 def ablation_table(
-    experience: Mapping[str, pd.DataFrame], fresh: Mapping[str, pd.DataFrame], robot: Robot, *, seed: int
+    experience: Mapping[str, pd.DataFrame],
+    fresh: Mapping[str, pd.DataFrame],
+    robot: Robot,
+    domain: Domain,
+    *,
+    seed: int,
 ) -> Iterator[str]:
     """Yield lines of Markdown: accuracy at starts at rest for several sets of candidate features.
 
@@ -70,6 +81,8 @@ def ablation_table(
         Rows to learn from and rows of fresh episodes, by action.
     robot : Robot
         The robot of both.
+    domain : Domain
+        Whose actions choose features.
     seed : int
         Of the fresh episodes.
     """
@@ -80,7 +93,7 @@ def ablation_table(
             continue
         starts = fresh[action]
         starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST)]
-        for label, (features, how) in _candidates(action).items():
+        for label, (features, how) in _rows(domain, action).items():
             model = train(action, rows, robot, features=features, training=how)
             result = accuracy(model, starts, seed=seed)
             used, leaves = model.used_features, model.trees["duration"].n_leaves
@@ -90,15 +103,23 @@ def ablation_table(
             )
 
 
-def _candidates(action: str) -> dict[str, tuple[Sequence[str], Training]]:
-    rows: dict[str, tuple[Sequence[str], Training]] = dict(ABLATION)
-    chosen = SOCCER.candidates(action)
-    rows["chosen, without ideal times, starts"] = (
-        [name for name in chosen if name not in _IDEAL],
-        Training(),
-    )
-    rows["chosen, starts (shipped)"] = (chosen, Training())
-    return rows
+def _rows(domain: Domain, action: str) -> dict[str, _Row]:
+    ideal = [feature for feature in domain.features if _is_ideal(feature) and feature.translation]
+    everything = (*PAPER_11, *SIGNED, *IDEAL, *ideal)
+    chosen = domain.candidates(action)
+    observed = [feature for feature in chosen if not _is_ideal(feature)]
+    return {
+        **ABLATION,
+        "all, all 10 Hz examples": (everything, Training(later_weight=1.0)),
+        "all, starts": (everything, Training()),
+        "chosen, without ideal times, starts": (observed, Training()),
+        "chosen, starts (shipped)": (chosen, Training()),
+    }
+
+
+def _is_ideal(feature: Feature) -> bool:
+    """Return whether a feature tells of the action's ideal motion."""
+    return feature.ideal or feature.described
 
 
 def _interval(numbers: Mapping[str, Any], name: str) -> str:

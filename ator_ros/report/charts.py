@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from ator_ros.actions.base import Goal
+from ator_ros.drawing import BLUE, GREEN, GREY, ORANGE, RED, bars, binned, draw_robot, new_figure
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
-from ator_ros.report.drawing import BLUE, GREEN, GREY, ORANGE, RED, bars, binned, draw_robot, new_figure
 from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import World
 
 Record = Mapping[str, Any]
 
@@ -23,18 +27,28 @@ def gain_bars(summary: Mapping[str, Any]) -> Any:
     return bars(names, values, intervals, "time saved against naive, %")
 
 
-def gain_against_situation(records: Sequence[Record], policies: Sequence[str]) -> Any:
-    """Draw the gain over naive against the bend at the ball, the distance to it, and the predicted gain."""
+def gain_against_situation(records: Sequence[Record], policies: Sequence[str], place: str) -> Any:
+    """Draw the gain over naive against the bend at the first subgoal, and the distances to it and onward.
+
+    Parameters
+    ----------
+    records : sequence of dict
+        Of chains of two steps or more.
+    policies : sequence of str
+        The first is drawn as points, too.
+    place : str
+        What the first subgoal is, in a word.
+    """
     start = np.array([record["start"] for record in records], dtype=float)
-    to_ball = start[:, 3:5] - start[:, 0:2]
+    to_first = start[:, 3:5] - start[:, 0:2]
     onward = start[:, 5:7] - start[:, 3:5]
-    turn = np.arctan2(onward[:, 1], onward[:, 0]) - np.arctan2(to_ball[:, 1], to_ball[:, 0])
+    turn = np.arctan2(onward[:, 1], onward[:, 0]) - np.arctan2(to_first[:, 1], to_first[:, 0])
     bend = np.degrees(np.abs(wrap_angles(turn)))
     figure = new_figure(10.0, 3.4)
     panels = (
-        ("bend at the ball, degrees", bend),
-        ("robot to ball, m", np.hypot(*to_ball.T)),
-        ("ball to goal, m", np.hypot(*onward.T)),
+        (f"bend at the {place}, degrees", bend),
+        (f"robot to {place}, m", np.hypot(*to_first.T)),
+        (f"{place} to goal, m", np.hypot(*onward.T)),
     )
     naive = _durations(records, "naive")
     for number, (title, values) in enumerate(panels, start=1):
@@ -75,7 +89,7 @@ def predicted_against_actual(records: Sequence[Record], policy: str, key: str) -
     return figure
 
 
-def oracle_curve(records: Sequence[Record]) -> Any:
+def oracle_curve(records: Sequence[Record], place: str) -> Any:
     """Draw the mean executed duration against the heading's distance from the naive one."""
     curves = np.array([record["oracle"]["durations"] for record in records], dtype=float)
     count = len(records[0]["oracle"]["headings"])
@@ -93,40 +107,58 @@ def oracle_curve(records: Sequence[Record]) -> Any:
             label=f"{quantile:.0%}",
         )
     axes.axhline(0.0, color="#333", lw=0.8)
-    axes.set_xlabel("heading at the ball against the naive one, degrees")
+    axes.set_xlabel(f"heading at the {place} against the naive one, degrees")
     axes.set_ylabel("executed time against naive, s")
     axes.legend(frameon=False, fontsize=8, title="quantile of situations", title_fontsize=8)
     return figure
 
 
-def paths(robot: Robot, runs: Mapping[str, Mapping[str, Any]], start: Sequence[float]) -> Any:
-    """Draw the paths of robot and ball of one situation.
+def paths(
+    robot: Robot,
+    chain: TopChain,
+    world: World,
+    runs: Mapping[str, Mapping[str, Any]],
+    draw: Callable[[Any, Robot], None],
+) -> Any:
+    """Draw the paths of the robot in one situation, its poses at the first two goals, and the objects.
 
     Parameters
     ----------
     robot : Robot
-        Shape and field.
+        Its shape.
+    chain : TopChain
+        The plan.
+    world : World
+        The start.
     runs : mapping
-        By policy "path" (rows x, y, ball x, ball y in m), "heading" (rad) at the ball, and "duration" (s).
-    start : sequence of float
-        Robot x, y, yaw, ball x, y, goal x, y, yaw.
+        By policy "path" (rows that begin with x, y in m), "heading" (rad) at the first goal, and "duration"
+        (s).
+    draw : callable
+        Draws the surroundings.
     """
     figure = new_figure(4.4, 2.9)
     axes = figure.add_subplot()
-    length, width = robot.scene.area.length, robot.scene.area.width
-    lines = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * [length / 2.0, width / 2.0]
-    axes.plot(*lines.T, color=GREY, lw=0.8)
+    draw(axes, robot)
+    first, *later = [_rounded(call.goal) for call in chain.calls[:2]]
     for (name, run), colour in zip(runs.items(), (ORANGE, BLUE), strict=False):
         path: FloatArray = np.array(run["path"], dtype=float)
         axes.plot(path[:, 0], path[:, 1], color=colour, lw=1.4, label=f"{name}, {run['duration']:.1f} s")
-        draw_robot(axes, robot, robot.pose_holding(Pose(start[3], start[4], run["heading"])), colour)
-    draw_robot(axes, robot, Pose(*start[:3]), "#333333")
-    draw_robot(axes, robot, robot.pose_holding(Pose(*start[5:8])), GREEN)
-    axes.plot(start[3], start[4], "o", color="black", ms=4)
+        reached = dataclasses.replace(first, pose=first.pose._replace(yaw=run["heading"]))
+        draw_robot(axes, robot, reached.robot_pose(robot), colour)
+    draw_robot(axes, robot, _rounded(Goal(world.robot.pose)).pose, "#333333")
+    for goal in later:
+        draw_robot(axes, robot, goal.robot_pose(robot), GREEN)
+    for there in world.objects.values():
+        axes.plot(round(there.x, 4), round(there.y, 4), "o", color="black", ms=4)
     axes.set_aspect("equal")
     axes.axis("off")
     axes.legend(frameon=False, fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2)
     return figure
+
+
+def _rounded(goal: Goal) -> Goal:
+    """Return a goal with its pose as exact as the records are."""
+    return dataclasses.replace(goal, pose=Pose(*(round(value, 4) for value in goal.pose)))
 
 
 def _durations(records: Sequence[Record], policy: str) -> FloatArray:

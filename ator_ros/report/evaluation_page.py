@@ -7,19 +7,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ator_ros.drawing import svg_text
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES, Toolset
 from ator_ros.evaluation.running import has_predictions
-from ator_ros.evaluation.situation import Record, Settings
+from ator_ros.evaluation.situation import ONE_GOAL, Record, Settings
 from ator_ros.evaluation.statistics import OURS
 from ator_ros.evaluation.toolset import GATE, make_library
 from ator_ros.evaluation.trials import SEEDS, random_trial
 from ator_ros.files import write_text
-from ator_ros.performance.model import PerformanceModel
 from ator_ros.report import charts
-from ator_ros.report.drawing import svg_text
-from ator_ros.report.figure4 import figure4
-from ator_ros.report.figure6 import figure6
 from ator_ros.report.page import code, figure, page, paragraph, section, table
 from ator_ros.report.report_tables import headline, policies, table1, verdict
 
@@ -46,15 +43,15 @@ def write_report(
         The models.
     """
     summary = result["summary"]
-    chain = {"dribble": "go to the ball, dribble it to a pose", "shoot": "go to the ball, dribble it, shoot"}
-    title = f"Subgoal refinement: {chain.get(settings.chain, settings.chain)}"
+    shown = tools.domain.presentation
+    title = f"Subgoal refinement: {shown.chains.get(settings.chain, settings.chain)}"
     body = [
         f"<h1>{title}</h1>",
-        paragraph(verdict(summary), "lead"),
+        paragraph(verdict(summary, shown.place), "lead"),
         headline(summary),
-        table1(summary),
-        policies(summary, settings),
-        _situations(records, summary),
+        table1(summary, shown.table1),
+        policies(summary, settings, shown),
+        _situations(records, summary, shown.place),
         _models(tools, settings),
         _worst(records, tools, settings),
         _accuracy(tools, summary),
@@ -65,11 +62,11 @@ def write_report(
     return folder / REPORT
 
 
-def _situations(records: Sequence[Record], summary: Mapping[str, Any]) -> str:
+def _situations(records: Sequence[Record], summary: Mapping[str, Any], place: str) -> str:
     policies = [name for name in ("gated", "gated_speed", "oracle") if name in summary]
     figures = []
-    if policies:
-        drawn = charts.gain_against_situation(records, policies)
+    if policies and len(records[0]["start"]) > ONE_GOAL:
+        drawn = charts.gain_against_situation(records, policies, place)
         figures.append(figure(svg_text(drawn), f"Points: {policies[0]}. Lines: means with 95 % intervals."))
     pairs = [("refined", "features"), ("refined_speed", "features_speed")]
     halves = [
@@ -81,28 +78,18 @@ def _situations(records: Sequence[Record], summary: Mapping[str, Any]) -> str:
         if name in summary
     ]
     if "oracle" in summary and not any(None in record["oracle"]["durations"] for record in records):
-        halves.append(figure(svg_text(charts.oracle_curve(records)), "What each executed heading costs."))
+        drawn = charts.oracle_curve(records, place)
+        halves.append(figure(svg_text(drawn), "What each executed heading costs."))
     return section("Where it pays", *figures, f'<div class="row">{"".join(halves)}</div>')
 
 
 def _models(tools: Toolset, settings: Settings) -> str:
     library = make_library(tools.robot, settings.source)
-    learned = tools.models["learned"]
-    if not {"goToBall", "dribbleBall"} <= set(library):  # the figures are of the paper's TOPs
+    shown = tools.domain.presentation
+    drawn = shown.figures(tools.robot, tools.models["learned"], library)
+    if not drawn:
         return ""
-    go_to_pose = learned["goToPose"]
-    assert isinstance(go_to_pose, PerformanceModel)
-    return section(
-        "Figures 4 and 6 of the paper, for our models",
-        figure(
-            svg_text(figure4(go_to_pose)),
-            "Figure 4: predicted time of goToPose against the angle at the destination, 2 m straight ahead.",
-        ),
-        figure(
-            svg_text(figure6(tools.robot, learned, library)),
-            "Figure 6: the subgoal from the sum of the models. Orange: fastest alone; blue: together.",
-        ),
-    )
+    return section(shown.title, *(figure(svg_text(each), caption) for each, caption in drawn))
 
 
 def _worst(records: Sequence[Record], tools: Toolset, settings: Settings) -> str:
@@ -119,7 +106,9 @@ def _worst(records: Sequence[Record], tools: Toolset, settings: Settings) -> str
             chain = POLICIES[name](tools, trial).chain
             run = run_chain(tools.robot, library, trial.world, chain, keep_path=True)
             runs[name] = {"path": run.path, "heading": chain.calls[0].goal.pose.yaw, "duration": run.duration}
-        parts.append(figure(svg_text(charts.paths(tools.robot, runs, record["start"])), _why(record, policy)))
+        draw = tools.domain.presentation.draw
+        drawn = charts.paths(tools.robot, trial.chain, trial.world, runs, draw)
+        parts.append(figure(svg_text(drawn), _why(record, policy)))
     if not parts:
         return section("Where it loses", paragraph(f"{policy} was never slower than naive."))
     return section(
@@ -144,7 +133,7 @@ def _why(record: Record, policy: str) -> str:
 
 
 def _accuracy(tools: Toolset, summary: Mapping[str, Any]) -> str:
-    paper = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
+    paper = tools.domain.presentation.published
     rows = []
     for action in tools.models["learned"]:
         measured = getattr(tools.models["learned"][action], "metadata", {}).get("accuracy", {})

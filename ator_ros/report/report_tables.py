@@ -5,24 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ator_ros.domains.presentation import Presentation
+from ator_ros.drawing import svg_text
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.statistics import EQUAL
 from ator_ros.report import charts
-from ator_ros.report.drawing import svg_text
 from ator_ros.report.page import cards, figure, paragraph, section, table
 from ator_ros.simulation.run import TIME_LIMIT
 
-PAPER_TABLE = (
-    ("Before filtering, paper: runs", "1000", "533", "369", "98"),
-    ("Before filtering, paper: improvement", "10%", "21%", "0%", "-10%"),
-    ("After filtering, paper: runs", "1000", "505", "485", "10"),
-    ("After filtering, paper: improvement", "12%", "23%", "0%", "-6%"),
-)
-
+#: What each policy chooses; {place} is what the first subgoal of a chain is.
 MEANING: Mapping[str, str] = {
     "naive": "heading at which the first action alone is fastest (the paper's unrefined choice)",
-    "bearing": "plain bearing from robot to ball",
-    "face_goal": "ball between robot and goal, as most teams approach",
+    "bearing": "plain bearing from robot to {place}",
+    "face_goal": "bearing of the next goal, from each subgoal",
     "refined": "subgoal refinement, heading only",
     "gated": "the same, where the gate expects it to pay",
     "refined_speed": "refinement of heading and arrival speed",
@@ -42,13 +37,13 @@ MEANING: Mapping[str, str] = {
 COUNTS = ("higher", "equal", "lower")
 
 
-def verdict(summary: Mapping[str, Any]) -> str:
+def verdict(summary: Mapping[str, Any], place: str) -> str:
     """Return in words what came out."""
     best = summary.get("gated", summary.get("refined", summary["naive"]))
     low, high = best["improvement_ci95"]
     text = (
         f"Over {summary['situations']} random situations, each chain executed in the simulator, "
-        f"refining the heading at the ball saves {best['improvement_percent']:.1f} % of the time "
+        f"refining the heading at the {place} saves {best['improvement_percent']:.1f} % of the time "
         f"({low:.1f} to {high:.1f} %) "
         f"and makes {best['lower']} runs slower by more than {100 * EQUAL:.0f} %."
     )
@@ -74,12 +69,12 @@ def headline(summary: Mapping[str, Any]) -> str:
     return cards(items)
 
 
-def table1(summary: Mapping[str, Any]) -> str:
-    """Return Table 1, the paper's rows and ours."""
+def table1(summary: Mapping[str, Any], published: Sequence[tuple[str, ...]]) -> str:
+    """Return Table 1, the published rows and ours."""
     rows: list[tuple[str, ...]] = []
     ours = []
     for name, title in (("refined", "Before filtering"), ("gated", "After filtering")):
-        rows += [row for row in PAPER_TABLE if row[0].startswith(title)]
+        rows += [row for row in published if row[0].startswith(title)]
         for policy in (name, f"{name}_speed"):
             if policy not in summary:
                 continue
@@ -114,7 +109,7 @@ def _behind(name: str, row: Mapping[str, Any], ours: str) -> str:
     return _interval(row[key]) if key in row else "-"
 
 
-def policies(summary: Mapping[str, Any], settings: Settings) -> str:
+def policies(summary: Mapping[str, Any], settings: Settings, presentation: Presentation) -> str:
     """Return all policies, as bars and as a table."""
     head: tuple[str, ...] = ("policy", "mean s", "of sums %", "95 %", "mean of ratios %", "95 %", *COUNTS)
     rows: list[tuple[str, ...]] = []
@@ -143,8 +138,11 @@ def policies(summary: Mapping[str, Any], settings: Settings) -> str:
             )
     head = (*head, "worst loss %", "failed", "of oracle %", "95 %")
     head = (*head, "behind refined s, 95 %", "behind gated s, 95 %")
+    words = {**MEANING, **presentation.policies}
     meanings = [
-        (name, MEANING[name]) for name, row in summary.items() if isinstance(row, Mapping) and name in MEANING
+        (name, words[name].format(place=presentation.place))
+        for name, row in summary.items()
+        if isinstance(row, Mapping) and name in words
     ]
     oracle = f" The oracle executed {settings.oracle} headings." if settings.oracle else ""
     if settings.oracle_margin is not None:

@@ -10,21 +10,9 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-import yaml
-
-from ator_ros.files import read_text
+from ator_ros import plain_yaml
 
 T = TypeVar("T")
-# What PyYAML raises on malformed dates, tagged values and deep nesting.
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    RecursionError,
-    yaml.YAMLError,
-)
 _LARGEST = 100_000  # bytes of a description; ours has 2 kB
 # Plausible ranges: learned features, tables of turns and the physics rely on them.
 _LENGTH = (0.001, 10.0)
@@ -63,20 +51,9 @@ def read_yaml(file: Path) -> Any:
         The file cannot be read.
     """
     try:
-        return yaml.load(read_text(file, _LARGEST), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
-    except _UNREADABLE as error:
-        raise ConfigError(f"{file}: expected a readable YAML file: {error}") from error
-
-
-class _PlainLoader(yaml.SafeLoader):
-    """Reads YAML without aliases, with which a few lines name billions of values."""
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Refuse an alias."""
-        if self.check_event(yaml.AliasEvent):
-            event = self.get_event()  # type: ignore[no-untyped-call]
-            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
-        return super().compose_node(parent, index)
+        return plain_yaml.read_yaml(file, largest=_LARGEST)
+    except plain_yaml.UnreadableYamlError as error:
+        raise ConfigError(str(error)) from error
 
 
 class Structure:

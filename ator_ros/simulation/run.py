@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,10 +36,11 @@ S = TypeVar("S", bound=Tick)
 
 
 def place(simulation: Simulation, world: World) -> None:
-    """Put the robot and the objects of `world` into the simulation."""
+    """Put the robot and the objects of `world` into the simulation, those without a size excepted."""
     robot = world.robot
     simulation.place_robot(robot.pose, v=robot.v, w=robot.w)
-    simulation.place_objects(world.objects)
+    known = simulation.robot.scene.objects
+    simulation.place_objects({name: there for name, there in world.objects.items() if name in known})
 
 
 def run(
@@ -128,7 +130,9 @@ class Judgement:
     heading_error: float
 
 
-def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgement:
+def judge(
+    simulation: Simulation, top: Top, goal: Goal, status: Status, message: str, *, drifts: bool = False
+) -> Judgement:
     """Judge a TOP by its post-condition, which alone decides whether an action that succeeded has done so.
 
     Parameters
@@ -141,10 +145,14 @@ def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message:
         How the action ended; RUNNING if it was broken off, after which nothing settles.
     message : str
         A sentence on how it ended.
+    drifts : bool
+        Whether the robot knows its place by odometry that drifts from the true one. Then only the terms that
+        name objects are judged: where the robot stands shows in the error.
     """
+    purpose = dataclasses.replace(top, post=top.post.about_objects()) if drifts else top
     robot, ended_well = simulation.robot, status is Status.SUCCEEDED
-    world = simulation.world() if status is Status.RUNNING else settle(simulation, top, goal)
-    lacks = unmet(top, world, goal, robot)
+    world = simulation.world() if status is Status.RUNNING else settle(simulation, purpose, goal)
+    lacks = unmet(purpose, world, goal, robot)
     reason = f"{message}; but {failure(top, lacks)}" if lacks and ended_well else message
     error, heading_error = shortfall(top, world, goal, robot), math.nan
     if top.arrives:

@@ -7,22 +7,12 @@ command it meanwhile. The robot needs free way ahead (--space), half a metre beh
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-from rclpy.utilities import remove_ros_args
-
-from ator_ros.files import portable_command, write_text
-from ator_ros.robot.description import Limits, Robot, load_robot
-from ator_ros.robot.identification import BaseEstimate, identify
-from ator_ros.robot.probe_drive import ProbeDrive
-from ator_ros.tools.calibration_drive import drive_over_ros
 from ator_ros.tools.command_line import destination, guarded
 
-_FASTER = 1.5  # commands beyond the described limits, so that the limits of the base show
 _GREATEST = 50.0  # m, m/s or rad/s
 
 
@@ -60,53 +50,20 @@ def _positive(text: str) -> float:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    own = remove_ros_args(["calibrate", *words])[1:]
+    own = words
+    if "--ros-args" in words:
+        from rclpy.utilities import remove_ros_args
+
+        own = remove_ros_args(["calibrate", *words])[1:]
     options = arguments().parse_args(own)
-    return guarded("calibrate", lambda: _calibrate(options, words))
+
+    def run() -> int:
+        from ator_ros.tools.work import calibrate as work
+
+        return work.run(options, words)
+
+    return guarded("calibrate", run)
 
 
-def _calibrate(options: argparse.Namespace, words: Sequence[str]) -> int:
-    robot = load_robot(options.robot)
-    limits = robot.limits
-    drive = ProbeDrive(
-        v=options.v or _FASTER * limits.v, w=options.w or _FASTER * limits.w, space=options.space
-    )
-    samples = drive_over_ros(drive, words, stamped=options.stamped, frame=options.frame)
-    estimate = identify(samples)
-    found = described(dataclasses.replace(robot, name=options.name or robot.name), estimate)
-    told = report(estimate)
-    lines = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *told)]
-    write_text(options.out, "\n".join(lines) + "\n" + yaml.safe_dump(found.sections(), sort_keys=False))
-    load_robot(options.out)  # complains where an estimate is not plausible
-    print("\n".join((*told, f"written to {options.out}")))
-    return 0
-
-
-def described(template: Robot, estimate: BaseEstimate) -> Robot:
-    """Return a description with the estimated limits and lag, and everything else of the template."""
-    limits = Limits(*(round(value, 3) for value in dataclasses.astuple(estimate.limits)))
-    lag, holder = round(max(estimate.lag, 0.002), 3), template.holder
-    if holder is not None:
-        holder = dataclasses.replace(holder, limits=holder.limits.within(limits))
-    return dataclasses.replace(template, limits=limits, motor_time_constant=lag, holder=holder)
-
-
-def report(estimate: BaseEstimate) -> list[str]:
-    """Return what was estimated, in lines for people."""
-    limits, axes = estimate.limits, (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s"))
-    lines = [
-        f"latency {estimate.latency:.3f} s: set the parameter `latency` of the executor",
-        f"motor_time_constant {estimate.lag:.3f} s",
-        f"limits: v {limits.v:.3f} m/s, w {limits.w:.3f} rad/s, a {limits.a:.3f} m/s^2, "
-        f"brake {limits.brake:.3f} m/s^2, aw {limits.aw:.3f} rad/s^2",
-    ]
-    for name, axis, unit in axes:
-        lines.append(
-            f"dead zone of {name}: {axis.dead_zone:.2f} {unit}; fitted within {axis.error:.3f} {unit} (RMS)"
-        )
-        if not axis.limited:
-            lines.append(
-                f"limits.{name}: {axis.response.limit:.3f} {unit} is what was driven; "
-                f"the base may be faster (give more --space, or a greater --{name})"
-            )
-    return lines
+if __name__ == "__main__":
+    sys.exit(main())

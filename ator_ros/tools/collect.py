@@ -4,50 +4,28 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import pandas as pd
-from tqdm import tqdm
-
-from ator_ros.domains.domain import Domain
-from ator_ros.experience.collect import collect
-from ator_ros.experience.parallel import BackendError, cluster
-from ator_ros.experience.table import (
-    Experience,
-    join,
-    library_versions,
-    require_pyarrow,
-    write_experience,
-)
-from ator_ros.files import portable_command, reserved
+from ator_ros.files import portable_command
 from ator_ros.tools.command_line import (
-    INTERRUPTED,
-    add_domain,
     add_parallel_options,
+    add_setting,
     destination,
-    domain_in,
     guarded,
-    undisturbed,
+    settled,
     whole,
 )
 
-_EPISODE_BYTES = 10_000
-"""More than the table needs for an episode: those of the default actions take 3.3 kB."""
 
-
-def arguments(domain: Domain) -> argparse.ArgumentParser:
+def arguments() -> argparse.ArgumentParser:
     """Return the command line of `collect`."""
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
-    add_domain(parser)
-    actions = list(domain.actions())
-    parser.add_argument("--actions", nargs="+", choices=actions, default=actions)
-    parser.add_argument("--action-set", choices=list(domain.action_sets), default="default")
+    add_setting(parser)
+    parser.add_argument("--actions", nargs="+", metavar="NAME", help="default: all of the domain")
     parser.add_argument("--episodes", type=whole(1), default=1000, help="per action (default: %(default)s)")
     parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
     add_parallel_options(parser)
-    parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
     parser.add_argument("--out", type=_table, default=Path("experience.parquet"), metavar="FILE.parquet")
     return parser
 
@@ -62,81 +40,14 @@ def _table(text: str) -> Path:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    domain = domain_in("collect", words)
-    options = arguments(domain).parse_args(words)
-    command = portable_command("collect", words)
-    return guarded("collect", lambda: _collect(domain, options, command))
+    options, domain = settled(arguments(), words, actions=lambda domain: domain.actions())
 
+    def run() -> int:
+        from ator_ros.tools.work import collect as work
 
-def _collect(domain: Domain, options: argparse.Namespace, command: str) -> int:
-    require_pyarrow()
-    robot = domain.robot(options.robot)
-    actions = [domain.actions(options.action_set)[name] for name in options.actions]
-    frames: list[pd.DataFrame] = []
-    stopped: BaseException | None = None
-    room = _EPISODE_BYTES * options.episodes * len(actions)
-    with reserved(options.out.absolute().parent, room), cluster(options.cluster):
-        episodes = collect(
-            actions,
-            domain.tops,
-            robot,
-            episodes=options.episodes,
-            seed=options.seed,
-            jobs=options.jobs,
-            backend=options.backend,
-        )
-        bar = tqdm(episodes, total=options.episodes * len(actions), unit="episode", disable=None)
-        try:
-            frames.extend(bar)
-        except (KeyboardInterrupt, BackendError) as error:
-            stopped = error
-        finally:
-            bar.close()
-    if isinstance(stopped, BackendError) and not frames:
-        raise stopped
-    with undisturbed():
-        metadata = {
-            "seed": options.seed,
-            "robot_digest": robot.digest(),
-            "domain": domain.name,
-            "action_set": options.action_set,
-            "complete": stopped is None,
-            "command": command,
-            "versions": library_versions(),
-        }
-        frame = join(frames)
-        file = _kept(Experience(frame, metadata), options.out)
-        _report(frame, file, stopped)
-    if isinstance(stopped, KeyboardInterrupt):
-        return INTERRUPTED
-    return 0 if stopped is None and file == options.out else 1
+        return work.run(options, domain, portable_command("collect", words))
 
-
-def _kept(experience: Experience, file: Path) -> Path:
-    """Write the table to `file`, or else to a folder for temporary files; return where."""
-    try:
-        write_experience(file, experience)
-        return file
-    except OSError as error:
-        other = Path(tempfile.mkdtemp(prefix="ator_ros-"), file.name)
-        print(f"collect: {file}: {error.strerror or error}: the table goes to {other}", file=sys.stderr)
-        write_experience(other, experience)
-        return other
-
-
-def _report(frame: pd.DataFrame, file: Path, stopped: BaseException | None) -> None:
-    for action, rows in frame.groupby("action", sort=False):
-        ends = rows.drop_duplicates("episode", keep="last")
-        print(
-            f"{action}: {len(ends)} episodes, {len(rows)} examples, {100 * ends['success'].mean():.2f} % "
-            f"succeeded, mean duration {ends['duration'].mean():.2f} s"
-        )
-        for reason, count in ends.loc[~ends["success"], "reason"].value_counts().head(5).items():
-            print(f"  failed {count} times: {reason}")
-    if stopped is None:
-        print(f"wrote {file}")
-    else:
-        print(f"{str(stopped) or 'interrupted'}; kept the finished episodes in {file}")
+    return guarded("collect", run)
 
 
 if __name__ == "__main__":

@@ -6,64 +6,144 @@ import argparse
 import codecs
 import contextlib
 import io
+import math
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
-from ator_ros.domains.domain import DEFAULT, Domain, DomainError, find_domain
-from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.running import run_situations
-from ator_ros.evaluation.situation import Record, Settings
-from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.parallel import BACKENDS, BackendError, cluster
+from ator_ros.domains import DEFAULT
+from ator_ros.experience.parallel import BACKENDS
 from ator_ros.files import reserved
-from ator_ros.performance.model_file import ModelFileError
-from ator_ros.performance.training import TrainingError
-from ator_ros.refinement.errors import RefinementError
-from ator_ros.robot.description import ConfigError
-from ator_ros.robot.probe_drive import DriveError
+
+if TYPE_CHECKING:  # each takes seconds to import, and no help needs it
+    from ator_ros.domains.domain import Domain
+    from ator_ros.evaluation.situation import Record, Settings
+    from ator_ros.evaluation.toolset import ToolsetSource
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
 
+RESUMES = "the same command goes on from here"
+
 _ROOM = 100_000  # bytes of a result whose size is not known beforehand
 _IN_ASCII = "ator_ros.in_ascii"
 _SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
-_EXPECTED = (
-    BackendError,
-    ConfigError,
-    DomainError,
-    DriveError,
-    EvaluationError,
-    ExperienceError,
-    ModelFileError,
-    OSError,
-    RefinementError,
-    TrainingError,
-)
 
 
-def domain_in(program: str, words: Sequence[str]) -> Domain:
-    """Return the domain that a command line names; the choices of its other options depend on it."""
-    parser = argparse.ArgumentParser(prog=program, add_help=False, allow_abbrev=False)
-    add_domain(parser)
-    options, _ = parser.parse_known_args(words)
+def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> None:
+    """Add the options that say for whom the work is done: robot, domain, set of actions."""
+    parser.add_argument(
+        "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
+    )
+    parser.add_argument(
+        "--domain",
+        default=DEFAULT,
+        metavar="NAME|FILE",
+        help="an installed domain, or the YAML file of one (default: %(default)s)",
+    )
+    if action_set:
+        parser.add_argument(
+            "--action-set", default="default", metavar="NAME", help="of the domain (default: %(default)s)"
+        )
+
+
+def add_models(parser: argparse.ArgumentParser) -> None:
+    """Add the option that names the performance models."""
+    parser.add_argument(
+        "--models", default="", metavar="DIR", help="folder of the models (default: as shipped)"
+    )
+
+
+def add_factor(parser: argparse.ArgumentParser, default: float) -> None:
+    """Add the option that says how fast the simulation runs."""
+    parser.add_argument(
+        "--real-time-factor",
+        type=number,
+        default=default,
+        metavar="F",
+        help="simulated per real seconds (default: %(default)s); 0: as fast as the robot is steered",
+    )
+
+
+def number(text: str) -> float:
+    """Be a type for argparse: a finite number from 0."""
     try:
-        return find_domain(options.domain)
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a finite number from 0, got {text!r}")
+    return value
+
+
+def settled(
+    parser: argparse.ArgumentParser, words: Sequence[str] | None, **names: Callable[[Domain], Iterable[str]]
+) -> tuple[argparse.Namespace, Domain]:
+    """Parse a command line whose names depend on its domain.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        With the options of `add_setting`.
+    words : sequence of str, optional
+        By default those of the process.
+    **names : callable
+        Of further options, what they may name. An option with one name that was left out gets the first of
+        them, one with several all of them.
+
+    Returns
+    -------
+    Namespace, Domain
+        The options and the domain. A name that the domain lacks ends the program as argparse does.
+    """
+    options = parser.parse_args(words)
+    from ator_ros.domains.domain import DomainError, find_domain
+
+    try:
+        domain = find_domain(options.domain)
     except DomainError as error:
         parser.error(str(error))
+    if options.__dict__.get("action_set") is not None:
+        check_names(parser, "action_set", [options.action_set], domain.action_sets)
+    for name, allowed in names.items():
+        there, given = list(allowed(domain)), getattr(options, name)
+        several = any(action.dest == name and action.nargs for action in parser._actions)
+        if given is None:
+            setattr(options, name, there if several else next(iter(there), None))
+        else:
+            check_names(parser, name, given if several else [given], there)
+    return options, domain
 
 
-def add_domain(parser: argparse.ArgumentParser) -> None:
-    """Add the option that names the domain."""
-    parser.add_argument(
-        "--domain", default=DEFAULT, metavar="NAME", help="an installed domain (default: %(default)s)"
-    )
+def check_names(
+    parser: argparse.ArgumentParser, option: str, given: Iterable[str], allowed: Iterable[str]
+) -> None:
+    """End the program as argparse does if one of the names that an option was given is none."""
+    there = list(allowed)
+    for name in given:
+        if name not in there:
+            flag = f"--{option.replace('_', '-')}"
+            parser.error(f"argument {flag}: expected one of {', '.join(there)}, got {name[:80]!r}")
+
+
+def policies() -> list[str]:
+    """Return the names of all policies that can be evaluated."""
+    from ator_ros.evaluation.policies import POLICIES
+
+    return list(POLICIES)
+
+
+def source_of(options: argparse.Namespace, **more: Any) -> ToolsetSource:
+    """Return the source of robot, actions and models that the options of `add_setting` name."""
+    from ator_ros.evaluation.toolset import ToolsetSource
+
+    given = {name: getattr(options, name) for name in ("domain", "robot", "action_set", "models")
+             if name in options}  # fmt: skip
+    return ToolsetSource(**(given | more))
 
 
 def add_parallel_options(parser: argparse.ArgumentParser) -> None:
@@ -103,14 +183,47 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
     """
     write_plainly()
     try:
-        with stopped_by_signals():
+        with stopped_by_signals(), told_once(program):
             return work()
     except KeyboardInterrupt:
         print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
-    except _EXPECTED as error:
+    except Exception as error:
+        if not isinstance(error, _expected()):
+            raise
         print(f"{program}: {error}", file=sys.stderr)
         return 1
+
+
+def _expected() -> tuple[type[Exception], ...]:
+    """Return the errors that a command tells in one line; they lie in modules that take long to import."""
+    from ator_ros.domains.domain import DomainError
+    from ator_ros.evaluation.errors import EvaluationError
+    from ator_ros.experience.errors import ExperienceError
+    from ator_ros.experience.parallel import BackendError
+    from ator_ros.performance.model_file import ModelFileError
+    from ator_ros.performance.training import TrainingError
+    from ator_ros.refinement.errors import RefinementError
+    from ator_ros.robot.description import ConfigError
+    from ator_ros.robot.probe_drive import DriveError
+
+    ours = (BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError)
+    return (*ours, ModelFileError, OSError, RefinementError, TrainingError)
+
+
+@contextlib.contextmanager
+def told_once(program: str) -> Iterator[None]:
+    """Tell a warning in one line, and of each kind of warning only the first."""
+    kinds: set[type[Warning]] = set()
+
+    def tell(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        if category not in kinds:
+            kinds.add(category)
+            print(f"{program}: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = tell
+        yield
 
 
 @contextlib.contextmanager
@@ -168,6 +281,11 @@ def executed(settings: Settings, options: argparse.Namespace, folder: Path) -> l
     folder : Path
         For partial results: the same call goes on where it was interrupted.
     """
+    from tqdm import tqdm
+
+    from ator_ros.evaluation.running import run_situations
+    from ator_ros.experience.parallel import cluster
+
     with cluster(options.cluster):
         return run_situations(
             settings,

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
-from ator_ros.nodes.machine import MachineError
-from ator_ros.robot.description import Robot, load_robot
-from ator_ros.tools.command_line import INTERRUPTED, destination, whole, write_plainly
-from ator_ros.tools.demo_report import DemoSituation, save_picture, table
-from ator_ros.tools.processes import NodeEndedError, all_nodes
+from ator_ros.tools.command_line import add_factor, add_models, destination, whole
 
-_FRAME = "odom"
 _LONGEST_DEMO = 200
 
 
@@ -28,77 +20,20 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
     parser.add_argument(
-        "--real-time-factor",
-        type=float,
-        default=0.0,
-        metavar="F",
-        help="simulated per real seconds; 0 (default): as fast as the robot is steered",
+        "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
     )
-    parser.add_argument("--models", default="", metavar="DIR", help="of other performance models")
+    add_factor(parser, 0.0)
+    add_models(parser)
     parser.add_argument("--out", type=destination, default=Path("build/demo.png"), metavar="FILE.png")
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; give the exit code."""
+    """Run the command line; return the exit code."""
     options = arguments().parse_args(argv)
-    write_plainly()
-    for number in (signal.SIGINT, signal.SIGTERM):  # also as a background job
-        signal.signal(number, signal.default_int_handler)
-    try:
-        from ator_ros.tools.demo_client import DemoError
-    except ImportError as error:
-        print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
-        return 1
-    robot = load_robot()
-    played: list[DemoSituation] = []
-    code = 0
-    try:
-        played.extend(_play(options, robot))
-    except KeyboardInterrupt:
-        print("interrupted")
-        code = INTERRUPTED
-    except (DemoError, MachineError, NodeEndedError) as error:
-        print(f"demo: {error}", file=sys.stderr)
-        code = 1
-    if played:
-        print(f"\n{table(played)}")
-        save_picture(options.out, robot, played)
-        print(f"\npaths: {options.out.resolve()}")
-    return code
+    from ator_ros.tools.work import demo as work
 
-
-def _play(options: argparse.Namespace, robot: Robot) -> Iterator[DemoSituation]:
-    """Start the nodes and play the situations one by one."""
-    from ator_ros.tools.demo_client import DemoClient
-
-    library = SOCCER.library(robot)
-    with all_nodes(options.real_time_factor, models=options.models) as nodes:
-        print(f"three nodes start on ROS domain {nodes.domain} …", flush=True)
-        with DemoClient(nodes.domain, nodes.check) as client:
-            client.ready()
-            for index in range(options.situations):
-                trial = random_trial(SOCCER, "shoot", library, seed=options.seed, index=index)
-                yield _both(client, trial, f"situation {index + 1} of {options.situations}")
-
-
-def _both(client: object, trial: Trial, name: str) -> DemoSituation:
-    """Play one situation naive and refined."""
-    from ator_ros.nodes.conversions import chain_of
-    from ator_ros.tools.demo_client import DemoClient
-
-    assert isinstance(client, DemoClient)
-    chain = open_speeds(trial.chain)
-    message = chain_of(chain, action_set="", frame=_FRAME)
-    answer = client.refine(trial.world, message)
-    client.place(trial.world)
-    print(f"{name}: naive ", end="", flush=True)
-    naive = client.execute(answer.original, refine=False)
-    client.place(trial.world)
-    print(f"{naive.total[1]:.2f} s, refined ", end="", flush=True)
-    refined = client.execute(message, refine=True)
-    print(f"{refined.total[1]:.2f} s", flush=True)
-    return DemoSituation(trial.world, chain, naive, refined)
+    return work.run(options)
 
 
 if __name__ == "__main__":

@@ -7,19 +7,21 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.policies import POLICIES
-from ator_ros.evaluation.running import RESUMES, describe, prediction_text, table_text
-from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.storage import PartialResults, write_result
-from ator_ros.evaluation.toolset import ToolsetSource, available_policies, make_toolset
 from ator_ros.files import portable_command
-from ator_ros.report.evaluation_page import write_report
-from ator_ros.tools.command_line import add_domain, add_parallel_options, domain_in, executed, guarded, whole
+from ator_ros.tools.command_line import (
+    RESUMES,
+    add_models,
+    add_parallel_options,
+    add_setting,
+    check_names,
+    guarded,
+    policies,
+    settled,
+    whole,
+)
 
 
-def arguments(domain: Domain) -> argparse.ArgumentParser:
+def arguments() -> argparse.ArgumentParser:
     """Return the command line of `evaluate`."""
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
     parser.add_argument("--situations", type=whole(), default=100, metavar="N")
@@ -42,12 +44,10 @@ def arguments(domain: Domain) -> argparse.ArgumentParser:
         help="leave out what is predicted to take S s longer than the best (default: execute all)",
     )
     parser.add_argument("--out", type=Path, default=Path("evaluation"), metavar="DIR")
-    add_domain(parser)
-    chains = list(domain.chains)
-    parser.add_argument("--chain", choices=chains, default=chains[0])
-    parser.add_argument("--action-set", choices=list(domain.action_sets), default="default")
-    parser.add_argument("--policies", nargs="+", choices=list(POLICIES), help="default: all that can be run")
-    parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")
+    add_setting(parser)
+    parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
+    parser.add_argument("--policies", nargs="+", metavar="NAME", help="default: all that can be run")
+    add_models(parser)
     parser.add_argument(
         "--experience",
         nargs="+",
@@ -59,56 +59,27 @@ def arguments(domain: Domain) -> argparse.ArgumentParser:
     return parser
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; give the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    options = arguments(domain_in("evaluate", words)).parse_args(words)
-    command = portable_command("evaluate", words)
-    return guarded("evaluate", lambda: _evaluate(options, command), interrupted=RESUMES)
-
-
-def _evaluate(options: argparse.Namespace, command: str) -> int:
-    if options.situations < 1:
-        raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
-    source = ToolsetSource(
-        domain=options.domain,
-        action_set=options.action_set,
-        models=options.models,
-        experience=tuple(options.experience),
-    )
-    tools = make_toolset(source)  # before anything is executed: a damaged file shall be told at once
-    policies, missing = available_policies(source)
-    for name, why in missing.items():
-        if options.policies is None:
-            print(f"evaluate: without the policy {name}: {why}", file=sys.stderr)
-        elif name in options.policies:
-            raise EvaluationError(f"--policies: {name} cannot be run: {why}")
-    wanted = policies if options.policies is None else tuple(options.policies)
-    settings = Settings(
-        seed=options.seed,
-        chain=options.chain,
-        policies=tuple(name for name in POLICIES if name in {*wanted, "naive"}),
-        oracle=options.oracle,
-        oracle_margin=options.oracle_margin,
-        oracle_speeds=tuple(options.oracle_speeds),
-        source=source,
-    )
-    records = executed(settings, options, options.out)
-    result = describe(settings, records, command)
-    path = write_result(options.out, result, records)
-    print(table_text(result["summary"]))
-    print(prediction_text(result["summary"]))
-    report = write_report(options.out, result, records, settings, tools)
-    PartialResults.remove(options.out)
-    print(f"wrote {path} and {report}")
-    return 0
-
-
 def _speed(text: str) -> float:
     value = float(text)
     if not 0.0 <= value <= 10.0:
         raise argparse.ArgumentTypeError(f"expected a speed from 0 to 10 m/s, got {text}")
     return value
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser = arguments()
+    options, _ = settled(parser, words, chain=lambda domain: domain.chains)
+    if options.policies is not None:
+        check_names(parser, "policies", options.policies, policies())
+
+    def run() -> int:
+        from ator_ros.tools.work import evaluate as work
+
+        return work.run(options, portable_command("evaluate", words))
+
+    return guarded("evaluate", run, interrupted=RESUMES)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
 from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy
-from ator_ros.performance.features import PAPER_3, PAPER_11, names_of
+from ator_ros.performance.features import PAPER_3, PAPER_11
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot, load_robot
@@ -30,9 +30,9 @@ PAPER = {"goToPose": (0.31, 0.75), "dribbleBall": (0.29, 0.73)}
 """The paper's mean absolute and root-mean-square errors in s; the first is of its goToBall routine."""
 
 LEARNED = {
-    "its 11, all examples at 10 Hz": (names_of(PAPER_11), Training(later_weight=1.0)),
-    "its 11, starts of episodes": (names_of(PAPER_11), Training()),
-    "the 3 its trees chose, starts": (names_of(PAPER_3), Training()),
+    "its 11, all examples at 10 Hz": (PAPER_11, Training(later_weight=1.0)),
+    "its 11, starts of episodes": (PAPER_11, Training()),
+    "the 3 its trees chose, starts": (PAPER_3, Training()),
 }
 """Candidate features and examples to learn from, by what the table calls them."""
 
@@ -51,7 +51,8 @@ def episodes_at_rest(action: str, action_set: str, count: int, seed: int, jobs: 
     """Return the examples of `count` episodes at rest of one action."""
     spec = SOCCER.actions(action_set)[action]
     spec = dataclasses.replace(spec, sample=functools.partial(at_rest, spec.sample))
-    return join(collect([spec], SOCCER.tops, load_robot(), episodes=count, seed=seed, jobs=jobs))
+    robot, tops, objects = load_robot(), SOCCER.tops, SOCCER.objects
+    return join(collect([spec], tops, robot, objects=objects, episodes=count, seed=seed, jobs=jobs))
 
 
 def document(options: argparse.Namespace, command: str) -> str:

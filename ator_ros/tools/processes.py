@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import subprocess
@@ -144,12 +145,20 @@ def own_nodes() -> Iterator[NodeProcesses]:
         reserved.__exit__(None, None, None)  # it would take an OSError of ours for one of its own
 
 
+def node_setting(options: argparse.Namespace) -> dict[str, str]:
+    """Return what the options of `add_setting` and `add_models` say, as `all_nodes` takes it."""
+    return {name: getattr(options, name) for name in ("models", "robot", "domain") if name in options}
+
+
 @contextmanager
-def all_nodes(real_time_factor: float, *, models: str = "") -> Iterator[NodeProcesses]:
-    """Start simulation, refinement and executor, with other performance models than ours where named."""
-    named = {"models": models} if models else {}
+def all_nodes(
+    real_time_factor: float, *, models: str = "", robot: str = "", domain: str = ""
+) -> Iterator[NodeProcesses]:
+    """Start simulation, refinement and executor, with another robot, domain or models where named."""
+    whose = {name: value for name, value in (("robot", robot), ("domain", domain)) if value}
+    named = {**whose, **({"models": models} if models else {})}
     with own_nodes() as nodes:
-        nodes.start("simulation", {"real_time_factor": real_time_factor, "command_wait": 1.0})
+        nodes.start("simulation", {"real_time_factor": real_time_factor, "command_wait": 1.0, **whose})
         nodes.start("refinement", named)
         patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
         nodes.start("executor", {**named, **patience})

@@ -3,30 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import pandas as pd
-
-from ator_ros.domains.domain import Domain
-from ator_ros.experience.sources import read_sources
-from ator_ros.experience.table import Experience, library_versions
-from ator_ros.experience.validation import FARTHEST
-from ator_ros.files import portable_command, reserved, write_text
-from ator_ros.performance.accuracy import accuracy, brier, kinds
-from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
-from ator_ros.performance.training import TrainingError, digest, train
-from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
-from ator_ros.robot.description import Robot
-from ator_ros.tools.command_line import add_domain, destination, domain_in, guarded
-
-_MODELS_BYTES = 1_000_000
+from ator_ros.files import portable_command
+from ator_ros.tools.command_line import add_setting, destination, guarded, settled
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -42,12 +24,13 @@ def arguments() -> argparse.ArgumentParser:
         default=[],
         help="other episodes, on which accuracy is measured (alone: of the models there are)",
     )
-    add_domain(parser)
+    add_setting(parser, action_set=False)
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument(
-        "--action-set", help="of odometry and commands that were recorded (tables and records know their own)"
+        "--action-set",
+        metavar="NAME",
+        help="of odometry and commands that were recorded (tables and records know their own)",
     )
-    parser.add_argument("--robot", type=Path, help="robot description (default: config/pioneer.yaml)")
     parser.add_argument(
         "--ablation", type=destination, metavar="FILE", help="write the feature ablation as Markdown"
     )
@@ -62,168 +45,25 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--measure", default="duration", help="whose rules (default: %(default)s)")
     parser.add_argument(
         "--situation", nargs="+", metavar="NAME=VALUE",
-        help=f"with --rules: only the rule for one situation, given by {', '.join(DIRECT_VARIABLES)}",
+        help="with --rules: only the rule for one situation, given by direct variables such as xg=1.5",
     )  # fmt: skip
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; give the exit code."""
+    """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    domain = domain_in("train", words)
     parser = arguments()
-    options = parser.parse_args(words)
+    options, domain = settled(parser, words)
     if not (options.experience or options.fresh or options.rules or options.report):
         parser.error("expected experience to learn from, --fresh, --rules or --report")
-    return guarded(
-        "train",
-        lambda: _run(domain, options, portable_command("train", words)),
-        interrupted="the models that were told of are written, no others",
-    )
 
+    def run() -> int:
+        from ator_ros.tools.work import train as work
 
-def _run(domain: Domain, options: argparse.Namespace, command: str) -> int:
-    robot = domain.robot(options.robot)
-    folder = options.models if options.models is not None else domain.shipped_models
-    if options.rules:
-        print(_rules(options, robot, folder))
-        return 0
-    if options.experience or options.fresh:
-        with reserved(folder, _MODELS_BYTES):
-            pass  # a full disk is told before the work
-    if options.experience:
-        _train(domain, options, robot, folder, command)
-    elif options.fresh:
-        _measure_again(options, robot, folder)
-    if options.report:
-        _report(options.report, robot, folder)
-    return 0
+        return work.run(options, domain, portable_command("train", words))
 
-
-def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
-    experience = _read(options.experience, robot, options.action_set)
-    rows, source = experience.frame, experience.metadata
-    fresh = Experience(rows[:0], {})
-    if options.fresh:
-        fresh = _read(options.fresh, robot, source["action_set"])
-    by_action = dict(iter(rows.groupby("action", sort=False)))
-    errors: list[str] = []
-    for action, examples in by_action.items():
-        # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
-        try:
-            model = train(action, examples, robot, features=domain.candidates(action, source["action_set"]))
-        except TrainingError as error:
-            errors.append(str(error))
-            continue
-        tests = fresh.frame[fresh.frame["action"] == action]
-        measured = _measure(model, tests, fresh.seed) if len(tests) else {}
-        training = {
-            "seed": source.get("seed"),
-            "command": source.get("command"),
-            "digest": digest(examples),
-            "episodes": int(examples["episode"].nunique()),
-            "examples": len(examples),
-            "train_command": command,
-        }
-        metadata = {
-            "action_set": source["action_set"],
-            "training": training,
-            "versions": library_versions(),
-            "accuracy": measured,
-        }
-        file = folder / model_path(action, source["action_set"])
-        save_model(file, dataclasses.replace(model, metadata=metadata))
-        print(f"{file}: {_summary(model, measured)}", flush=True)
-    if len(errors) == len(by_action):
-        raise TrainingError("; ".join(errors))
-    for missing in errors:
-        print(f"train: {missing}; the other actions are learned", file=sys.stderr)
-    if options.ablation and len(fresh.frame):
-        lines = ablation_table(by_action, dict(iter(fresh.frame.groupby("action"))), robot, seed=fresh.seed)
-        write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
-
-
-def _read(paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
-    experience = read_sources(paths, robot, action_set)
-    if left_out := experience.metadata["records_left_out"]:
-        print(f"train: left out {left_out} records with numbers that cannot be", file=sys.stderr)
-    return experience
-
-
-def _measure_again(options: argparse.Namespace, robot: Robot, folder: Path) -> None:
-    """Measure the models there are on fresh episodes; their trees stay as they are."""
-    fresh = _read(options.fresh, robot, options.action_set)
-    for action, tests in fresh.frame.groupby("action", sort=False):
-        file = folder / model_path(action, fresh.metadata["action_set"])
-        model = load_model(file, robot)
-        measured = _measure(model, tests, fresh.seed)
-        save_model(file, dataclasses.replace(model, metadata={**model.metadata, "accuracy": measured}))
-        print(f"{file}: {_summary(model, measured)}")
-
-
-def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
-    starts = fresh[fresh["t"] == 0.0]
-    parts = {name: accuracy(model, part, seed=seed) for name, part in kinds(starts) if part["success"].any()}
-    measured = parts.pop("at rest", {})
-    return {**measured, "kinds": parts, "success": brier(model, starts, seed=seed)}
-
-
-def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
-    tree = model.trees["duration"]
-    text = f"{tree.n_leaves} rules with {len(model.used_features)} features"
-    if measured:
-        text += (
-            f", MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s on {measured['episodes']} "
-            f"fresh episodes from rest"
-        )
-    return text
-
-
-def _rules(options: argparse.Namespace, robot: Robot, folder: Path) -> str:
-    by_file = options.rules.endswith(".json")
-    file = Path(options.rules)
-    if not by_file:
-        file = folder / model_path(options.rules, options.action_set or "default")
-    if not file.exists():
-        there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
-        raise ModelFileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
-    model = load_model(file, robot)
-    if options.measure not in model.trees:
-        raise ModelFileError(f"measure: expected one of {', '.join(model.trees)}, got {options.measure!r}")
-    if not options.situation:
-        return model.rules(options.measure)
-    return model.explain(_situation(options.situation), options.measure)
-
-
-def _situation(words: Sequence[str]) -> dict[str, float]:
-    """Read NAME=NUMBER words; direct variables that are not named are 0."""
-    situation = dict.fromkeys(DIRECT_VARIABLES, 0.0)
-    for word in words:
-        name, _, value = word.partition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if name not in situation or not abs(number) <= FARTHEST:
-            raise TrainingError(
-                f"situation: expected NAME=NUMBER with a name of {', '.join(DIRECT_VARIABLES)} "
-                f"and a number up to {FARTHEST:g}, got {word[:80]!r}"
-            )
-        situation[name] = number
-    return situation
-
-
-def _report(file: Path, robot: Robot, folder: Path) -> None:
-    found = sorted(filter(is_model, folder.rglob("*.json")))
-    models = [load_model(path, robot) for path in found]
-    models = [model for model in models if model.metadata["accuracy"]]
-    lines = [*accuracy_table(models), "", "## Success", "", *success_table(models)]
-    command = portable_command("train", ["--report", str(file)])
-    write_text(file, _document("Accuracy of the performance models", command, "\n".join(lines)))
-
-
-def _document(title: str, command: str, text: str) -> str:
-    return f"# {title}\n\nMade by `{command}`. Times in s, with 95 % bootstrap intervals.\n\n{text}\n"
+    return guarded("train", run, interrupted="the models that were told of are written, no others")
 
 
 if __name__ == "__main__":

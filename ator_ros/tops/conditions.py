@@ -151,6 +151,10 @@ class Condition:
         )
         return frozenset(name.partition(".")[0] for name in names) - _NO_OBJECTS
 
+    def about_objects(self) -> Condition:
+        """Return the terms that name an object."""
+        return Condition(tuple(term for term in self.terms if Condition((term,)).objects()))
+
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
         """Return in words which terms do not hold; an empty list means that the condition holds."""
         violations = (term.violation(state, goal) for term in self.terms)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from ator_ros.actions.base import Action
 from ator_ros.robot.description import Robot
+from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.tops.top import Top
 
 
@@ -22,6 +23,8 @@ class TopLibrary(Mapping[str, Top]):
         The TOPs on offer.
     actions : mapping
         Makers of the actions by name, each called with the robot.
+    ranges : mapping, optional
+        Ranges of the goal variables; by default those that robot and scene determine.
 
     Raises
     ------
@@ -36,9 +39,11 @@ class TopLibrary(Mapping[str, Top]):
         *,
         tops: Iterable[Top],
         actions: Mapping[str, Callable[[Robot], Action]],
+        ranges: Ranges = USUAL_RANGES,
     ) -> None:
         self.robot = robot
         self.action_set = action_set
+        self.ranges = ranges
         self._actions = dict(actions)
         self._tops = {top.name: top for top in tops}
         missing = sorted({top.action for top in self._tops.values()} - set(self._actions))

@@ -128,7 +128,7 @@ def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary)
         return f"refused: {kind_of(str(error))}"
     answer = answer_of(refinement, action_set="default", frame=FRAME, want_curve=request.want_curve)
     plan, chain = (conversions.chain_from(c, library, frame=FRAME) for c in (request.chain, answer.chain))
-    allowed_changes(plan, chain, library.robot)  # as the executor sees to it
+    allowed_changes(plan, chain, library.robot, library.ranges)  # as the executor sees to it
     return "refined" if refinement.refined else "left alone"
 
 
@@ -165,7 +165,8 @@ def main() -> None:
     options = parser.parse_args()
     robot = load_robot()
     began = time.monotonic()
-    counts = fuzz(options.requests, options.seed, Refiner(robot, load_models(robot)))
+    models = load_models(robot, SOCCER.known_features)
+    counts = fuzz(options.requests, options.seed, Refiner(robot, models, ranges=SOCCER.variables))
     report = {
         "command": "scripts/run python test/nodes/fuzz_refinement.py"
         f" --requests {options.requests} --seed {options.seed}",

@@ -34,7 +34,7 @@ class Hosted:
     """
 
     def __init__(
-        self, name: str, domain: int, said: Callable[[], str], *words: str, **parameters: object
+        self, name: str, domain: int, said: Callable[[], str], /, *words: str, **parameters: object
     ) -> None:
         pairs = ["{}:={}".format(*pair) for pair in parameters.items()]
         words += tuple(word for pair in pairs for word in ("-p", pair))

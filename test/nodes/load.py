@@ -15,7 +15,7 @@ from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
-from ator_ros.tools.requests import worst_request
+from ator_ros.tools.benchmarks.requests import worst_request
 
 
 def call(top: str, pose: Pose, opened: tuple[str, ...]) -> TopCall:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
 
-PATIENCE = 150.0
+PATIENCE = 30.0
 """Real seconds after which something that should have happened counts as missing."""
 
 

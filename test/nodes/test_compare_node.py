@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-from ator_ros.tools.compare import Compared, prediction_summary, summary
+from ator_ros.tools.work.compare import Compared, prediction_summary, summary
 
 
 @pytest.mark.node

@@ -16,7 +16,7 @@ from rclpy.task import Future
 from selection import few
 
 from ator_interfaces.action import ExecuteChain
-from ator_ros.tools.demo_client import DemoClient
+from ator_ros.tools.work.demo_client import DemoClient
 
 pytestmark = pytest.mark.node
 

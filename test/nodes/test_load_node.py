@@ -20,8 +20,8 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes.deferred_action import GOALS_AT_ONCE
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.refinement import PARAMETERS
-from ator_ros.tools.bench_service import resident_mib
-from ator_ros.tools.requests import worst_request
+from ator_ros.tools.benchmarks.requests import worst_request
+from ator_ros.tools.benchmarks.service import resident_mib
 
 pytestmark = pytest.mark.node
 

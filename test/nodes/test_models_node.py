@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
+import yaml
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros_client import Client
@@ -86,3 +88,18 @@ def test_a_robot_of_your_own_is_the_one_that_counts(
     assert "(and 2 more models of this set)" in status.message
     assert "models of default" in values
     assert "ANOTHER ROBOT" in node.output
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [("executor", "ready for chains"), ("refinement", "refining chains")]
+)
+def test_a_robot_without_a_holder_does_what_needs_none(
+    host: Host, tmp_path: Path, name: str, told: str
+) -> None:
+    robot = dataclasses.replace(load_robot(), name="plain", holder=None)
+    file = tmp_path / "plain.yaml"
+    file.write_text(yaml.safe_dump(robot.sections()), encoding="utf-8")
+    output = host(name, robot=file).output
+    assert told in output
+    assert ("dribbleBall needs a holder; robot plain has none" in output) is (name == "executor")
+    assert "goToPose needs" not in output

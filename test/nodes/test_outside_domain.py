@@ -50,6 +50,8 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     run("collect", "--episodes", 60, "--seed", 5, "--out", table, "--jobs", 1)
     assert "turnDriveTurn: 60 episodes" in capsys.readouterr().out
     run("train", table, "--models", models)
+    learned = json.loads((models / "turnDriveTurn.json").read_text())
+    assert learned["features"]["turned"] == "rad"  # the domain's own
     words = ("--situations", 2, "--policies", "naive", "refined", "--models", models)
     run("evaluate", *words, "--out", installed / "evaluation", "--jobs", 1)
     result = json.loads((installed / "evaluation" / "evaluation.json").read_text())

@@ -25,8 +25,8 @@ from ator_ros.nodes.bounded import bounded
 from ator_ros.nodes.checks import MOST_ITEMS, MessageError
 from ator_ros.nodes.refinement_answers import refused
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.bench_service import resident_mib
-from ator_ros.tools.requests import worst_request
+from ator_ros.tools.benchmarks.requests import worst_request
+from ator_ros.tools.benchmarks.service import resident_mib
 
 LIBRARY = SOCCER.library(load_robot())
 MEGABYTES = 10_000_000

@@ -42,10 +42,10 @@ def printed(command: str) -> dict[str, Any]:
 
 
 def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
-    models = load_models(ROBOT)
+    models = load_models(ROBOT, SOCCER.known_features)
     gate = load_gate(ROOT / "models" / model_path("gate", "default"))
     calibration = load_calibration_if_any(ROOT / "models")
-    refiner = Refiner(ROBOT, models, gate, calibration=calibration)
+    refiner = Refiner(ROBOT, models, gate, ranges=SOCCER.variables, calibration=calibration)
     found = completed(refining_of(request, refiner, LIBRARY, frame="odom"))
     return answer_of(found, action_set="default", frame="odom", want_curve=False)
 

@@ -19,6 +19,7 @@ from recorder import Recorder
 from ros_client import Client
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_from
@@ -114,7 +115,7 @@ def check_places(frame: pd.DataFrame, records: list[ActionPerformance], *, withi
 def test_records_of_the_executor_are_the_episodes(recording: Recording, tmp_path: Path) -> None:
     folder = recording.recorder.write(tmp_path / "bag", *TOPICS)
     assert (folder / "metadata.yaml").is_file()
-    experience = read_recording(folder, load_robot())
+    experience = read_recording(folder, load_robot(), SOCCER)
     for action in ("goToPose", "dribbleBall", "shoot"):
         records = [record for record in recording.records if record.action == action]
         episodes = experience.of(action)
@@ -125,7 +126,7 @@ def test_records_of_the_executor_are_the_episodes(recording: Recording, tmp_path
 
 def test_drives_are_found_in_odometry_and_commands(recording: Recording, tmp_path: Path) -> None:
     folder = recording.recorder.write(tmp_path / "bag", "/odom", "/cmd_vel")
-    drives = starts(read_recording(folder, load_robot()).of("goToPose")).head(DRIVES)
+    drives = starts(read_recording(folder, load_robot(), SOCCER).of("goToPose")).head(DRIVES)
     durations = [record.actual.duration for record in recording.drives]
     # A busy machine may plan for a while before the first command, which odometry can't show.
     for found, recorded in zip(drives["duration"], durations, strict=True):
@@ -142,6 +143,6 @@ def test_the_installed_train_learns_from_it(recording: Recording, tmp_path: Path
     )
     assert ended.returncode == 0, ended.stderr
     assert "dribbleBall: expected at least 20 episodes" in ended.stderr
-    model = load_model(models / "goToPose.json", load_robot())
+    model = load_model(models / "goToPose.json", load_robot(), SOCCER.known_features)
     assert model.metadata["training"]["episodes"] == DRIVES + TOUR + 1
     assert str(tmp_path) not in (models / "goToPose.json").read_text(encoding="utf-8")

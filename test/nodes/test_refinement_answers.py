@@ -30,7 +30,7 @@ def request(*calls: TopCall) -> RefineSubgoal.Request:
 
 def answered(asked: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Response:
     known = {action: model for action, model in models().items() if action not in without}
-    found = completed(refining_of(asked, Refiner(ROBOT, known), LIBRARY, frame="odom"))
+    found = completed(refining_of(asked, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom"))
     return answer_of(found, action_set="default", frame="odom", want_curve=False)
 
 

@@ -24,8 +24,8 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.bench_service import LIMIT_DELAY_MS
-from ator_ros.tools.requests import worst_request
+from ator_ros.tools.benchmarks.requests import worst_request
+from ator_ros.tools.benchmarks.service import LIMIT_DELAY_MS
 
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
@@ -35,7 +35,8 @@ DEADLINE = 0.05
 @pytest.fixture(scope="module")
 def refiner() -> Iterator[Refiner]:
     calibration = load_calibration_if_any(resource_path("models"))
-    made = Refiner(ROBOT, load_models(ROBOT), calibration=calibration)
+    models = load_models(ROBOT, SOCCER.known_features)
+    made = Refiner(ROBOT, models, ranges=SOCCER.variables, calibration=calibration)
     for request in (worst_request(), short_request(0)):  # everything once
         serialize_message(completed(served(made, request)))
     gc.collect()

@@ -19,6 +19,7 @@ from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.msg import TopCall
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.performance.model_file import load_models
@@ -153,7 +154,8 @@ def test_health_names_what_it_was_made_with(asker: Client) -> None:
 
 def test_generated_requests_are_answered_or_refused(models: Path) -> None:
     robot = load_robot()
-    counts = fuzz(1000, 502, Refiner(robot, load_models(robot, folder=models)))
+    learned = load_models(robot, SOCCER.known_features, folder=models)
+    counts = fuzz(1000, 502, Refiner(robot, learned, ranges=SOCCER.variables))
     refused = sum(count for kind, count in counts.items() if kind.startswith("refused: "))
     assert counts.total() == counts["refined"] + counts["left alone"] + refused
     assert min(counts["refined"], counts["left alone"], refused) > 100

@@ -6,9 +6,10 @@ import pytest
 
 from ator_ros.actions.base import Action, Goal, Status, Step
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.planned import planner, run_up, screening, turns, ways
+from ator_ros.domains.soccer.planned import planner, run_up, screening
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse
+from ator_ros.motion import displacements, ways
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
@@ -19,12 +20,12 @@ from ator_ros.world.state import STOP, World
 def test_a_second_rehearsal_finds_all_tables() -> None:
     robot = load_robot()
     library, predictor = SOCCER.library(robot), Predictor(robot, {})
-    kept = (turns._kept_headings, run_up._kept_table, ways._stored_table)
+    kept = (displacements._kept_headings, run_up._kept_table, ways._stored_table)
     rehearse(robot, library, predictor)
     before = [table.cache_info().misses for table in kept]
     assert min(before) > 0
     # Rates that only some speed of a start allows: their headings are there before one has it.
-    assert turns._kept_headings.cache_info().currsize > 20
+    assert displacements._kept_headings.cache_info().currsize > 20
     rehearse(robot, library, predictor)
     assert [table.cache_info().misses for table in kept] == before
 

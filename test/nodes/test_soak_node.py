@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-from ator_ros.tools.soak_report import NODES
+from ator_ros.tools.work.soak_report import NODES
 
 pytestmark = pytest.mark.node
 

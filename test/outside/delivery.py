@@ -10,7 +10,9 @@ from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.domain import Domain
-from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.performance.derived import Geometry
+from ator_ros.performance.features import Feature, variables
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
@@ -80,11 +82,20 @@ def two_visits(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> t
     return World(0.0, RobotState(_place(rng)), _parcel(rng)), TopChain(calls)
 
 
+def _turning(geometry: Geometry) -> FloatArray:
+    """Return the sum of both turns in rad: what this action does on the spot."""
+    return np.abs(geometry.to_dest) + np.abs(geometry.at_dest)
+
+
+TURNED = Feature("turned", "rad", variables("x y yaw xg yg yawg hold"), _turning)
+_FEATURES = ("dist", TURNED.name)
+
 DELIVERY = Domain(
     "delivery",
     tops=(VISIT,),
-    action_sets={"default": (ActionSpec("turnDriveTurn", TurnDriveTurn, drive),)},
+    action_sets={"default": (ActionSpec("turnDriveTurn", TurnDriveTurn, drive, _FEATURES),)},
     objects=("parcel",),
     bodies={"parcel": PARCEL},
     chains={"two_visits": two_visits},
+    features=(TURNED,),
 )

@@ -10,10 +10,11 @@ from ator_ros.domains.soccer import situations
 from ator_ros.domains.soccer.bezier.dribble_ball import BezierDribbleBall
 from ator_ros.domains.soccer.bezier.go_to_pose import BezierGoToPose
 from ator_ros.domains.soccer.bezier.shoot import BezierShoot
+from ator_ros.domains.soccer.features import SHOT
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.shoot import Shoot
-from ator_ros.performance.features import PAPER_3, SHOT, SIGNED, names_of
+from ator_ros.performance.features import PAPER_3, SIGNED, names_of
 
 # Chosen by `train --ablation`.
 _DRIVING = (*names_of(PAPER_3), "drive_time", "drive_turn", "v", "w_by_turn", "speedg", "hold")

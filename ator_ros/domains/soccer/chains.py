@@ -12,7 +12,8 @@ from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import ChainSampler
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.situations import CLEARANCE, SHORTEST, random_pose
+from ator_ros.domains.soccer.situations import SHORTEST, random_pose
+from ator_ros.domains.soccer.thresholds import ball_clearance
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
@@ -56,7 +57,7 @@ def _start(robot: Robot, rng: np.random.Generator) -> tuple[Pose, World]:
     """Draw a ball, and a robot at rest that does not touch it."""
     ball = random_pose(robot, rng)
     start = random_pose(robot, rng)
-    while start.distance(ball) < CLEARANCE:
+    while start.distance(ball) < ball_clearance(robot):
         start = random_pose(robot, rng)
     return ball, World(0.0, RobotState(start), {BALL: ObjectState(ball.x, ball.y)})
 

@@ -11,22 +11,19 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import BALL, objects_of
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
+from ator_ros.domains.soccer.thresholds import ball_clearance, greatest_arrival, line_margins
 from ator_ros.geometry import Pose
-from ator_ros.refinement.free_variables import ARRIVAL_SPEED
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState
 
-END_MARGIN = 0.9  # m that starts and goals keep from the goal lines, where the goals' posts are
-SIDE_MARGIN = 0.4  # m that they keep from the side lines
-CLEARANCE = 0.6  # m between the axle at the start and the ball, so that the two don't touch
 SHORTEST = 0.5  # m between start and goal
 SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line when a shot starts
 
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     """Draw a pose that lies well within the lines."""
-    area = robot.scene.area
-    half_length, half_width = area.length / 2 - END_MARGIN, area.width / 2 - SIDE_MARGIN
+    area, (at_end, at_side) = robot.scene.area, line_margins(robot)
+    half_length, half_width = area.length / 2 - at_end, area.width / 2 - at_side
     x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
     return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
@@ -35,9 +32,9 @@ def _share(rng: np.random.Generator, share: float) -> bool:
     return bool(rng.random() < share)
 
 
-def _speed(rng: np.random.Generator, share: float) -> float:
-    """Draw a speed in m/s that is not zero in `share` of the cases."""
-    speed = float(rng.uniform(0.0, ARRIVAL_SPEED))
+def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
+    """Draw a speed in m/s that the robot can do with a ball; it is not zero in `share` of the cases."""
+    speed = float(rng.uniform(0.0, greatest_arrival(robot)))
     return speed if _share(rng, share) else 0.0
 
 
@@ -49,7 +46,7 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     with_ball = _share(rng, 0.75) and robot.holder is not None
     goal = random_pose(robot, rng)
     start = random_pose(robot, rng)
-    while start.distance(goal) < (CLEARANCE if with_ball else SHORTEST):
+    while start.distance(goal) < (ball_clearance(robot) if with_ball else SHORTEST):
         start = random_pose(robot, rng)
     state = RobotState(start)
     if _share(rng, 1.0 / 7.0):
@@ -60,9 +57,8 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
         )
     if not with_ball:
         return Situation("goToPose", state, {}, Goal(goal, 0.0, Point.AXLE))
-    return Situation(
-        "goToPose", state, {BALL: ObjectState(goal.x, goal.y)}, Goal(goal, _speed(rng, 0.5), Point.HOLD)
-    )
+    arrival = Goal(goal, _speed(robot, rng, 0.5), Point.HOLD)
+    return Situation("goToPose", state, {BALL: ObjectState(goal.x, goal.y)}, arrival)
 
 
 def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, ObjectState]:
@@ -79,8 +75,9 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     ball = random_pose(robot, rng)
     while ball.distance(goal) < SHORTEST:
         ball = random_pose(robot, rng)
-    state, rolling = _holding(robot, robot.pose_holding(ball), _speed(rng, 0.5))
-    return Situation("dribbleBall", state, objects_of(rolling), Goal(goal, _speed(rng, 0.3), Point.HOLD))
+    state, rolling = _holding(robot, robot.pose_holding(ball), _speed(robot, rng, 0.5))
+    arrival = Goal(goal, _speed(robot, rng, 0.3), Point.HOLD)
+    return Situation("dribbleBall", state, objects_of(rolling), arrival)
 
 
 def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
@@ -90,7 +87,7 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     start = _shooting_pose(robot, rng)
     while touches_goals(np.array([start]), robot):
         start = _shooting_pose(robot, rng)
-    state, rolling = _holding(robot, start, _speed(rng, 0.5))
+    state, rolling = _holding(robot, start, _speed(robot, rng, 0.5))
     return Situation("shoot", state, objects_of(rolling), Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
 
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 
 from ator_ros.performance.tree.nodes import ModelTree
+from ator_ros.schema import SchemaError, Within, short, short_path, structured
+
+NonNegative = Annotated[float, Within(0.0)]
+_T = TypeVar("_T")
 
 # More would be no tree that anybody reads, and a damaged file shall not fill the memory.
 _MAX_NODES = 20_000
@@ -80,21 +84,55 @@ def tree_from_dict(data: object, *, names: Sequence[str] | None = None) -> Model
     ModelTreeFormatError
         If anything is missing, unknown, of another type or not finite.
     """
-    table = _fields(data, "tree", {"features", "root"})
-    stored = _names(table["features"])
+    table = _structured(data, _Tree, "tree")
+    stored = _names(table.features)
     if names is not None and stored != tuple(names):
         raise ModelTreeFormatError(f"features: expected {', '.join(names)}; got {', '.join(stored)}")
     reader = _Reader(stored)
-    waiting: list[tuple[object, str, int, int]] = [(table["root"], "root", -1, 0)]
+    waiting: list[tuple[Any, str, int, int]] = [(table.root, "root", -1, 0)]
     while waiting:
-        node, where, parent, side = waiting.pop()
-        number = reader.add(node, where)
+        data, where, parent, side = waiting.pop()
+        number, node = reader.add(data, where)
         if parent >= 0:
             reader.children[parent][side] = number
-        if isinstance(node, Mapping) and "feature" in node:
-            waiting += [(node["above"], f"{where}.above", number, 1)]
-            waiting += [(node["at_most"], f"{where}.at_most", number, 0)]
+        if isinstance(node, _Split):
+            waiting += [(node.above, f"{where}.above", number, 1)]
+            waiting += [(node.at_most, f"{where}.at_most", number, 0)]
     return reader.tree()
+
+
+@dataclass(frozen=True)
+class _Tree:
+    features: Any
+    root: Any
+
+
+@dataclass(frozen=True)
+class _Split:
+    samples: NonNegative
+    feature: str
+    threshold: float
+    at_most: Any
+    above: Any
+
+
+@dataclass(frozen=True)
+class _Leaf:
+    samples: NonNegative
+    intercept: float
+    slopes: dict[str, float]
+    range: tuple[float | None, ...]
+    spread: NonNegative
+
+    def bounds(self) -> tuple[float, float]:
+        """Return the least and the greatest prediction; infinite where there is no bound."""
+        if len(self.range) != 2:
+            raise ValueError(f": expected two numbers or nulls; got {short(list(self.range))}")
+        lower, upper = self.range
+        low = -math.inf if lower is None else lower
+        if upper is not None and upper < low:
+            raise ValueError(f"[1]: expected a finite number of at least {low:g}; got {upper:g}")
+        return low, math.inf if upper is None else upper
 
 
 @dataclass(eq=False)
@@ -106,47 +144,35 @@ class _Reader:
     slopes: list[list[float]] = field(default_factory=list)
     children: list[list[int]] = field(default_factory=list)
 
-    def add(self, node: object, where: str) -> int:
+    def add(self, data: object, where: str) -> tuple[int, _Split | _Leaf]:
         """Check a node and append it; `where` is its path, for errors."""
         number = len(self.rows)
         if number == _MAX_NODES:
-            raise ModelTreeFormatError(f"{_short(where)}: expected at most {_MAX_NODES} nodes, got more")
+            raise ModelTreeFormatError(f"{short_path(where)}: expected at most {_MAX_NODES} nodes, got more")
         self.children.append([number, number])
-        if isinstance(node, Mapping) and "feature" in node:
-            self._add_split(node, where)
-        else:
-            self._add_leaf(node, where)
-        return number
-
-    def _add_split(self, node: object, where: str) -> None:
-        table = _fields(node, where, {"samples", "feature", "threshold", "at_most", "above"})
-        column = self._column(table["feature"], f"{where}.feature")
-        threshold = _number(table["threshold"], f"{where}.threshold")
-        samples = _number(table["samples"], f"{where}.samples", least=0.0)
-        self.rows.append((column, threshold, 0.0, 0.0, 0.0, 0.0, samples))
-        self.slopes.append([0.0] * len(self.names))
-
-    def _add_leaf(self, node: object, where: str) -> None:
-        table = _fields(node, where, {"samples", "intercept", "slopes", "range", "spread"})
-        if not isinstance(table["slopes"], Mapping):
-            raise _wrong(f"{where}.slopes", "a table of slopes by feature", table["slopes"])
+        if isinstance(data, Mapping) and "feature" in data:
+            split = _structured(data, _Split, where)
+            column = self._column(split.feature, f"{where}.feature")
+            self.rows.append((column, split.threshold, 0.0, 0.0, 0.0, 0.0, split.samples))
+            self.slopes.append([0.0] * len(self.names))
+            return number, split
+        leaf = _structured(data, _Leaf, where)
         slopes = [0.0] * len(self.names)
-        for name, slope in table["slopes"].items():
-            slopes[self._column(name, f"{where}.slopes")] = _number(slope, f"{where}.slopes.{name}")
-        bounds = table["range"]
-        if not isinstance(bounds, list) or len(bounds) != 2:
-            raise _wrong(f"{where}.range", "two numbers or nulls", bounds)
-        lower = -math.inf if bounds[0] is None else _number(bounds[0], f"{where}.range[0]")
-        upper = math.inf if bounds[1] is None else _number(bounds[1], f"{where}.range[1]", least=lower)
-        intercept = _number(table["intercept"], f"{where}.intercept")
-        spread = _number(table["spread"], f"{where}.spread", least=0.0)
-        samples = _number(table["samples"], f"{where}.samples", least=0.0)
-        self.rows.append((0, 0.0, intercept, lower, upper, spread, samples))
+        for name, slope in leaf.slopes.items():
+            slopes[self._column(name, f"{where}.slopes")] = slope
+        try:
+            lower, upper = leaf.bounds()
+        except ValueError as error:
+            raise ModelTreeFormatError(f"{short_path(where)}.range{error}") from error
+        self.rows.append((0, 0.0, leaf.intercept, lower, upper, leaf.spread, leaf.samples))
         self.slopes.append(slopes)
+        return number, leaf
 
-    def _column(self, name: object, where: str) -> int:
-        if not isinstance(name, str) or name not in self.names:
-            raise _wrong(where, f"one of {', '.join(self.names)}", name)
+    def _column(self, name: str, where: str) -> int:
+        if name not in self.names:
+            raise ModelTreeFormatError(
+                f"{short_path(where)}: expected one of {', '.join(self.names)}; got {short(name)}"
+            )
         return self.names.index(name)
 
     def tree(self) -> ModelTree:
@@ -167,41 +193,18 @@ class _Reader:
 
 
 def _names(value: object) -> tuple[str, ...]:
-    if not isinstance(value, list) or not value or not all(isinstance(name, str) and name for name in value):
-        raise _wrong("features", "a list of names", value)
-    if len(value) > _MAX_NAMES:
+    if isinstance(value, list) and len(value) > _MAX_NAMES:  # before anything is built of them
         raise ModelTreeFormatError(f"features: expected at most {_MAX_NAMES} names, got {len(value)}")
-    if len(set(value)) != len(value):
-        raise _wrong("features", "every name once", value)
-    return tuple(value)
+    names = _structured(value, tuple[str, ...], "features")
+    if not names or "" in names:
+        raise ModelTreeFormatError(f"features: expected a list of names; got {short(value)}")
+    if len(set(names)) != len(names):
+        raise ModelTreeFormatError(f"features: expected every name once; got {short(value)}")
+    return names
 
 
-def _fields(value: object, where: str, expected: set[str]) -> Mapping[str, Any]:
-    """Check that a value is a table with exactly these fields."""
-    if not isinstance(value, Mapping):
-        raise _wrong(where, f"a table with {', '.join(sorted(expected))}", value)
-    missing, unknown = expected - set(value), set(value) - expected
-    if missing or unknown:
-        found = [f"missing {', '.join(sorted(missing))}"] if missing else []
-        found += [f"unknown {', '.join(sorted(map(str, unknown)))}"] if unknown else []
-        raise ModelTreeFormatError(
-            f"{_short(where)}: expected the fields {', '.join(sorted(expected))}; {' and '.join(found)}"
-        )
-    return value
-
-
-def _number(value: object, where: str, *, least: float = -math.inf) -> float:
-    """Check that a value is a finite number, at least `least`."""
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or value < least:  # type: ignore[arg-type, operator]
-        wanted = "a finite number" if least == -math.inf else f"a finite number of at least {least:g}"
-        raise _wrong(where, wanted, value)
-    return float(value)  # type: ignore[arg-type]
-
-
-def _wrong(where: str, expected: str, value: object) -> ModelTreeFormatError:
-    return ModelTreeFormatError(f"{_short(where)}: expected {expected}; got {_short(repr(value))}")
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 200 else f"{text[:80]} … {text[-80:]}"
+def _structured(data: object, schema: type[_T], where: str) -> _T:
+    try:
+        return structured(data, schema, where, closed=True)
+    except SchemaError as error:
+        raise ModelTreeFormatError(str(error)) from error

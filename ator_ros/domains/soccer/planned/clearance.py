@@ -8,9 +8,9 @@ import numpy as np
 
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.goals import touches_goals
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
-from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.geometry import FloatArray, Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState
 

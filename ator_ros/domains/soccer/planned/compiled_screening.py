@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
 from ator_ros.domains.soccer.planned.clearance import STRIDE
-from ator_ros.domains.soccer.planned.compiled_motion import (
+from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.motion.compiled_manoeuvre import (
     PIECES,
     Bounds,
     End,
@@ -18,8 +19,7 @@ from ator_ros.domains.soccer.planned.compiled_motion import (
     speed_pieces,
     turn_pieces,
 )
-from ator_ros.domains.soccer.planned.trajectory import DT
-from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.motion.trajectory import DT
 
 DOUBT = 1e-8
 """m, s or m/s within which the exact look decides."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides
 from ator_ros.domains.soccer.planned.holding_action import HoldingAction
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.planner import fastest
-from ator_ros.domains.soccer.planned.planning import Planning
-from ator_ros.domains.soccer.planned.ways import ways_to_drive
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.planning import Planning
+from ator_ros.motion.ways import ways_to_drive
 from ator_ros.world.state import World
 
 

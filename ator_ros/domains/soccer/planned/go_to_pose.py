@@ -8,19 +8,18 @@ import math
 from ator_ros.actions.base import Goal, Point, Status, Step
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.planned.clearance import Obstacles
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import fastest, free_sides, run_sides
-from ator_ros.domains.soccer.planned.planning import Planning
-from ator_ros.domains.soccer.planned.ways import ways_to_drive
+from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.planning import Planning
+from ator_ros.motion.ways import ways_to_drive
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, World
 
-RUN = 0.25  # straight stretch behind the ball, twice the fins' length, in m
-BALL_MARGIN = 0.04
-_CAUGHT = 0.06
-_MOVED = 0.04
+_BALL_MARGIN = 0.04  # m
+_MOVED = 0.04  # m
 
 
 class GoToPose(PlannedAction):
@@ -39,7 +38,8 @@ class GoToPose(PlannedAction):
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
         rest = self._rest(world)
-        at_goal = rest is not None and math.hypot(rest.x - goal.pose.x, rest.y - goal.pose.y) < 2 * _CAUGHT
+        near = 2.0 * caught_within(self.robot)
+        at_goal = rest is not None and math.hypot(rest.x - goal.pose.x, rest.y - goal.pose.y) < near
         self._approach = goal.point is Point.HOLD and at_goal
         super().start(world, goal)
 
@@ -49,10 +49,10 @@ class GoToPose(PlannedAction):
         if self._approach and rest is not None:
             self.goal = dataclasses.replace(self.goal, pose=Pose(rest.x, rest.y, self.goal.pose.yaw))
         self._planned_for = rest
-        run = RUN if self._approach else 0.0
+        run = approach_run(self.robot) if self._approach else 0.0
         exits = (run_sides if run else free_sides)(self.plan_limits, self.goal.speed, run)
         entries = free_sides(self.plan_limits, world.robot.v, 0.0)
-        obstacles = Obstacles(rest, BALL_MARGIN, run)
+        obstacles = Obstacles(rest, _BALL_MARGIN, run)
         ways = yield from ways_to_drive(entries, exits, self.plan_limits)
         return (yield from fastest(self.robot, world.robot.pose, self.target(), ways, obstacles))
 
@@ -70,7 +70,7 @@ class GoToPose(PlannedAction):
         if (
             self._approach
             and step.status is Status.SUCCEEDED
-            and self.robot.hold_offset(world, BALL) > _CAUGHT
+            and self.robot.hold_offset(world, BALL) > caught_within(self.robot)
         ):
             return self.replan(world, "the ball is not in front")
         return step

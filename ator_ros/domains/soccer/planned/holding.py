@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 from ator_ros.domains.soccer.ball import BALL
-from ator_ros.domains.soccer.planned.manoeuvre import Side
-from ator_ros.domains.soccer.planned.turns import TurnDriving
+from ator_ros.motion.displacements import TurnDriving
+from ator_ros.motion.manoeuvre import Side
 from ator_ros.robot.description import Limits, Robot
 
 MARGIN = 0.05  # m/s^2 of push that is always left
-LOST = 0.15  # m off its place at which the ball counts as lost
+# Turn rates, speeds and changes of speed as shares of the limits for dribbling.
 _RATES = (1.0, 0.83, 0.67, 0.5, 0.33)
+_SLOW_RATES = (0.17, 0.08, 0.04)  # of robots that lose the ball in faster turns
 _ENTRY_SPEEDS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8)
-_ENTRY_CHANGES = (0.0, 0.2, 0.4, 0.6, 0.77)
+_MOST_GAINED = 0.9625  # what plans may use of a limit is a little more
+_ENTRY_GAINS = (0.0, 0.25, 0.5, 0.75, _MOST_GAINED)
 _EXIT_SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
-_EXIT_CHANGES = (0.0, 0.25, 0.45)
+_EXIT_LOSSES = (0.0, 0.5, 0.9)
 _RUN_UP_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
-_RUN_UP_CHANGES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.77)
+_RUN_UP_GAINS = (*(step / 16 for step in range(15)), _MOST_GAINED)
 _RUN_UP_RATES = tuple(1.0 - 0.02 * step for step in range(40))
 _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
+_DIGITS = 6  # of m/s and m/s^2: the same ways to drive have the same numbers, by which tables are kept
 
 
 def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
@@ -37,14 +41,26 @@ def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
     return acceleration - robot.hold * w * w + resistance
 
 
+def fastest_rate(robot: Robot, v: float, acceleration: float, slower: int = 0) -> float:
+    """Return the greatest turn rate in rad/s, of some, that keeps the ball at `v` (m/s) and an acceleration.
+
+    Where none does, the least of them: a robot so weak loses the ball in any turn. `slower` is a number of
+    steps to a slower rate, or a faster one where it is negative.
+    """
+    fastest = robot.holder_for("pushing a ball").limits.w
+    rates = [rate * fastest for rate in (*_RATES, *_SLOW_RATES)]
+    kept = (step for step, w in enumerate(rates) if push(robot, v, w, acceleration) >= MARGIN)
+    return rates[min(max(next(kept, len(rates)) + slower, 0), len(rates) - 1)]
+
+
 @lru_cache(maxsize=256)
 def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
     """Return the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn."""
     sides = []
     for rate in _RATES[::2]:
-        for v in sorted({*_ENTRY_SPEEDS, speed}):
+        for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
             lead = _straight(limits, speed, v)
-            for change in _ENTRY_CHANGES:
+            for change in _shares(_ENTRY_GAINS, _gain(robot)):
                 turn = TurnDriving(v, change, rate * limits.w)
                 if push(robot, v, turn.turn_rate, change) >= MARGIN:
                     sides.append(Side(lead, speed, turn))
@@ -55,9 +71,9 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
 def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
     """Return the ways to begin a run-up at `speed` (m/s): straight, then turn as fast as the ball allows."""
     sides = []
-    for v in sorted({*_RUN_UP_SPEEDS, speed}):
+    for v in sorted({*_shares(_RUN_UP_SPEEDS, limits.v), speed}):
         lead = _straight(limits, speed, v)
-        for change in _RUN_UP_CHANGES:
+        for change in _shares(_RUN_UP_GAINS, _gain(robot)):
             turns = (TurnDriving(v, change, rate * limits.w) for rate in _RUN_UP_RATES)
             kept = (turn for turn in turns if push(robot, v, turn.turn_rate, change) >= MARGIN)
             sides += [Side(lead, speed, turn) for turn in itertools.islice(kept, 1)]
@@ -67,7 +83,8 @@ def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]
 @lru_cache(maxsize=256)
 def release_sides(robot: Robot, limits: Limits) -> tuple[Side, ...]:
     """Return the ways to end at full speed with the ball: turn at a constant speed, then run up straight."""
-    turns = (TurnDriving(v, 0.0, rate * limits.w) for v in _RELEASE_SPEEDS for rate in _RATES[::2])
+    speeds = _shares(_RELEASE_SPEEDS, limits.v)
+    turns = (TurnDriving(v, 0.0, rate * limits.w) for v in speeds for rate in _RATES[::2])
     return tuple(
         Side(_straight(limits, turn.speed, limits.v), limits.v, turn)
         for turn in turns
@@ -80,13 +97,22 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
     """Return the ways to end at `speed` (m/s) with the ball: turn, perhaps slower, then brake straight."""
     sides = []
     for rate in _RATES:
-        for v in sorted({*_EXIT_SPEEDS, speed} - {0.0}):
+        for v in sorted({*_shares(_EXIT_SPEEDS, limits.v), speed} - {0.0}):
             run = _straight(limits, v, speed)
-            for change in _EXIT_CHANGES:
+            for change in _shares(_EXIT_LOSSES, limits.brake):
                 turn = TurnDriving(v, change, rate * limits.w)
                 if push(robot, v, turn.turn_rate, -change) >= MARGIN:
                     sides.append(Side(run, speed, turn))
     return tuple(sides)
+
+
+def _gain(robot: Robot) -> float:
+    """Return the greatest gain of speed with the ball in m/s^2."""
+    return min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
+
+
+def _shares(shares: Sequence[float], limit: float) -> list[float]:
+    return [round(share * limit, _DIGITS) for share in shares]
 
 
 def _straight(limits: Limits, v1: float, v2: float) -> float:

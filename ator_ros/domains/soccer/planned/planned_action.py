@@ -8,13 +8,13 @@ from abc import abstractmethod
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
-from ator_ros.domains.soccer.planned.opening import opening_of
 from ator_ros.domains.soccer.planned.pause import Pause
-from ator_ros.domains.soccer.planned.planning import Planning, Search
 from ator_ros.domains.soccer.planned.tracker import Tracker
-from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.opening import opening_of
+from ator_ros.motion.planning import Planning, Search
+from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import Command, World
 

@@ -9,8 +9,6 @@ import numpy as np
 
 from ator_ros.actions.base import ActionError
 from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear, is_free
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre, Side, closed
-from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.screening import (
     Verdict,
     look_points,
@@ -18,10 +16,12 @@ from ator_ros.domains.soccer.planned.screening import (
     screened,
     screening_points,
 )
-from ator_ros.domains.soccer.planned.search import find_candidates
-from ator_ros.domains.soccer.planned.turns import TurnDriving
-from ator_ros.domains.soccer.planned.ways import Ways
 from ator_ros.geometry import Pose
+from ator_ros.motion.displacements import TurnDriving
+from ator_ros.motion.manoeuvre import Manoeuvre, Side, closed
+from ator_ros.motion.planning import Planning
+from ator_ros.motion.search import find_candidates
+from ator_ros.motion.ways import Ways
 from ator_ros.robot.description import Limits, Robot
 
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)

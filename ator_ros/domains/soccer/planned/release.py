@@ -10,9 +10,9 @@ import numpy as np
 
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
-from ator_ros.domains.soccer.planned.profiles import straight_times
 from ator_ros.geometry import BoolArray, FloatArray, Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.profiles import straight_times
 from ator_ros.robot.description import Limits, Robot
 
 SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
@@ -152,6 +152,12 @@ def _rolling_time(robot: Robot, speed: Any, way: Any) -> FloatArray:
     deceleration = robot.scene.objects[BALL].rolling_deceleration
     left = np.sqrt(np.maximum(speed * speed - 2.0 * deceleration * way, 0.0))
     return np.asarray((speed - left) / deceleration)
+
+
+def usual_release(robot: Robot) -> float:
+    """Return how far before the goal line, in m, a ball is let go at full speed; negative: behind it."""
+    speed, radius = robot.holder_for("a shot").limits.v, robot.scene.objects[BALL].radius
+    return round(_roll(robot) * speed * speed - radius, 2)
 
 
 def _roll(robot: Robot) -> float:

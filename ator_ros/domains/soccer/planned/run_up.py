@@ -16,15 +16,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.domains.soccer.planned.bundle import Bundle, side_table
 from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre, Side
-from ator_ros.domains.soccer.planned.planning import Planning
-from ator_ros.domains.soccer.planned.profiles import straight_times, turn_times
 from ator_ros.domains.soccer.planned.release import SLANT, may_score, release
 from ator_ros.domains.soccer.planned.screening import look_points, portions, screening_points, touching
-from ator_ros.domains.soccer.planned.turns import TurnDriving, displacement_table, speeds_after
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
+from ator_ros.motion.bundle import Bundle, side_table
+from ator_ros.motion.displacements import TurnDriving, displacement_table, speeds_after
+from ator_ros.motion.manoeuvre import Manoeuvre, Side
+from ator_ros.motion.planning import Planning
+from ator_ros.motion.profiles import straight_times, turn_times
 from ator_ros.robot.description import Limits, Robot
 
 _BLOCK = 16  # entries in a portion of work

@@ -15,9 +15,7 @@ from ator_ros.compiled import COMPILES
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import wall_distances
-from ator_ros.domains.soccer.planned.bundle import Bundle, closed_bundle, courses
 from ator_ros.domains.soccer.planned.clearance import STRIDE, Obstacles, ball_distances
-from ator_ros.domains.soccer.planned.compiled_motion import Bounds, End
 from ator_ros.domains.soccer.planned.compiled_screening import (
     BACKWARD,
     DOUBT,
@@ -27,8 +25,10 @@ from ator_ros.domains.soccer.planned.compiled_screening import (
     judge,
     touch,
 )
-from ator_ros.domains.soccer.planned.trajectory import DT
 from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.motion.bundle import Bundle, closed_bundle, courses
+from ator_ros.motion.compiled_manoeuvre import Bounds, End
+from ator_ros.motion.trajectory import DT
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState
 

@@ -11,12 +11,12 @@ from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.holding import release_sides, run_up_sides
 from ator_ros.domains.soccer.planned.holding_action import HoldingAction
-from ator_ros.domains.soccer.planned.manoeuvre import Manoeuvre
 from ator_ros.domains.soccer.planned.planner import fastest
-from ator_ros.domains.soccer.planned.planning import Planning
 from ator_ros.domains.soccer.planned.release import release_poses, rolling_time, scoring_time
 from ator_ros.domains.soccer.planned.run_up import run_up
-from ator_ros.domains.soccer.planned.ways import ways_to_drive
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.planning import Planning
+from ator_ros.motion.ways import ways_to_drive
 from ator_ros.world.state import World
 
 _PATIENCE = 2.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ator_ros.domains.soccer.planned.trajectory import Trajectory
 from ator_ros.geometry import Pose
+from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, RobotState, World
 

@@ -1,0 +1,185 @@
+"""What is declared of an action that somebody else's action server executes. Nothing here knows ROS."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from ator_ros.actions.base import Action, ActionError, Goal, Step
+from ator_ros.robot.description import Robot
+from ator_ros.schema import require
+from ator_ros.world.state import World
+
+Scalar = bool | int | float | str
+Source = Literal["goal", "goal.x", "goal.y", "goal.yaw", "goal.speed", "frame"]
+"""What a field of the server's goal is filled from: the goal's pose, one of its variables, or the frame."""
+_SERVER = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
+_TYPE = re.compile(r"[a-z]\w*/action/[A-Z]\w*")
+_PATH = re.compile(r"[a-z]\w*(\[0\])?(\.[a-z]\w*(\[0\])?)*", re.ASCII)
+_LONGEST = 86_400.0
+
+
+def _check_path(path: str) -> None:
+    require(bool(_PATH.fullmatch(path)), "field", "names joined by dots, [0] for the item of a list", path)
+
+
+@dataclass(frozen=True, slots=True)
+class Filling:
+    """How one field of the server's goal is filled: from the goal, or with a constant.
+
+    Attributes
+    ----------
+    field : str
+        The field: names joined by dots. [0] makes the only item of a sequence, as in poses[0].pose.
+    source : str or None
+        See `Source`.
+    constant : bool, int, float, str or None
+        The value itself.
+    frame : str or None
+        With the source "goal": the pose's frame; None: the frame that the node estimates the state in.
+
+    Raises
+    ------
+    ValueError
+        There are two values, or none, or a frame without a pose.
+    """
+
+    field: str
+    source: Source | None = None
+    constant: Scalar | None = None
+    frame: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check that there is one value."""
+        _check_path(self.field)
+        both = [name for name in (self.source, self.constant) if name is not None]
+        require(len(both) == 1, "source, constant", "one of the two", both)
+        require(
+            self.frame is None or self.source == "goal", "frame", "none without `source: goal`", self.frame
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """A field of a server's result and the value that means success."""
+
+    field: str
+    equals: Scalar
+
+    def __post_init__(self) -> None:
+        """Check the name of the field."""
+        _check_path(self.field)
+
+
+@dataclass(frozen=True, slots=True)
+class Success:
+    """What a server answers when it has succeeded.
+
+    Attributes
+    ----------
+    status : tuple of str
+        Final states of its goal that mean success.
+    fields : tuple of Expectation
+        What its result must say.
+    reason : str or None
+        A field of the result that says why it failed; it is quoted where it did.
+    """
+
+    status: tuple[Literal["succeeded", "aborted", "canceled"], ...] = ("succeeded",)
+    fields: tuple[Expectation, ...] = ()
+    reason: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check that some state means success."""
+        require(bool(self.status), "status", "at least one state", list(self.status))
+        if self.reason is not None:
+            _check_path(self.reason)
+
+
+@dataclass(frozen=True, slots=True)
+class Timeouts:
+    """How long a server may take.
+
+    Attributes
+    ----------
+    server : float
+        Real s without a server, before the goal is sent and while it is executed.
+    acceptance : float
+        Real s from the goal until it is accepted or rejected.
+    result : float
+        s, by the stamps of the states, from the acceptance until the result.
+    cancel : float
+        Real s from a cancellation until the server says that the goal has ended.
+    """
+
+    server: float = 2.0
+    acceptance: float = 2.0
+    result: float = 120.0
+    cancel: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check that all are positive."""
+        for name in ("server", "acceptance", "result", "cancel"):
+            value = getattr(self, name)
+            require(0.0 < value <= _LONGEST, name, f"a time in s above 0, at most {_LONGEST:g}", value)
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteCall:
+    """An action server, and how its goal and its result are to be understood.
+
+    Attributes
+    ----------
+    server : str
+        Its name: relative to the node's namespace, or absolute.
+    type : str
+        Its type, as in nav2_msgs/action/NavigateToPose, which is imported at run time.
+    goal : tuple of Filling
+        How fields of its goal are filled; the others keep their defaults.
+    success : Success
+        What its result means.
+    timeouts : Timeouts
+        How long it may take.
+    """
+
+    server: str
+    type: str
+    goal: tuple[Filling, ...]
+    success: Success = dataclasses.field(default_factory=Success)
+    timeouts: Timeouts = dataclasses.field(default_factory=Timeouts)
+
+    def __post_init__(self) -> None:
+        """Check the names."""
+        require(bool(_SERVER.fullmatch(self.server)), "server", "the name of an action server", self.server)
+        require(bool(_TYPE.fullmatch(self.type)), "type", "a type as in a_package/action/AType", self.type)
+        fields = [filling.field for filling in self.goal]
+        require(bool(fields), "goal", "at least one field", fields)
+        require(len(set(fields)) == len(fields), "goal", "each field once", fields)
+
+
+class UnreachableAction(Action):
+    """An action on a server that cannot be used, as without ROS: it never starts.
+
+    Parameters
+    ----------
+    robot : Robot
+        As for all actions.
+    why : str
+        A sentence on why it cannot be used.
+    """
+
+    name = "remote"
+
+    def __init__(self, robot: Robot, why: str = "its action server can be used over ROS only") -> None:
+        super().__init__(robot)
+        self._why = why
+
+    def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
+        """Raise ActionError."""
+        raise ActionError(self._why)
+
+    def step(self, world: World) -> Step:  # noqa: ARG002
+        """Raise ActionError: it has not started."""
+        raise ActionError(self._why)

@@ -1,0 +1,149 @@
+"""What the YAML file of a domain declares; each class is one kind of entry."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.remote import RemoteCall
+from ator_ros.files import is_name
+from ator_ros.robot.description import Robot
+from ator_ros.schema import require
+from ator_ros.tops.conditions import Condition, Statement, Term
+from ator_ros.tops.ranges import USUAL_RANGES, Range
+from ator_ros.tops.state import GOAL_VARIABLES
+from ator_ros.tops.top import Top
+from ator_ros.world.sources import ObjectSource
+
+_ROBOT = (*(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w")), "hold.x", "hold.y")
+_GOAL = tuple(f"goal.{name}" for name in GOAL_VARIABLES)
+
+
+def _check_name(name: str, field: str = "name") -> None:
+    require(is_name(name), field, "a name of letters, digits and _", name)
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredTop:
+    """A TOP; see `Top`. Its conditions are lists of terms with a tolerance or a range (low, high)."""
+
+    name: str
+    action: str
+    pre: tuple[Statement, ...] = ()
+    post: tuple[Statement, ...] = ()
+    point: Literal["axle", "hold"] = "axle"
+    settles: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the name, and that the post-condition says what the TOP is for."""
+        _check_name(self.name)
+        require(bool(self.post), "post", "at least one term: success is the post-condition", list(self.post))
+        require(0.0 <= self.settles <= 60.0, "settles", "a time in s from 0 to 60", self.settles)
+
+    def check(self, objects: tuple[str, ...]) -> None:
+        """Make sure that the terms name what there is; raises ValueError."""
+        variables = (*_ROBOT, *(f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy")))
+        for part in ("pre", "post"):
+            for number, term in enumerate(getattr(self, part)):
+                where, target = f"{part}[{number}]", term.target
+                _check_variable(f"{where}.variable", term.variable, variables)
+                if isinstance(target, str):
+                    _check_variable(f"{where}.target", target, (*variables, *_GOAL))
+                if isinstance(term, Term):
+                    good, least = term.tolerance >= 0.0, "a number that is not negative"
+                    require(good, f"{where}.tolerance", least, term.tolerance)
+
+    def made(self) -> Top:
+        """Return the TOP."""
+        pre, post = Condition(self.pre), Condition(self.post)
+        return Top(self.name, self.action, pre, post, Point(self.point), self.settles)
+
+
+def _check_variable(field: str, name: str, known: tuple[str, ...]) -> None:
+    require(name in known, field, f"one of {', '.join(known)}", name)
+
+
+@dataclass(frozen=True, slots=True)
+class LocalAction:
+    """The action of the same name in a set of an installed domain."""
+
+    domain: str
+    action_set: str = "default"
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredAction:
+    """An action: of an installed domain, or on an action server."""
+
+    name: str
+    local: LocalAction | None = None
+    remote: RemoteCall | None = None
+
+    def __post_init__(self) -> None:
+        """Check that it is one of both."""
+        _check_name(self.name)
+        given = [kind for kind in ("local", "remote") if getattr(self, kind) is not None]
+        require(len(given) == 1, "local, remote", "one of the two", given)
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredVariable:
+    """A goal variable that refinement may change where a plan opens it, and its bounds (m, rad, m/s)."""
+
+    name: Literal["x", "y", "yaw", "speed"]
+    low: float | None = None
+    high: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the bounds."""
+        both = (self.low, self.high)
+        require((self.low is None) == (self.high is None), "low, high", "both or neither", both)
+        if self.low is None or self.high is None:
+            return
+        require(self.low < self.high, "high", f"a number above low, {self.low:g}", self.high)
+        angle = self.name != "yaw" or max(abs(self.low), abs(self.high)) <= math.pi
+        require(angle, "low, high", "angles from -3.1416 to 3.1416 rad", both)
+        require(self.name != "speed" or self.low >= 0.0, "low", "a speed that is not negative", self.low)
+
+    def range(self, robot: Robot, goal: Goal) -> Range:
+        """Return the values that it may take; a speed is at most what `robot` is searched with."""
+        usual = USUAL_RANGES[self.name](robot, goal)
+        if self.low is None or self.high is None:
+            return usual
+        low, high = self.low, self.high
+        if self.name == "speed":
+            low, high = min(low, usual.high), min(high, usual.high)
+        rest = None if usual.rest is None else min(max(usual.rest, low), high)
+        return dataclasses.replace(usual, low=low, high=high, periodic=False, rest=rest)
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredDomain:
+    """A whole file."""
+
+    name: str
+    tops: tuple[DeclaredTop, ...]
+    actions: tuple[DeclaredAction, ...]
+    objects: tuple[ObjectSource, ...] = ()
+    variables: tuple[DeclaredVariable, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that names come once, and that TOPs name actions and objects that there are."""
+        _check_name(self.name)
+        for part in ("tops", "actions", "objects", "variables"):
+            names = [entry.name for entry in getattr(self, part) or ()]
+            twice = sorted({name for name in names if names.count(name) > 1})
+            require(not twice, part, "each name once", ", ".join(twice))
+        require(bool(self.tops), "tops", "at least one", list(self.tops))
+        actions = [action.name for action in self.actions]
+        objects = tuple(item.name for item in self.objects)
+        for number, top in enumerate(self.tops):
+            where = f"tops[{number}]"
+            require(top.action in actions, f"{where}.action", f"one of {', '.join(actions)}", top.action)
+            try:
+                top.check(objects)
+            except ValueError as error:
+                raise ValueError(f"{where}.{error}") from error

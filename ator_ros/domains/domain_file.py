@@ -1,0 +1,71 @@
+"""A domain as a YAML file: objects, TOPs and goal variables as data, actions of others by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ator_ros.actions.remote import UnreachableAction
+from ator_ros.actions.situation import Situation
+from ator_ros.actions.specification import ActionSpec
+from ator_ros.domains.declared import DeclaredAction, DeclaredDomain
+from ator_ros.domains.domain import DEFAULT_SET, Domain, DomainError, find_domain, installed_domains
+from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
+from ator_ros.robot.description import Robot
+from ator_ros.schema import SchemaError, structured
+from ator_ros.tops.ranges import USUAL_RANGES
+
+_LARGEST = 200_000
+"""Bytes of a file; one with a dozen TOPs has 5 kB."""
+
+
+def read_domain(path: Path) -> Domain:
+    """Read a domain from a YAML file (docs/remote_actions.md describes it).
+
+    Raises
+    ------
+    DomainError
+        The file cannot be used; the message names file, field, what was expected and what came.
+    """
+    try:
+        declared = structured(read_yaml(path, largest=_LARGEST), DeclaredDomain, closed=True)
+    except UnreadableYamlError as error:
+        raise DomainError(str(error)) from error
+    except SchemaError as error:
+        raise DomainError(f"{path}: {error}") from error
+    if declared.name in installed_domains():
+        raise DomainError(
+            f"{path}: name: expected none of the installed domains, whose models have that name, "
+            f"got {declared.name!r}"
+        )
+    variables = declared.variables
+    return Domain(
+        declared.name,
+        tops=tuple(top.made() for top in declared.tops),
+        action_sets={
+            DEFAULT_SET: tuple(
+                _spec(action, f"{path}: actions[{number}]") for number, action in enumerate(declared.actions)
+            )
+        },
+        objects=tuple(item.name for item in declared.objects),
+        chains={},
+        sources=declared.objects,
+        variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
+    )
+
+
+def _spec(action: DeclaredAction, where: str) -> ActionSpec:
+    if action.local is None:
+        return ActionSpec(action.name, UnreachableAction, _never_simulated, remote=action.remote)
+    try:
+        found = find_domain(action.local.domain).actions(action.local.action_set)
+    except DomainError as error:
+        raise DomainError(f"{where}.local: {error}") from error
+    if action.name not in found:
+        raise DomainError(f"{where}.name: expected one of {', '.join(found)}, got {action.name!r}")
+    return found[action.name]
+
+
+def _never_simulated(_robot: Robot, _rng: np.random.Generator) -> Situation:
+    raise DomainError("an action on a server cannot be simulated: it is observed where the executor runs it")

@@ -1,0 +1,106 @@
+"""Soccer's own features: ideal times of driving to a ball, dribbling and shooting, and what aims a shot."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from ator_ros.domains.soccer.families import approach_family, dribble_family, shot_family
+from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.planned.release import usual_release
+from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.motion.families import Family, drive_family
+from ator_ros.motion.ideal_times import Motions
+from ator_ros.performance.derived import Geometry
+from ator_ros.performance.features import Feature, variables
+
+# The ideal shots, nine of them; the action itself chooses among more: where into the goal's mouth, in shares
+# of its width from the middle, in which direction (rad).
+_AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
+
+
+def drive(geometry: Geometry) -> Motions:
+    """Return the fastest ideal motion without the ball, or up to it where the goal is to hold one."""
+    holding = geometry.direct["hold"] > 0.5
+    if holding.all():
+        return _to_goal(geometry, approach_family(geometry.robot))
+    plain = _to_goal(geometry, drive_family(geometry.robot.limits))
+    if not holding.any():
+        return plain
+    approach = _to_goal(geometry, approach_family(geometry.robot))
+    return Motions(np.where(holding, approach.time, plain.time), np.where(holding, approach.turn, plain.turn))
+
+
+def dribble(geometry: Geometry) -> Motions:
+    """Return the fastest ideal motion with the ball."""
+    return _to_goal(geometry, dribble_family(geometry.robot))
+
+
+def _to_goal(geometry: Geometry, family: Family) -> Motions:
+    return geometry.fastest_to(
+        family, *geometry.destination, geometry.direct["yawg"], geometry.direct["speedg"]
+    )
+
+
+def shot(geometry: Geometry) -> Motions:
+    """Return the fastest ideal motion with the ball to a run, at full speed, into the goal's mouth."""
+    d, robot = geometry.direct, geometry.robot
+    back, width = usual_release(robot) + robot.hold, field_of(robot).goal_width
+    heading = np.where(d["xg"] > 0.0, 0.0, np.pi) + _SHOTS
+    x = d["xg"] - back * np.cos(heading)
+    y = d["yg"] + width * _AIMS - back * np.sin(heading)
+    fastest = robot.holder_for("a shot").limits.v
+    return geometry.fastest_to(shot_family(robot), x, y, heading, fastest + 0.0 * x)
+
+
+def _from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
+    """Return the way in m, along x and y, from the hold at the start to the goal's position."""
+    d, hold = geometry.direct, geometry.robot.hold
+    dx = d["xg"] - d["x"] - hold * np.cos(d["yaw"])
+    dy = d["yg"] - d["y"] - hold * np.sin(d["yaw"])
+    return dx, dy
+
+
+def hold_dist(geometry: Geometry) -> FloatArray:
+    """Return the distance in m from the hold at the start to the goal's position."""
+    dx, dy = geometry.once(_from_hold)
+    return np.asarray(np.sqrt(dx * dx + dy * dy))
+
+
+def hold_bearing(geometry: Geometry) -> FloatArray:
+    """Return the bearing in rad, in the world, of the goal's position seen from the hold at the start."""
+    dx, dy = geometry.once(_from_hold)
+    return np.arctan2(dy, dx)
+
+
+def hold_angle(geometry: Geometry) -> FloatArray:
+    """Return the signed angle in rad from the heading to the goal's position, seen from the hold."""
+    return wrap_angles(geometry.once(hold_bearing) - geometry.direct["yaw"])
+
+
+_TO_POSE = variables("x y yaw v w xg yg yawg speedg hold")
+_TO_MOUTH = variables("x y yaw xg yg")
+
+MOTIONS = (
+    Feature("drive_time", "s", _TO_POSE, lambda g: g.once(drive).time, ideal=True),
+    Feature("drive_turn", "rad", _TO_POSE, lambda g: g.once(drive).turn, described=True),
+    Feature("dribble_time", "s", _TO_POSE, lambda g: g.once(dribble).time, ideal=True),
+    Feature("dribble_turn", "rad", _TO_POSE, lambda g: g.once(dribble).turn, described=True),
+)
+"""Ideal times at the robot's limits, and the angles turned on the way."""
+
+SHOT = (
+    Feature("hold_dist", "m", _TO_MOUTH, hold_dist),
+    Feature("hold_angle", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_angle))),
+    Feature(
+        "shot_time", "s", _TO_MOUTH | {"v", "w"}, lambda g: g.once(shot).time,
+        translation=False, rotation=False, ideal=True,
+    ),
+    Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_bearing)), rotation=False),
+    Feature(
+        "heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"])),
+        rotation=False,
+    ),
+)  # fmt: skip
+"""Of a ball that is held and a goal whose heading doesn't matter, on the field's x axis."""

@@ -1,0 +1,1 @@
+"""Figures of the paper, whose domain is soccer."""

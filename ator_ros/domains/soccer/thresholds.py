@@ -1,0 +1,53 @@
+"""Lengths and speeds that depend on the robot, each derived from its description in this one place."""
+
+from __future__ import annotations
+
+from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.ranges import ARRIVAL_SPEED
+from ator_ros.robot.description import Robot
+
+_BODY_ROOM = 0.1  # m between a robot and what it must not touch
+_LEAST_END_MARGIN = 0.9
+_LEAST_SIDE_MARGIN = 0.4
+_LEAST_CLEARANCE = 0.6
+
+
+def approach_run(robot: Robot) -> float:
+    """Return the length in m of the straight run up to a ball: twice the fins that catch it, and 1 cm."""
+    return 2.0 * robot.holder_length + 0.01
+
+
+def passing_distance(robot: Robot) -> float:
+    """Return the distance in m that a robot's axle keeps from a ball beside its way."""
+    return robot.half_width + robot.scene.objects[BALL].radius + _BODY_ROOM
+
+
+def caught_within(robot: Robot) -> float:
+    """Return the distance in m from the hold within which a ball is caught: half the fins' length."""
+    return 0.5 * robot.holder_length
+
+
+def lost_beyond(robot: Robot) -> float:
+    """Return the distance in m from the hold beyond which a ball is lost: it is out of the fins by then."""
+    return 1.25 * robot.holder_length
+
+
+def ball_clearance(robot: Robot) -> float:
+    """Return the distance in m between axle and ball at which the two don't touch, whatever the heading."""
+    return max(_LEAST_CLEARANCE, robot.reach + robot.scene.objects[BALL].radius + _BODY_ROOM)
+
+
+def line_margins(robot: Robot) -> tuple[float, float]:
+    """Return the distances in m that starts and goals keep from the goal lines and from the side lines.
+
+    A robot of any size has room to turn there, also with a ball in front, and is clear of the posts.
+    """
+    room = robot.reach + _BODY_ROOM
+    with_ball = robot.hold + (robot.holder.radius if robot.holder else 0.0)
+    return max(_LEAST_END_MARGIN, room + with_ball), max(_LEAST_SIDE_MARGIN, robot.half_width + _BODY_ROOM)
+
+
+def greatest_arrival(robot: Robot) -> float:
+    """Return the greatest speed in m/s at which a robot may arrive at a ball, or with it."""
+    with_ball = robot.holder.limits.v if robot.holder else robot.limits.v
+    return min(ARRIVAL_SPEED, robot.limits.v, with_ball)

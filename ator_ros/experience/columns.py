@@ -1,0 +1,52 @@
+"""The columns of experience: those of the robot and its goal, and two for each object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+MOST_OBJECTS = 16
+"""Objects that a situation or a table may hold."""
+STATE_COLUMNS = ("t", "x", "y", "yaw", "v", "w")
+"""Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s."""
+
+_BEFORE = {
+    "action": "name of the action",
+    "episode": "number of the episode within its action",
+    "t": "s since the start of the episode",
+    "x": "m, axle",
+    "y": "m, axle",
+    "yaw": "rad",
+    "v": "m/s, forward",
+    "w": "rad/s, counter-clockwise",
+}
+_AFTER = {
+    "xg": "m, goal of the axle (hold 0) or of the hold (hold 1)",
+    "yg": "m, goal of the axle (hold 0) or of the hold (hold 1)",
+    "yawg": "rad, heading at the goal",
+    "speedg": "m/s, forward speed at the goal",
+    "hold": "1: the place in the robot's front where it holds objects shall come to (xg, yg); 0: the axle",
+    "time_to_go": "s until the action ended",
+    "duration": "s, of the whole episode",
+    "success": "the action ended well and did what it is for",
+    "reason": "how the episode ended",
+    "position_error": "m, at the end",
+    "heading_error": "rad, at the end; NaN where the heading does not matter",
+}
+
+
+def columns(objects: Iterable[str]) -> dict[str, str]:
+    """Return name and meaning of each column of a table with these objects; SI units, world frame."""
+    places = {name: f"m, NaN without {name.rpartition('_')[0]}" for name in object_columns(objects)}
+    return {**_BEFORE, **places, **_AFTER}
+
+
+def object_columns(objects: Iterable[str]) -> list[str]:
+    """Return the names of the columns of objects: NAME_x and NAME_y of each, in m, NaN where unknown."""
+    return [f"{name}_{axis}" for name in objects for axis in "xy"]
+
+
+def objects_of_columns(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the objects whose two columns are among `names`, in their order."""
+    there = list(names)
+    found = (name.removesuffix("_x") for name in there if name.endswith("_x") and name != "_x")
+    return tuple(name for name in found if f"{name}_y" in there)

@@ -1,0 +1,112 @@
+"""Turns driven while the speed changes: where the robot ends up.
+
+A turn by an angle starts and ends without rotation; meanwhile the speed changes by a constant acceleration,
+up to the limit. The same displacement, taken backward in time, belongs to a turn that ends a motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ator_ros.geometry import FloatArray
+from ator_ros.motion.profiles import turn_progress, turn_times
+from ator_ros.robot.description import Limits
+
+_POINTS, _OVER_TWO = np.polynomial.legendre.leggauss(16)
+NODES, WEIGHTS = (_POINTS + 1.0) / 2.0, _OVER_TWO / 2.0
+"""Gauss-Legendre over [0, 1]; 16 nodes give the displacement of a full turn to 0.1 mm."""
+
+
+class TurnDriving(NamedTuple):
+    """How a turn is driven.
+
+    Attributes
+    ----------
+    speed : float
+        Speed at the start of the turn in m/s.
+    acceleration : float
+        Constant acceleration during the turn in m/s^2.
+    turn_rate : float
+        Greatest turn rate in rad/s.
+    """
+
+    speed: float
+    acceleration: float
+    turn_rate: float
+
+
+def speeds_after(start: Any, acceleration: Any, times: FloatArray, v: float) -> FloatArray:
+    """Return the speeds (m/s) after `times` of constant acceleration, held at the limit `v`."""
+    return np.asarray(np.clip(start + acceleration * times, -v, v))
+
+
+def displacements(angles: FloatArray, driving: TurnDriving, limits: Limits) -> FloatArray:
+    """Return where turns by `angles` end, seen from where they start.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n,)
+        Signed angles in rad.
+    driving : TurnDriving
+        How the turns are driven: numbers, or arrays of shape (n, 1) where each turn is driven in its own way.
+    limits : Limits
+        Greatest speed and turn acceleration.
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        Forward and leftward displacement in m in the frame of the start.
+    """
+    headings = _headings(angles, driving.turn_rate, limits.aw)
+    return _driven(headings, driving.speed, driving.acceleration, limits)
+
+
+class _Headings(NamedTuple):
+    """What the turn rate decides: times in s, (n, 1), those of the nodes, cosine and sine, (n, 16)."""
+
+    times: FloatArray
+    nodes: FloatArray
+    cosines: FloatArray
+    sines: FloatArray
+
+
+def _headings(angles: FloatArray, turn_rate: Any, aw: float) -> _Headings:
+    times = turn_times(angles[:, None], turn_rate, aw)
+    headings = angles[:, None] * turn_progress(NODES, angles, turn_rate, aw)
+    return _Headings(times, times * NODES, np.cos(headings), np.sin(headings))
+
+
+def _driven(along: _Headings, speed: Any, acceleration: Any, limits: Limits) -> FloatArray:
+    weighted = speeds_after(speed, acceleration, along.nodes, limits.v) * WEIGHTS * along.times
+    return np.stack(((weighted * along.cosines).sum(axis=-1), (weighted * along.sines).sum(axis=-1)), axis=-2)
+
+
+@lru_cache(maxsize=128)
+def _kept_headings(angles: bytes, turn_rate: float, aw: float) -> _Headings:
+    return _headings(np.frombuffer(angles), turn_rate, aw)
+
+
+def displacement_table(
+    angles: FloatArray, ways: Sequence[TurnDriving], limits: Limits, kept: NDArray[np.intp] | None = None
+) -> FloatArray:
+    """Compute `displacements` for several ways to drive, shape (ways, 2, n), of the `kept` angles or all.
+
+    What a turn rate decides is kept: rates are few, speeds are not, as every start in motion has its own.
+    """
+    count = len(angles) if kept is None else len(kept)
+    grid, table = angles.tobytes(), np.empty((len(ways), 2, count))
+    rates = np.array([way.turn_rate for way in ways])
+    numbers = np.array([way[:2] for way in ways])[:, :, None, None]
+    for rate in sorted(set(rates.tolist())):
+        which = rates == rate
+        speeds, accelerations = np.moveaxis(numbers[which], 1, 0)
+        headings = _kept_headings(grid, rate, limits.aw)
+        if kept is not None:
+            headings = _Headings(*(part[kept] for part in headings))
+        table[which] = _driven(headings, speeds, accelerations, limits)
+    return table

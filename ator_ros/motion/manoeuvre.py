@@ -1,0 +1,163 @@
+"""A manoeuvre: straight lead, turn, straight drive, turn, straight run, each as fast as the limits allow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ator_ros.geometry import Pose
+from ator_ros.motion.displacements import TurnDriving, displacements
+from ator_ros.motion.profiles import Piece, straight_pieces, turn_pieces, turn_times
+from ator_ros.robot.description import Limits
+
+TOLERANCE = 1e-7
+"""Distance in m within which the drive of a closed manoeuvre meets the last turn."""
+STEPS = 12
+"""Steps of the secant method after which a manoeuvre counts as one that cannot be closed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """How one end of a manoeuvre is driven, seen from that end (at the goal: backward in time).
+
+    Attributes
+    ----------
+    length : float
+        Straight stretch at this end in m.
+    outer_speed : float
+        Speed at the very end in m/s.
+    turn : TurnDriving
+        How the turn next to the stretch is driven, from this end.
+    """
+
+    length: float
+    outer_speed: float
+    turn: TurnDriving
+
+
+@dataclass(frozen=True, slots=True)
+class Manoeuvre:
+    """The five phases between two poses.
+
+    Attributes
+    ----------
+    start, goal : Pose
+        Both ends in the world frame.
+    entry, exit : Side
+        How the ends are driven.
+    first, last : float
+        Signed angles of the two turns in rad.
+    distance : float
+        Signed length of the straight drive between the turns in m (negative: backward).
+    limits : Limits
+        Speeds and accelerations of the plan.
+    """
+
+    start: Pose
+    goal: Pose
+    entry: Side
+    exit: Side
+    first: float
+    last: float
+    distance: float
+    limits: Limits
+
+    @property
+    def duration(self) -> float:
+        """Planned time in s."""
+        return sum(piece.duration for piece in self.speed_pieces())
+
+    def is_forward(self) -> bool:
+        """Return whether the robot never drives backward."""
+        return all(piece.end >= -1e-6 for piece in self.speed_pieces() if piece.duration > 0.0)
+
+    def speed_pieces(self) -> list[Piece]:
+        """Return the translational velocity over time."""
+        opening = _turn_speeds(self.first, self.entry.turn, self.limits)
+        closing = [
+            Piece(p.duration, p.end, p.start) for p in _turn_speeds(self.last, self.exit.turn, self.limits)
+        ]
+        closing.reverse()
+        v1 = opening[-1].end
+        v2 = closing[0].start
+        return [
+            *straight_pieces(self.entry.length, self.entry.outer_speed, self.entry.turn.speed, self.limits),
+            *opening,
+            *straight_pieces(self.distance, v1, v2, self.limits),
+            *closing,
+            *straight_pieces(self.exit.length, self.exit.turn.speed, self.exit.outer_speed, self.limits),
+        ]
+
+    def turn_pieces(self) -> list[Piece]:
+        """Return the rotational velocity over time."""
+        aw = self.limits.aw
+        opening = _turn_speeds(self.first, self.entry.turn, self.limits)[-1].end
+        closing = _turn_speeds(self.last, self.exit.turn, self.limits)[-1].end
+
+        def idle(distance: float, v1: float, v2: float) -> Piece:
+            return Piece(sum(p.duration for p in straight_pieces(distance, v1, v2, self.limits)), 0.0, 0.0)
+
+        return [
+            idle(self.entry.length, self.entry.outer_speed, self.entry.turn.speed),
+            *turn_pieces(self.first, self.entry.turn.turn_rate, aw),
+            idle(self.distance, opening, closing),
+            *turn_pieces(self.last, self.exit.turn.turn_rate, aw),
+            idle(self.exit.length, self.exit.turn.speed, self.exit.outer_speed),
+        ]
+
+
+def closed(manoeuvre: Manoeuvre) -> Manoeuvre | None:
+    """Solve for the first turn that makes the manoeuvre meet its goal, near the one it has.
+
+    Returns None where the secant method does not converge.
+    """
+
+    def gap(first: float) -> tuple[float, float]:
+        return _lateral_gap(manoeuvre, first)
+
+    x0, x1 = manoeuvre.first, manoeuvre.first + 1e-4
+    (f0, _), (f1, distance) = gap(x0), gap(x1)
+    for _ in range(STEPS):
+        if abs(f1) < TOLERANCE:
+            last = manoeuvre.last - (x1 - manoeuvre.first)
+            return Manoeuvre(
+                manoeuvre.start, manoeuvre.goal, manoeuvre.entry, manoeuvre.exit,
+                x1, last, distance, manoeuvre.limits,
+            )  # fmt: skip
+        if f1 == f0:
+            return None
+        step = float(np.clip(-f1 * (x1 - x0) / (f1 - f0), -0.2, 0.2))
+        x0, f0 = x1, f1
+        x1 += step
+        f1, distance = gap(x1)
+    return None
+
+
+def _lateral_gap(manoeuvre: Manoeuvre, first: float) -> tuple[float, float]:
+    """Return how far the straight drive misses the last turn sideways, and its length, both in m."""
+    start, goal, limits = manoeuvre.start, manoeuvre.goal, manoeuvre.limits
+    entry, exit_ = manoeuvre.entry, manoeuvre.exit
+    last = manoeuvre.last - (first - manoeuvre.first)
+    one = displacements(np.array([first]), entry.turn, limits)[:, 0]
+    two = displacements(np.array([-last]), exit_.turn, limits)[:, 0]
+    begin = start.compose(Pose(entry.length + float(one[0]), float(one[1]), first))
+    end = goal.compose(Pose(-exit_.length - float(two[0]), -float(two[1]), 0.0))
+    dx, dy = end.x - begin.x, end.y - begin.y
+    c, s = math.cos(start.yaw + first), math.sin(start.yaw + first)
+    return c * dy - s * dx, c * dx + s * dy
+
+
+def _turn_speeds(angle: float, turn: TurnDriving, limits: Limits) -> list[Piece]:
+    """Return the speed during a turn, from its end of the manoeuvre inward."""
+    total = float(turn_times(angle, turn.turn_rate, limits.aw))
+    if turn.acceleration == 0.0:
+        return [Piece(total, turn.speed, turn.speed)]
+    bound = math.copysign(limits.v, turn.acceleration)
+    ramp = min(total, max(0.0, (bound - turn.speed) / turn.acceleration))
+    reached = turn.speed + turn.acceleration * ramp
+    pieces = [Piece(ramp, turn.speed, reached)]
+    if ramp < total:
+        pieces.append(Piece(total - ramp, reached, reached))
+    return pieces

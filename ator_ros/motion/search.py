@@ -1,0 +1,231 @@
+"""The search for the fastest manoeuvre between two poses, over all combinations of two sides."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.motion.bundle import Bundle
+from ator_ros.motion.displacements import speeds_after
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.planning import Planning
+from ator_ros.motion.profiles import speed_change_distances, straight_times, turn_times
+from ator_ros.motion.ways import GRID, HALF, STEP, Ways, least_times
+
+_Parts: TypeAlias = tuple[FloatArray, FloatArray]
+RANK_POINTS = 4
+"""Least cost of ranking candidates in points; see `planning`."""
+_BRACKETS_A_POINT = 50_000
+_CANDIDATES_A_POINT = 800
+_ROUNDING = 1e-9  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Manoeuvres found between two poses, fastest first.
+
+    Attributes
+    ----------
+    entries, exits : ndarray of int, shape (n,)
+        Which sides they combine.
+    first, last, distance, times : ndarray, shape (n,)
+        Turns in rad, straight drive in m, durations in s (to the grid's accuracy).
+    slack : ndarray, shape (n,)
+        How much longer the drive is than its change of speed needs, in m; negative: it overshoots.
+    """
+
+    start: Pose
+    goal: Pose
+    ways: Ways
+    entries: NDArray[np.intp]
+    exits: NDArray[np.intp]
+    first: FloatArray
+    last: FloatArray
+    distance: FloatArray
+    times: FloatArray
+    slack: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __getitem__(self, index: int) -> Manoeuvre:
+        return Manoeuvre(
+            self.start,
+            self.goal,
+            self.ways.entry_sides[self.entries[index]],
+            self.ways.exit_sides[self.exits[index]],
+            float(self.first[index]),
+            float(self.last[index]),
+            float(self.distance[index]),
+            self.ways.limits,
+        )
+
+    def bundle(self, which: NDArray[np.intp]) -> Bundle:
+        """Return the manoeuvres of the indices `which`, shape (n,)."""
+        return Bundle(
+            self.start,
+            np.repeat(np.array(self.goal)[:, None], len(which), axis=1),
+            self.ways.entry_table[:, self.entries[which]],
+            self.ways.exit_table[:, self.exits[which]],
+            self.first[which],
+            self.last[which],
+            self.distance[which],
+            self.ways.limits,
+        )
+
+
+def find_candidates(
+    start: Pose, goal: Pose, ways: Ways, least_slack: float = -math.inf, longest: float = math.inf
+) -> Planning[Candidates]:
+    """Find all manoeuvres from `start` to `goal` that the ways allow.
+
+    For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the
+    last turn. Its roots are bracketed on a grid of first turns, where the parts of both sides just add.
+    Those with less slack than `least_slack` (m) are left out, and most of those that take more than
+    `longest` s: what takes longer without the drive is not tried.
+    """
+    offset = start.relative(goal)
+    lanes = np.stack((offset.x * np.cos(GRID) + offset.y * np.sin(GRID),
+                      offset.y * np.cos(GRID) - offset.x * np.sin(GRID)))  # fmt: skip
+    found: list[tuple[NDArray[Any], ...]] = []
+    # A change of speed of robots that only drive forward takes room: drives that lack it need not be ranked.
+    least_drive = least_slack if ways.forward else -math.inf
+    fastest_turn = max(ways.entry_table[4].max(), ways.exit_table[4].max())
+    for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
+        if abs(turn) > longest * fastest_turn:
+            continue
+        yield 1
+        parts = _exit_parts(ways, turn)
+        tried = _tried(ways, turn, lanes[0], parts, longest, least_drive)
+        if tried is None:
+            continue
+        entries, exits, low, high = tried
+        yield 3 + len(entries) * len(exits) * (high - low) // _BRACKETS_A_POINT
+        on_grid, on_parts = slice(low, high), slice(low - parts.low, high - parts.low)
+        sideways = lanes[1, on_grid] - ways.across[entries, on_grid], parts.across[exits, on_parts]
+        drive = lanes[0, on_grid] - ways.along[entries, on_grid], parts.along[exits, on_parts]
+        first_of, last_of, *numbers = _roots(sideways, drive, GRID[on_grid], turn, least_drive)
+        found.append((entries[first_of], exits[last_of], *numbers))
+    many = sum(len(roots[0]) for roots in found)
+    if not many:
+        nothing, empty = np.zeros(0, dtype=np.intp), np.zeros(0)
+        return Candidates(start, goal, ways, nothing, nothing, empty, empty, empty, empty, empty)
+    yield RANK_POINTS + many // _CANDIDATES_A_POINT
+    return _ranked(start, goal, ways, least_slack, [np.concatenate(x) for x in zip(*found, strict=True)])
+
+
+class _ExitParts(NamedTuple):
+    """The exits' displacement along and across the drive, (exits, n), from the grid point `low` on."""
+
+    low: int
+    along: FloatArray
+    across: FloatArray
+
+
+def _exit_parts(ways: Ways, turn: float) -> _ExitParts:
+    """Compute what the exits add to a drive.
+
+    `turn` is the whole change of heading in rad, at most three half turns; the last turn is what the
+    first leaves of it.
+    """
+    # last = turn - first; looked up at -last = first - turn, a constant fraction between grid points.
+    shift = -turn / STEP
+    base = math.floor(shift)
+    fraction = shift - base
+    low, high = max(-HALF, -HALF - 1 - base), min(HALF, HALF - base)
+    at = slice(low + base + HALF + 1, high + base + HALF + 2)
+    after = slice(at.start + 1, at.stop + 1)
+    places = ways.exit_places
+    x, y = np.moveaxis((1.0 - fraction) * places[:, :, at] + fraction * places[:, :, after], 1, 0)
+    x = x + ways.exit_table[0][:, None]
+    # The displacement is given in the goal's frame; the drive's heading in it is first - turn.
+    headings = GRID[low + HALF : high + HALF + 1] - turn
+    c, s = np.cos(headings), np.sin(headings)
+    return _ExitParts(low + HALF, c * x + s * y, c * y - s * x)
+
+
+def _tried(
+    ways: Ways, turn: float, lane: FloatArray, parts: _ExitParts, longest: float, least_drive: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], int, int] | None:
+    """Return the entries, exits and grid range in which manoeuvres of up to `longest` s can lie.
+
+    `lane`, shape (grid,), is how far the goal lies ahead in the drive's direction in m, `least_drive` the
+    shortest drive in m. None if there can be no such manoeuvre.
+    """
+    low, high = parts.low, parts.low + parts.along.shape[1]
+    entries, exits = np.arange(len(ways.entry_sides)), np.arange(len(ways.exit_sides))
+    if math.isinf(longest):
+        return entries, exits, low, high
+    here, limits = slice(low, high - 1), ways.limits
+    # Bounds add up from those of both ends, between each two points of the grid; shapes (sides, steps).
+    after = least_times(ways.exit_table, ways.exit_stretches, turn - GRID[low:high], parts.along, limits)
+    left = longest + _ROUNDING - np.minimum(lane[here], lane[low + 1 : high]) / limits.v
+    room = np.maximum(lane[here], lane[low + 1 : high]) - least_drive + _ROUNDING
+    exit_shortest = np.minimum(parts.along[:, 1:], parts.along[:, :-1])
+    fit = (after <= left - ways.soonest[here]) & (exit_shortest <= room - ways.shortest[here])
+    able = np.flatnonzero(fit.any(axis=0))
+    if not len(able):
+        return None
+    used = slice(int(able[0]), int(able[-1]) + 1)
+    exits = np.flatnonzero(fit.any(axis=1))
+    left, room = left - after.min(axis=0), room - exit_shortest.min(axis=0)
+    on_grid = slice(low + used.start, low + used.stop)
+    fit = (ways.entry_least[:, on_grid] <= left[used]) & (ways.entry_shortest[:, on_grid] <= room[used])
+    return np.flatnonzero(fit.any(axis=1)), exits, on_grid.start, on_grid.stop + 1
+
+
+def _roots(
+    sideways: _Parts, drive: _Parts, grid: FloatArray, turn: float, least_drive: float
+) -> tuple[NDArray[Any], ...]:
+    """Bracket the first turns at which both sides agree on the drive's lane, and interpolate.
+
+    Parameters
+    ----------
+    sideways, drive : pair of ndarray, shapes (entries, grid) and (exits, grid)
+        Where the drive lies and how long it is, each the entry's part minus the exit's, in m.
+    least_drive : float
+        Shorter drives are left out.
+    """
+    # The sign of each difference is all that most pairs need: no array of the differences is made.
+    right_of = sideways[0][:, None] <= sideways[1]
+    changes = right_of[..., :-1] != right_of[..., 1:]
+    pairs, index = np.divmod(np.flatnonzero(changes), changes.shape[2])
+    entries, exits = np.divmod(pairs, changes.shape[1])
+
+    def differences(parts: _Parts, at: NDArray[np.intp]) -> FloatArray:
+        return np.asarray(parts[0][entries, at] - parts[1][exits, at])
+
+    left, right = differences(sideways, index), differences(sideways, index + 1)
+    share = left / (left - right)
+    first = grid[index] + share * STEP
+    distance = (1.0 - share) * differences(drive, index) + share * differences(drive, index + 1)
+    if least_drive > -math.inf:
+        long = np.flatnonzero(distance >= least_drive)
+        entries, exits, first, distance = entries[long], exits[long], first[long], distance[long]
+    return entries, exits, first, turn - first, distance
+
+
+def _ranked(start: Pose, goal: Pose, ways: Ways, least_slack: float, found: list[NDArray[Any]]) -> Candidates:
+    limits = ways.limits
+    times, speeds = [], []
+    for side, table in enumerate((ways.entry_table, ways.exit_table)):
+        speed, acceleration, rate = (row[found[side]] for row in table[2:])
+        times.append(turn_times(found[2 + side], rate, limits.aw))
+        speeds.append(speeds_after(speed, acceleration, times[side], limits.v))
+    slack = found[4] - speed_change_distances(speeds[0], speeds[1], limits)
+    kept = np.flatnonzero(slack >= least_slack)
+    found, slack = [column[kept] for column in found], slack[kept]
+    durations = np.zeros(len(kept))
+    for side, stretches in enumerate((ways.entry_stretches, ways.exit_stretches)):
+        durations += times[side][kept] + stretches[found[side]]
+    durations += straight_times(found[4], speeds[0][kept], speeds[1][kept], limits)
+    order = np.argsort(durations, kind="stable")
+    entries, exits, first, last, distance = (column[order] for column in found)
+    return Candidates(
+        start, goal, ways, entries, exits, first, last, distance, durations[order], slack[order]
+    )

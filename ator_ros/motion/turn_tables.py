@@ -1,0 +1,127 @@
+"""Where turns lead that are driven at the limits while the speed changes: tables, made once per robot."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ator_ros.compiled import compiled
+from ator_ros.geometry import FloatArray
+from ator_ros.motion.displacements import NODES, WEIGHTS, speeds_after
+from ator_ros.robot.description import Limits
+
+RealArray = NDArray[np.floating[Any]]
+
+STEP = np.pi / 8.0  # rad between the turns among which motions are bracketed
+HALF = 12  # turns of up to 270 degrees either way
+FINE = 36  # entries of the tables per step
+SPEED_STEP = 0.02  # m/s
+TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
+WIDEST = (HALF + 0.99) * STEP  # up to which turns can be looked up
+EDGE = (HALF + 1) * FINE  # entries of the tables either side of no turn
+
+
+class Way(NamedTuple):
+    """How a turn is driven: change of speed in m/s^2, held at the limit, and greatest turn rate in rad/s."""
+
+    change: float
+    rate: float
+
+
+class TurnTables(NamedTuple):
+    """Displacements of turns by angles from -292.5 to 292.5 degrees, for some ways to drive them.
+
+    They are given along and across (to the left of) the heading that lies between the turn and the straight
+    drive: there the parts of both turns of a motion just add.
+
+    Attributes
+    ----------
+    along, across : ndarray, shape (rows * angles,)
+        In m; a row for each way and speed.
+    brackets : ndarray, shape (rows, len(TURNS))
+        Across, at TURNS.
+    fractions : ndarray, shape (rows, FINE, columns)
+        Across, at turns that are whole steps apart, beginning with any entry; see `window_of`.
+    lowest : float
+        First speed in m/s.
+    speeds : int
+        Number of speeds.
+    """
+
+    along: FloatArray
+    across: FloatArray
+    brackets: RealArray
+    fractions: RealArray
+    lowest: float
+    speeds: int
+
+
+@compiled
+def row_of(tables: TurnTables, way: int, speed: float) -> int:
+    """Return the row of turns that are driven in `way` from `speed` (m/s)."""
+    row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
+    return way * tables.speeds + min(max(row, 0), tables.speeds - 1)
+
+
+@compiled
+def window_of(moved: float) -> tuple[int, int]:
+    """Return where in a row of `fractions` TURNS moved by `moved` (rad, within 540 degrees) begin."""
+    place = int(2 * HALF * FINE + 0.5 + moved * (FINE / STEP))
+    return place % FINE, place // FINE
+
+
+@compiled
+def place_of(row: int, angle: float) -> tuple[int, float]:
+    """Return where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
+    place = angle * (FINE / STEP) + EDGE
+    low = int(place)
+    return low + row * (2 * EDGE + 1), place - low
+
+
+@compiled
+def look_up(table: FloatArray, low: int, share: float) -> float:
+    """Look up `along` or `across` at a place."""
+    result: float = table[low] + share * (table[low + 1] - table[low])
+    return result
+
+
+@lru_cache(maxsize=32)
+def turn_tables(limits: Limits, ways: tuple[Way, ...]) -> TurnTables:
+    """Compute the tables of `ways` for a robot's limits; cached."""
+    angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, EDGE + 1)
+    speeds: FloatArray = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP, dtype=np.float64)
+    parts = [_displacements(limits, way, speeds, angles) for way in ways]
+    # A turn to the right is the mirror image of one to the left.
+    along = np.concatenate([np.hstack((x[:, :0:-1], x)) for x, _ in parts])
+    across = np.concatenate([np.hstack((-y[:, :0:-1], y)) for _, y in parts])
+    # TURNS moved by up to 2 * HALF steps either way; what lies beyond the table is found, and then left out.
+    beyond = (2 * HALF - 1) * FINE
+    wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
+    fractions = np.ascontiguousarray(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2))
+    brackets = across[:, FINE:-FINE:FINE].astype(np.float32)
+    return TurnTables(along.ravel(), across.ravel(), brackets, fractions, -limits.v, len(speeds))
+
+
+def _displacements(
+    limits: Limits, way: Way, speeds: FloatArray, angles: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return along and across, shapes (speeds, angles), of turns to the left in one way."""
+    ramp = np.minimum(np.sqrt(angles / limits.aw), way.rate / limits.aw)
+    time = 2.0 * ramp + np.maximum(angles - limits.aw * ramp * ramp, 0.0) / way.rate
+    now, ramp = time[:, None] * NODES, ramp[:, None]
+    begin = np.minimum(now, ramp)
+    end = np.minimum(time[:, None] - now, ramp)
+    even = limits.aw * ramp * np.clip(now - ramp, 0.0, np.maximum(time[:, None] - 2.0 * ramp, 0.0))
+    # Ramp up, even rate, ramp down: the last part is what the mirrored ramp still lacks.
+    heading = 0.5 * limits.aw * (begin * begin + ramp * ramp - end * end) + even
+    weight = WEIGHTS * time[:, None]
+    left = angles[:, None] - heading
+    cos, sin = weight * np.cos(left), -weight * np.sin(left)
+    along, across = (np.empty((len(speeds), len(angles))) for _ in range(2))
+    for row, speed in enumerate(speeds):
+        driven = speeds_after(speed, way.change, now, limits.v)
+        along[row], across[row] = (driven * cos).sum(axis=1), (driven * sin).sum(axis=1)
+    return along, across

@@ -1,0 +1,102 @@
+"""The topics that tell where objects are: Odometry, PoseStamped or PoseWithCovarianceStamped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Iterable
+from functools import partial
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+
+from ator_ros.nodes import checks
+from ator_ros.nodes.checks import MessageBounds
+from ator_ros.nodes.conversions import object_from, seconds_from
+from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.world.sources import ObjectSource
+from ator_ros.world.state import ObjectState
+from ator_ros.world.velocity import VelocityEstimate
+
+TYPES: dict[str, Any] = {
+    "Odometry": Odometry,
+    "PoseStamped": PoseStamped,
+    "PoseWithCovarianceStamped": PoseWithCovarianceStamped,
+}
+Reader = Callable[[Any], tuple[float, ObjectState]]
+"""Returns time in s and state of an object of a message; raises MessageError."""
+
+
+class ObjectSources:
+    """Listens to the objects of a domain.
+
+    Parameters
+    ----------
+    node : Node
+        Who listens.
+    sources : iterable of ObjectSource
+        The objects.
+    take : callable
+        Is given the name of an object, a reader, and a message for it.
+    frame : str
+        The frame that objects must be in.
+    bounds : MessageBounds
+        Greatest values accepted.
+
+    Attributes
+    ----------
+    topics : dict of str to type
+        The types of the messages by the names of the topics.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        sources: Iterable[ObjectSource],
+        take: Callable[[str, Reader, Any], None],
+        *,
+        frame: str,
+        bounds: MessageBounds,
+    ) -> None:
+        self._sources = tuple(sources)
+        self.topics = {source.listened: TYPES[source.type] for source in self._sources}
+        for source in self._sources:
+            reader = reader_of(source, frame=frame, bounds=bounds)
+            callback = partial(take, source.name, reader)
+            node.create_subscription(TYPES[source.type], source.listened, callback, SENSOR_DATA)
+
+    def told(self, known: Container[str], overdue: Container[str]) -> dict[str, str]:
+        """Return what diagnostics say of each object."""
+        return {
+            source.name: ("overdue" if source.name in overdue else "known")
+            if source.name in known
+            else "unknown"
+            for source in self._sources
+        }
+
+    def missing(self, known: Container[str]) -> str:
+        """Return which objects are not known that should be; empty where there is none."""
+        names = [item.name for item in self._sources if not item.optional and item.name not in known]
+        return f"{', '.join(names)}: expected on its topic, got nothing recent" if names else ""
+
+
+def reader_of(source: ObjectSource, *, frame: str, bounds: MessageBounds) -> Reader:
+    """Return what reads the messages of an object in the order of their arrival."""
+    if source.type == "Odometry":
+        return partial(object_from, frame=frame, where=source.name, bounds=bounds)
+    estimate = VelocityEstimate()
+    return partial(_positioned, source, estimate, frame, bounds)
+
+
+def _positioned(
+    source: ObjectSource, estimate: VelocityEstimate, frame: str, bounds: MessageBounds, message: Any
+) -> tuple[float, ObjectState]:
+    """Read a message with a pose; the velocity is estimated."""
+    checks.frame(message.header.frame_id, f"{source.name}.header.frame_id", expected=frame)
+    covariant = source.type == "PoseWithCovarianceStamped"
+    position = (message.pose.pose if covariant else message.pose).position
+    where = f"{source.name}.pose: position"
+    x = checks.position(position.x, f"{where}.x", most=bounds.x)
+    y = checks.position(position.y, f"{where}.y", most=bounds.y)
+    time = seconds_from(message.header.stamp)
+    return time, estimate.state(time, x, y)

@@ -1,0 +1,233 @@
+"""Goals and results of any action type: found at run time, filled and read by the paths of their fields."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rosidl_parser import definition
+
+from ator_ros.actions.base import Goal
+from ator_ros.actions.remote import Filling, RemoteCall, Scalar
+from ator_ros.nodes.conversions import pose_of
+from ator_ros.printable import printable, quoted
+from ator_ros.tops.state import goal_variables
+
+_FLOATS = ("float", "double", "long double")
+_POSES = ("Pose", "PoseStamped")
+_STATUS = ("unknown", "accepted", "executing", "canceling", "succeeded", "canceled", "aborted")
+"""Names of the states of action_msgs/GoalStatus, by number."""
+
+
+class RemoteError(ValueError):
+    """An action server that cannot be used as declared; the message says what was expected and what came."""
+
+
+def action_type_of(name: str) -> Any:
+    """Import an action type, as nav2_msgs/action/NavigateToPose; raises RemoteError."""
+    package, folder, kind = name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{folder}"), kind)
+    except ImportError as error:
+        raise RemoteError(
+            f"type: expected {name} to be installed, as by `apt install "
+            f"ros-jazzy-{package.replace('_', '-')}`: {printable(str(error), 200)}"
+        ) from error
+    except AttributeError as error:
+        raise RemoteError(f"type: expected an action of {package}, got {quoted(kind)}") from error
+
+
+def status_name(status: int) -> str:
+    """Return the name of a goal's state."""
+    return _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
+
+
+class GoalWriter:
+    """Writes the goals of a server.
+
+    Parameters
+    ----------
+    call : RemoteCall
+        How fields are filled.
+    kind : type
+        The goal's message.
+    frame : str
+        The frame that states are estimated in.
+
+    Raises
+    ------
+    RemoteError
+        The message lacks a field, or a field cannot hold what is to be written.
+    """
+
+    def __init__(self, call: RemoteCall, kind: Any, frame: str) -> None:
+        self._kind = kind
+        self._writers = [
+            (filling.field, _writer(filling, kind, frame, f"goal[{number}]"))
+            for number, filling in enumerate(call.goal)
+        ]
+
+    def written(self, goal: Goal) -> Any:
+        """Return the message for `goal`."""
+        message = self._kind()
+        for path, value in self._writers:
+            _put(message, path, value(goal))
+        return message
+
+
+def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Goal], Any]:
+    """Return what computes the value of a field from a goal."""
+    slot, source = _slot(kind, filling.field, where), filling.source
+    if source is None:
+        constant = _fitting(filling.constant, slot, where)
+        return lambda _: constant
+    if source == "goal":
+        name = getattr(slot, "name", "")
+        _require(name in _POSES, where, "a field of type geometry_msgs/Pose or PoseStamped", slot)
+        return lambda goal: _pose(goal, name, filling.frame or frame)
+    if source == "frame":
+        _require(isinstance(slot, definition.AbstractString), where, "a field for a text", slot)
+        return lambda _: frame
+    _require(getattr(slot, "typename", "") in _FLOATS, where, "a field for a float", slot)
+    variable = source.removeprefix("goal.")
+    return lambda goal: float(goal_variables(goal)[variable])
+
+
+def _pose(goal: Goal, name: str, frame: str) -> Any:
+    pose = pose_of(goal.pose)
+    if name == "Pose":
+        return pose
+    stamped = PoseStamped(pose=pose)
+    stamped.header.frame_id = frame
+    return stamped
+
+
+def check_result(call: RemoteCall, kind: Any) -> None:
+    """Make sure that the result's message has the fields that are read; raises RemoteError."""
+    for number, expected in enumerate(call.success.fields):
+        where = f"success.fields[{number}]"
+        _fitting(expected.equals, _slot(kind, expected.field, where), where)
+    if call.success.reason is not None:
+        _slot(kind, call.success.reason, "success.reason")
+
+
+def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
+    """Return in words why a result is no success; None where it is one."""
+    success = call.success
+    wrong = [] if status_name(status) in success.status else [f"its goal is {status_name(status)}"]
+    for expected in success.fields:
+        value = _read(result, expected.field)
+        if not _equal(value, expected.equals):
+            wrong.append(f"{expected.field}: expected {quoted(expected.equals)}, got {quoted(value)}")
+    if not wrong:
+        return None
+    said = "" if success.reason is None else str(_read(result, success.reason) or "")
+    return "; ".join(wrong) + (f" ({printable(said, 200)})" if said else "")
+
+
+def _equal(value: Any, expected: Scalar) -> bool:
+    if isinstance(expected, float):
+        return isinstance(value, int | float) and math.isclose(value, expected, rel_tol=1e-6, abs_tol=1e-9)
+    return bool(value == expected)
+
+
+# Paths
+
+
+def _parts(path: str) -> list[tuple[str, bool]]:
+    """Return the names in a path, each with whether the only item of a sequence is meant."""
+    return [(part.removesuffix("[0]"), part.endswith("[0]")) for part in path.split(".")]
+
+
+def _slot(kind: Any, path: str, where: str) -> Any:
+    """Return the type of the field at a path; raises RemoteError."""
+    slot: Any = None
+    for name, indexed in _parts(path):
+        fields = (
+            {} if kind is None else dict(zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True))
+        )
+        if name not in fields:
+            known = ", ".join(fields) or f"nothing within {_told(slot)}"
+            raise RemoteError(f"{where}.field: expected one of {known}, got {quoted(name)} in {quoted(path)}")
+        slot = fields[name]
+        if indexed:
+            _require(isinstance(slot, definition.AbstractSequence), where, f"a sequence for {name}[0]", slot)
+            slot = slot.value_type
+        kind = _class_of(slot)
+    return slot
+
+
+def _class_of(slot: Any) -> Any:
+    """Return the class of a message; None for what is no message."""
+    if not isinstance(slot, definition.NamespacedType):
+        return None
+    return getattr(importlib.import_module(".".join(slot.namespaces)), slot.name)
+
+
+def _put(message: Any, path: str, value: Any) -> None:
+    *way, (last, indexed) = _parts(path)
+    for name, only in way:
+        message = _only_item(message, name) if only else getattr(message, name)
+    setattr(message, last, [value] if indexed else value)
+
+
+def _only_item(message: Any, name: str) -> Any:
+    """Return the first item of a sequence, which is made where there is none."""
+    if not getattr(message, name):
+        slots = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
+        setattr(message, name, [_class_of(slots[name].value_type)()])
+    return getattr(message, name)[0]
+
+
+def _read(message: Any, path: str) -> Any:
+    """Return the value at a path; None where a sequence on the way is empty."""
+    for name, indexed in _parts(path):
+        message = getattr(message, name)
+        if indexed and not len(message):
+            return None
+        message = message[0] if indexed else message
+    return message
+
+
+def _fitting(value: Any, slot: Any, where: str) -> Any:
+    """Return a constant as a field of this type holds it; raises RemoteError."""
+    kind = getattr(slot, "typename", "")
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if isinstance(slot, definition.AbstractString):
+        _require(isinstance(value, str), where, "a text", value)
+    elif kind == "boolean":
+        _require(isinstance(value, bool), where, "true or false", value)
+    elif kind in _FLOATS:
+        _require(number, where, "a number", value)
+        value = float(value)
+    elif "int" in kind:
+        low, high = _whole_range(kind)
+        fits = number and isinstance(value, int) and low <= value <= high
+        _require(fits, where, f"a whole number from {low} to {high}", value)
+    else:
+        raise RemoteError(
+            f"{where}: expected a field for a text, a number or a truth value, got {_told(slot)}"
+        )
+    return value
+
+
+def _whole_range(kind: str) -> tuple[int, int]:
+    bits = int(kind.removeprefix("u").removeprefix("int"))
+    return (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+
+
+def _require(holds: bool, where: str, expected: str, got: Any) -> None:
+    if not holds:
+        raise RemoteError(f"{where}: expected {expected}, got {_told(got)}")
+
+
+def _told(got: Any) -> str:
+    """Return a value, or the type of a field, as a message tells it."""
+    if isinstance(got, definition.NamespacedType):
+        return "/".join((got.namespaces[0], got.name))
+    if isinstance(got, definition.AbstractType):
+        return str(getattr(got, "typename", type(got).__name__))
+    return quoted(got)

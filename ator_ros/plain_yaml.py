@@ -1,0 +1,50 @@
+"""YAML files from outside: of limited size, with plain values only, without aliases."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ator_ros.files import read_text
+
+# What PyYAML raises on malformed dates, tagged values and deep nesting.
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+    yaml.YAMLError,
+)
+
+
+class UnreadableYamlError(ValueError):
+    """A file that holds no plain YAML; the message names it."""
+
+
+def read_yaml(path: Path, *, largest: int) -> Any:
+    """Read a YAML file of at most `largest` bytes.
+
+    Raises
+    ------
+    UnreadableYamlError
+        The file cannot be read, is larger, or is no plain YAML.
+    """
+    try:
+        return yaml.load(read_text(path, largest), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
+    except _UNREADABLE as error:
+        raise UnreadableYamlError(f"{path}: expected a readable YAML file: {error}") from error
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Reads YAML without aliases, with which a few lines name billions of values."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Refuse an alias."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.get_event()  # type: ignore[no-untyped-call]
+            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
+        return super().compose_node(parent, index)

@@ -1,0 +1,1 @@
+"""The parts of `bench`, and requests that load a node."""

@@ -1,0 +1,215 @@
+"""The round trip of refine_subgoal, next to that of services of the same types that do less.
+
+As a program, ``python -m ator_ros.tools.benchmarks.service NAME``, this is one of them.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.nodes import conversions
+from ator_ros.nodes.refinement_answers import answer_of
+from ator_ros.nodes.running import run_node
+from ator_ros.performance.model_file import load_models
+from ator_ros.refinement.answer import Refinement
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.tools.benchmarks.requests import worst_request
+from ator_ros.tools.processes import own_nodes
+
+SEED = 802
+LIMIT_RATIO, LIMIT_P99_MS = 1.5, 5.0
+LIMIT_DELAY_MS = 20.0
+"""By how much requests may be delayed by others."""
+WORST = "worst_requests"
+_FRAME = "odom"
+_WARM_UP = 20
+DOMAIN = find_domain()
+_PATIENCE = 40.0
+_UNTIL_ASKED = 10.0
+REFINE = "refine_subgoal"
+
+Answer = Callable[[RefineSubgoal.Request, RefineSubgoal.Response], RefineSubgoal.Response]
+
+
+def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> RefineSubgoal.Response:
+    return response
+
+
+def _messages_alone() -> Answer:
+    """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
+    robot = DOMAIN.robot()
+    library, models = DOMAIN.library(robot), load_models(robot, DOMAIN.known_features)
+    refiner = Refiner(robot, models, ranges=DOMAIN.variables)
+    known: list[Refinement] = []
+
+    def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
+        world = conversions.world_from(request.situation, frame=_FRAME)
+        chain = conversions.chain_from(request.chain, library, frame=_FRAME)
+        objective = conversions.objective_from(request.objective)
+        if not known:
+            known.append(refiner.refine(world, chain, objective))
+        return answer_of(known[0], action_set=library.action_set, frame=_FRAME, want_curve=False)
+
+    return answer
+
+
+YARDSTICKS: Mapping[str, Callable[[], Answer]] = MappingProxyType(
+    {"empty": lambda: _nothing, "messages_alone": _messages_alone}
+)
+"""Services to compare with: one that answers at once with nothing, one that does all but refine."""
+
+
+def yardstick(name: str) -> Node:
+    """Make the node of one of the YARDSTICKS; its service has the same name."""
+    node = Node(f"{name}_service")
+    node.create_service(RefineSubgoal, name, YARDSTICKS[name]())
+    return node
+
+
+def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
+    """Return medians and 99th percentiles, and how the node's memory grows over `requests` requests.
+
+    The last row is of requests beside which another process asks for the worst that there is.
+
+    All services are asked in turn, by a thread beside the one that spins.
+    """
+    with own_nodes() as nodes:
+        nodes.start("refinement", {})
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(nodes.domain)}
+        program = [sys.executable, "-m", "ator_ros.tools.benchmarks.service"]
+        others = [subprocess.Popen([*program, name], env=environment) for name in YARDSTICKS]
+        try:
+            rows = _measured(nodes.domain, nodes.pid("refinement"), requests)
+            others.append(subprocess.Popen([*program, WORST], env=environment))
+            return rows | _delayed(nodes.domain, requests, rows["round trip"]["median_ms"])
+        finally:
+            for other in others:
+                other.terminate()
+            for other in others:
+                other.wait()
+
+
+def _measured(domain: int, pid: int, requests: int) -> dict[str, dict[str, float]]:
+    with _clients(domain, [*YARDSTICKS, REFINE]) as clients:
+        _times(clients, _WARM_UP, 0)
+        before = resident_mib(pid)
+        empty, messages, ours = _times(clients, requests, _WARM_UP)
+        growth = resident_mib(pid) - before
+    trip = _row(ours, empty)
+    return {
+        "empty": _row(empty, empty),
+        "messages alone": _row(messages, empty),
+        "round trip": {
+            "requests": requests,
+            **trip,
+            "limit_ratio": LIMIT_RATIO,
+            "limit_p99_ms": LIMIT_P99_MS,
+            "memory_growth_mib": round(growth, 2),
+        },
+    }
+
+
+def _delayed(domain: int, requests: int, alone: float) -> dict[str, dict[str, float]]:
+    """Measure round trips while another client asks one worst-case request after the other."""
+    with _clients(domain, [REFINE]) as clients:
+        time.sleep(_UNTIL_ASKED)
+        (times,) = _times(clients, requests, _WARM_UP)
+    row = {**_row(times, times), "max_ms": round(max(times), 3)}
+    delay = {"p99_delay_ms": round(row["p99_ms"] - alone, 3), "limit_p99_delay_ms": LIMIT_DELAY_MS}
+    return {"beside worst-case requests": {"requests": requests, **row, **delay}}
+
+
+def _ask_the_worst() -> None:
+    """Ask for all that may be free in the longest chain, again and again, until the process is ended."""
+    request = worst_request()
+    with _clients(int(os.environ["ROS_DOMAIN_ID"]), [REFINE]) as (client,):
+        while True:
+            client.call(request, timeout_sec=_PATIENCE)
+
+
+def _row(times: Sequence[float], empty: Sequence[float]) -> dict[str, float]:
+    median = statistics.median(times)
+    return {
+        "median_ms": round(median, 3),
+        "p99_ms": round(statistics.quantiles(times, n=100)[-1], 3),
+        "ratio": round(median / statistics.median(empty), 2),
+    }
+
+
+@contextmanager
+def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
+    """Yield clients of the services `names`, once these are there; a thread spins their node."""
+    context = rclpy.Context()
+    context.init(domain_id=domain)
+    node = Node("bench", context=context)
+    clients = [node.create_client(RefineSubgoal, name) for name in names]
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    spinning = threading.Thread(target=_spin, args=(executor,), daemon=True)
+    spinning.start()
+    try:
+        for client in clients:
+            if not client.wait_for_service(timeout_sec=_PATIENCE):
+                raise RuntimeError(f"expected the service {client.srv_name} within {_PATIENCE:g} s")
+        yield clients
+    finally:
+        executor.shutdown()
+        spinning.join()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def _times(clients: list[Any], count: int, first: int) -> list[list[float]]:
+    """Ask each client `count` times; give the times of each in ms."""
+    library = DOMAIN.library(DOMAIN.robot())
+    times: list[list[float]] = [[] for _ in clients]
+    for index in range(first, first + count):
+        trial = random_trial(DOMAIN, next(iter(DOMAIN.chains)), library, seed=SEED, index=index)
+        request = RefineSubgoal.Request(
+            situation=conversions.situation_of(trial.world, frame=_FRAME),
+            chain=conversions.chain_of(trial.chain, action_set="", frame=_FRAME),
+        )
+        for client, taken in zip(clients, times, strict=True):
+            began = time.perf_counter()
+            client.call(request, timeout_sec=_PATIENCE)
+            taken.append(1000.0 * (time.perf_counter() - began))
+    return times
+
+
+def _spin(executor: SingleThreadedExecutor) -> None:
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        return
+
+
+def resident_mib(pid: int) -> float:
+    """Return the resident memory of a process in MiB."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == [WORST]:
+        _ask_the_worst()
+    if len(sys.argv) < 2 or sys.argv[1] not in YARDSTICKS:
+        sys.exit(f"service: expected one of {', '.join(YARDSTICKS)}")
+    run_node(functools.partial(yardstick, sys.argv.pop(1)))

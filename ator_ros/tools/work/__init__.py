@@ -1,0 +1,1 @@
+"""What the commands do: imported once a command line is understood, because it takes seconds to import."""

@@ -1,0 +1,80 @@
+"""Learn, or report, what predictions of actions in chains miss, from the chains that `evaluate` executed."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.calibration_learning import (
+    StepExample,
+    cross_validated,
+    fit_calibration,
+    step_examples,
+)
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.storage import RESULT, read_result, to_records
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.files import write_text
+from ator_ros.refinement.calibration_file import CALIBRATION, save_calibration
+from ator_ros.report.prediction_report import prediction_report
+from ator_ros.tools.command_line import source_of
+
+
+def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
+    """Do what the command line asks for; return the exit code."""
+    results = [(folder, read_result(folder / RESULT)) for folder in options.evaluations]
+    if options.report:
+        write_text(options.report, prediction_report([result for _, result in results], command))
+        print(f"wrote {options.report}")
+        return 0
+    sets = {result["settings"]["source"]["action_set"] for _, result in results}
+    if len(sets) != 1:
+        raise EvaluationError(f"expected evaluations of one action set, got {', '.join(sorted(sets))}")
+    source = source_of(options, domain=domain.name, action_set=sets.pop())
+    tools = make_toolset(source)
+    library = make_library(tools.robot, source)
+    examples: list[StepExample] = []
+    learned_from: list[dict[str, Any]] = []
+    for folder, result in results:
+        seed, chain = result["settings"]["seed"], result["settings"]["chain"]
+        _check(folder / RESULT, result, source)
+        records = to_records(result["runs"], result["summary"]["situations"])
+        try:
+            examples += step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
+        except EvaluationError as error:
+            raise EvaluationError(f"{folder / RESULT}: {error}") from error
+        learned_from.append({"seed": seed, "chain": chain, "situations": len(records)})
+    models = tools.models["learned"]
+    calibration, checked = fit_calibration(examples, models), cross_validated(examples, models)
+    path = source.folder() / CALIBRATION
+    training = {"command": command, "chains": learned_from, "cross_validation": checked}
+    save_calibration(path, calibration, training)
+    _report(checked)
+    print(f"wrote {path}: {', '.join(calibration.shortfalls)}")
+    return 0
+
+
+def _check(file: Path, result: Mapping[str, Any], source: ToolsetSource) -> None:
+    """Make sure that an evaluation was executed with our robot and models: only these are learned about."""
+    ours, found = source.digests(result["settings"]["chain"]), result.get("digests")
+    if not isinstance(found, dict):
+        raise EvaluationError(f"{file}: expected the digests of robot and models, got none: evaluate again")
+    others = [name for name, digest in ours.items() if found.get(name) != digest]
+    if others:
+        raise EvaluationError(
+            f"{file}: expected chains executed with the robot and the models of {source.folder()}, "
+            f"got another {', another '.join(others)}: evaluate again"
+        )
+
+
+def _report(checked: dict[str, dict[str, Any]]) -> None:
+    print(f"{'predicted - actual, s':24}{'chains':>8}{'raw':>9}{'corrected':>11}{'95 %':>18}{'MAE':>15}")
+    for name, row in checked.items():
+        low, high = row["corrected_ci95"]
+        print(
+            f"{name:24}{row['chains']:8}{row['raw_s']:+9.3f}{row['corrected_s']:+11.3f}"
+            f"{f'{low:+.3f} to {high:+.3f}':>18}{row['raw_mae_s']:8.3f}{row['corrected_mae_s']:7.3f}"
+        )

@@ -1,0 +1,100 @@
+"""Collect experience: execute each action from random situations in the simulator (paper, section 3)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+import pandas as pd
+from tqdm import tqdm
+
+from ator_ros.domains.domain import Domain
+from ator_ros.experience.collect import collect
+from ator_ros.experience.parallel import BackendError, cluster
+from ator_ros.experience.table import (
+    Experience,
+    join,
+    library_versions,
+    require_pyarrow,
+    write_experience,
+)
+from ator_ros.files import reserved
+from ator_ros.tools.command_line import INTERRUPTED, undisturbed
+
+_EPISODE_BYTES = 10_000
+"""More than the table needs for an episode: those of the default actions take 3.3 kB."""
+
+
+def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
+    """Do what the command line asks for; return the exit code."""
+    require_pyarrow()
+    robot = domain.robot(options.robot or None)
+    actions = [domain.actions(options.action_set)[name] for name in options.actions]
+    frames: list[pd.DataFrame] = []
+    stopped: BaseException | None = None
+    room = _EPISODE_BYTES * options.episodes * len(actions)
+    with reserved(options.out.absolute().parent, room), cluster(options.cluster):
+        episodes = collect(
+            actions,
+            domain.tops,
+            robot,
+            objects=domain.objects,
+            episodes=options.episodes,
+            seed=options.seed,
+            jobs=options.jobs,
+            backend=options.backend,
+        )
+        bar = tqdm(episodes, total=options.episodes * len(actions), unit="episode", disable=None)
+        try:
+            frames.extend(bar)
+        except (KeyboardInterrupt, BackendError) as error:
+            stopped = error
+        finally:
+            bar.close()
+    if isinstance(stopped, BackendError) and not frames:
+        raise stopped
+    with undisturbed():
+        metadata = {
+            "seed": options.seed,
+            "robot_digest": robot.digest(),
+            "domain": domain.name,
+            "action_set": options.action_set,
+            "complete": stopped is None,
+            "command": command,
+            "versions": library_versions(),
+        }
+        frame = join(frames)
+        file = _kept(Experience(frame, metadata), options.out)
+        _report(frame, file, stopped)
+    if isinstance(stopped, KeyboardInterrupt):
+        return INTERRUPTED
+    return 0 if stopped is None and file == options.out else 1
+
+
+def _kept(experience: Experience, file: Path) -> Path:
+    """Write the table to `file`, or else to a folder for temporary files; return where."""
+    try:
+        write_experience(file, experience)
+        return file
+    except OSError as error:
+        other = Path(tempfile.mkdtemp(prefix="ator_ros-"), file.name)
+        print(f"collect: {file}: {error.strerror or error}: the table goes to {other}", file=sys.stderr)
+        write_experience(other, experience)
+        return other
+
+
+def _report(frame: pd.DataFrame, file: Path, stopped: BaseException | None) -> None:
+    for action, rows in frame.groupby("action", sort=False):
+        ends = rows.drop_duplicates("episode", keep="last")
+        print(
+            f"{action}: {len(ends)} episodes, {len(rows)} examples, {100 * ends['success'].mean():.2f} % "
+            f"succeeded, mean duration {ends['duration'].mean():.2f} s"
+        )
+        for reason, count in ends.loc[~ends["success"], "reason"].value_counts().head(5).items():
+            print(f"  failed {count} times: {reason}")
+    if stopped is None:
+        print(f"wrote {file}")
+    else:
+        print(f"{str(stopped) or 'interrupted'}; kept the finished episodes in {file}")

@@ -1,0 +1,49 @@
+"""Evaluate refinement: execute the same random situations with every policy (paper, section 5, Table 1)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.running import describe, prediction_text, table_text
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.storage import PartialResults, write_result
+from ator_ros.evaluation.toolset import available_policies, make_toolset
+from ator_ros.report.evaluation_page import write_report
+from ator_ros.tools.command_line import executed, source_of
+
+
+def run(options: argparse.Namespace, command: str) -> int:
+    """Do what the command line asks for; return the exit code."""
+    if options.situations < 1:
+        raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
+    source = source_of(options, experience=tuple(options.experience))
+    tools = make_toolset(source)  # before anything is executed: a damaged file shall be told at once
+    source.digests(options.chain)
+    policies, missing = available_policies(source)
+    for name, why in missing.items():
+        if options.policies is None:
+            print(f"evaluate: without the policy {name}: {why}", file=sys.stderr)
+        elif name in options.policies:
+            raise EvaluationError(f"--policies: {name} cannot be run: {why}")
+    wanted = policies if options.policies is None else tuple(options.policies)
+    settings = Settings(
+        seed=options.seed,
+        chain=options.chain,
+        policies=tuple(name for name in POLICIES if name in {*wanted, "naive"}),
+        oracle=options.oracle,
+        oracle_margin=options.oracle_margin,
+        oracle_speeds=tuple(options.oracle_speeds),
+        source=source,
+    )
+    records = executed(settings, options, options.out)
+    result = describe(settings, records, command)
+    path = write_result(options.out, result, records)
+    print(table_text(result["summary"]))
+    print(prediction_text(result["summary"]))
+    report = write_report(options.out, result, records, settings, tools)
+    PartialResults.remove(options.out)
+    print(f"wrote {path} and {report}")
+    return 0

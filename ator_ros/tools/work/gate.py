@@ -1,0 +1,68 @@
+"""Learn the gate, and refit the rulers' time models, from situations of their own (paper, section 5)."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.gate_learning import compare_gates, fit_threshold, fit_tree, gate_examples
+from ator_ros.evaluation.heuristics import save_baselines
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, read_rows
+from ator_ros.files import reserved
+from ator_ros.refinement.gate_file import save_gate
+from ator_ros.tools.command_line import executed, source_of
+
+_GATE_BYTES = 100_000
+POLICIES = ("naive", "refined", "refined_speed")
+
+
+def run(options: argparse.Namespace, command: str) -> int:
+    """Do what the command line asks for; return the exit code."""
+    source = source_of(options)
+    if options.experience is not None:
+        refit_rulers(source, options.experience)
+    settings = Settings(seed=options.seed, chain=options.chain, policies=POLICIES, source=source)
+    source.digests(options.chain)  # before anything is executed: a missing model shall be told at once
+    with reserved(source.folder(), _GATE_BYTES):
+        records = executed(settings, options, options.work)
+    examples = gate_examples(records)
+    comparison = compare_gates(examples)
+    tree, threshold = fit_tree(examples), fit_threshold(examples)
+    best = tree if comparison["tree"]["utility"] > comparison["threshold"]["utility"] else threshold
+    training: dict[str, Any] = {
+        "command": command,
+        "seed": options.seed,
+        "situations": len(records),
+        "cross_validation": comparison,
+        "tree_rules": tree.rules(),
+        "threshold": {"gain": threshold.gain, "spread_factor": threshold.spread_factor},
+    }
+    save_gate(source.folder() / GATE, best, training, options.action_set)
+    _report(training, best.kind, source.folder() / GATE)
+    return 0
+
+
+def refit_rulers(source: ToolsetSource, experience: Sequence[str]) -> None:
+    """Refit the rulers' time models to the starts of successful episodes, and write them to the models."""
+    tables = read_rows(experience)
+    starts = {action: rows[(rows["t"] == 0.0) & rows["success"]] for action, rows in tables.items()}
+    tops = find_domain(source.domain).tops
+    save_baselines(source.folder() / BASELINES, starts, source.described(), tops)
+
+
+def _report(training: dict[str, Any], shipped: str, path: Path) -> None:
+    names = ("mean_gain_s", "kept_gain_percent", "higher", "equal", "lower", "refined_percent", "utility")
+    print(f"{'cross-validated':16}" + "".join(f"{name:>19}" for name in names))
+    for kind, row in training["cross_validation"].items():
+        print(f"{kind:16}" + "".join(f"{row[name]:>19}" for name in names))
+    print(
+        f"the tree labels {training['cross_validation']['tree']['accuracy_percent']} % correctly; its rules:"
+    )
+    for rule in training["tree_rules"]:
+        print(f"  {rule}")
+    print(f"threshold: {training['threshold']}")
+    print(f"wrote {path}: {shipped}")

@@ -1,0 +1,206 @@
+"""Study a robot with the other tools: each step is one of theirs, done unless its result is there."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.storage import RESULT, read_result
+from ator_ros.evaluation.toolset import GATE, ToolsetSource, make_library
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.experience.table import join, read_experience
+from ator_ros.files import read_json, write_text
+from ator_ros.performance.model_file import load_model
+from ator_ros.report.study_page import study_page
+from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.schema import Format
+from ator_ros.tools import collect, evaluate, gate, train
+from ator_ros.tools.command_line import INTERRUPTED, settled, source_of
+from ator_ros.tools.work import collect as collecting
+from ator_ros.tools.work import evaluate as evaluating
+from ator_ros.tools.work import gate as gating
+from ator_ros.tools.work import train as training
+from ator_ros.tops.library import TopLibrary
+
+FORMAT = Format("ator_ros study", 1, "study")
+POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
+MARGIN_S = "1.0"
+"""Headings predicted to take this much longer than the best are not executed by the oracle."""
+
+
+def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
+    """Do what the command line asks for; return the exit code."""
+    source = source_of(options, models=str(options.out / "models"))
+    robot = source.described()
+    _begin(options, robot)
+    actions, left_out = possible_actions(domain, options.action_set, robot)
+    for name, reason in left_out.items():
+        print(f"study: without {name}: {reason}", file=sys.stderr)
+    if not actions:
+        raise EvaluationError(f"robot {robot.name}: expected an action that it can execute, got none")
+    tables = {
+        kind: _collected(options, kind, seed, actions) for seed, kind in enumerate(("experience", "fresh"))
+    }
+    _trained(options, source, tables, actions)
+    learned = [name for name in actions if (source.folder() / f"{name}.json").exists()]
+    chain = possible_chain(domain, make_library(robot, source), options.chain, learned)
+    evaluation = None
+    if chain is None:
+        print(f"study: without an evaluation: no chain of {domain.name} has only {', '.join(learned)}")
+    else:
+        evaluation = _evaluated(options, source, chain)
+    result = {
+        **FORMAT.head(),
+        "command": command,
+        "robot": robot.name,
+        "robot_digest": robot.digest(),
+        "domain": domain.name,
+        "action_set": options.action_set,
+        "actions": {name: _measured(options, name, source, robot) for name in actions},
+        "left_out": left_out,
+        "chain": chain,
+        "evaluation": evaluation,
+    }
+    write_text(options.out / "study.json", json.dumps(result, indent=1) + "\n")
+    write_text(options.out / "study.html", study_page(result))
+    print(f"wrote {options.out / 'study.json'} and {options.out / 'study.html'}")
+    return 0
+
+
+def _begin(options: argparse.Namespace, robot: Robot) -> None:
+    """Make sure that the folder is empty, or one of the same study."""
+    names = ("domain", "action_set", "episodes", "situations", "seed", "chain", "oracle")
+    ours = {"robot_digest": robot.digest(), **{name: getattr(options, name) for name in names}}
+    file = options.out / "settings.json"
+    if not file.exists():
+        write_text(file, json.dumps(ours, indent=1) + "\n")
+        return
+    theirs = read_json(file)
+    for name, value in ours.items():
+        found = theirs.get(name) if isinstance(theirs, dict) else None
+        if found != value:
+            raise EvaluationError(
+                f"{file}: {name}: expected {value!r} as in the folder's study, got {found!r}: "
+                "choose another --out"
+            )
+
+
+def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[list[str], dict[str, str]]:
+    """Return the actions that a robot can execute, and why it can't the others."""
+    actions, left_out = [], {}
+    for name, spec in domain.actions(action_set).items():
+        try:
+            spec.factory(robot)
+            spec.sample(robot, np.random.default_rng(0))
+        except ConfigError as error:
+            left_out[name] = str(error)
+        else:
+            actions.append(name)
+    return actions, left_out
+
+
+def possible_chain(domain: Domain, library: TopLibrary, wanted: str, actions: Sequence[str]) -> str | None:
+    """Return the wanted chain, or else the first one of which every action is among `actions`."""
+    for name in (wanted, *domain.chains):
+        try:
+            trial = random_trial(domain, name, library, seed=0, index=0)
+        except ConfigError:
+            continue
+        if all(call.top.action in actions for call in trial.chain.calls):
+            return name
+    return None
+
+
+def _setting(options: argparse.Namespace) -> list[str]:
+    words = ["--domain", options.domain, "--jobs", str(options.jobs)]
+    return [*words, *(["--robot", options.robot] if options.robot else [])]
+
+
+def _collected(options: argparse.Namespace, kind: str, seed: int, actions: Sequence[str]) -> dict[str, Path]:
+    """Collect the tables of one kind that are missing or were interrupted; return them by action."""
+    tables = {}
+    for action in actions:
+        tables[action] = table = options.out / kind / f"{action}.parquet"
+        if table.exists() and read_experience(table).metadata.get("complete", False):
+            continue
+        print(f"study: {kind} of {action}", flush=True)
+        words = [*_setting(options), "--action-set", options.action_set, "--actions", action]
+        words += [
+            "--episodes",
+            str(options.episodes),
+            "--seed",
+            str(options.seed + seed),
+            "--out",
+            str(table),
+        ]
+        parsed, domain = settled(collect.arguments(), words)
+        code = collecting.run(parsed, domain, f"collect of study, seed {options.seed + seed}")
+        if code == INTERRUPTED:
+            raise KeyboardInterrupt
+        if code:
+            raise EvaluationError(
+                f"{table}: expected a whole table of experience, the collection has ended early"
+            )
+    return tables
+
+
+def _trained(
+    options: argparse.Namespace,
+    source: ToolsetSource,
+    tables: Mapping[str, Mapping[str, Path]],
+    actions: Sequence[str],
+) -> None:
+    if all((source.folder() / f"{action}.json").exists() for action in actions):
+        return
+    print("study: models", flush=True)
+    words = [str(table) for table in tables["experience"].values()]
+    words += ["--fresh", *map(str, tables["fresh"].values()), "--models", source.models]
+    words += _setting(options)[:2] + (["--robot", options.robot] if options.robot else [])
+    parsed, domain = settled(train.arguments(), words)
+    training.run(parsed, domain, "train of study")
+
+
+def _evaluated(options: argparse.Namespace, source: ToolsetSource, chain: str) -> dict[str, Any]:
+    """Learn the gate and evaluate, as far as this has not been done; return the summary."""
+    common = [*_setting(options), "--action-set", options.action_set, "--models", source.models]
+    common += ["--situations", str(options.situations), "--chain", chain]
+    if not (source.folder() / GATE).exists():
+        print("study: gate", flush=True)
+        words = [*common, "--seed", str(options.seed + 2), "--work", str(options.out / "gate")]
+        gating.run(settled(gate.arguments(), words)[0], "gate of study")
+    folder = options.out / "evaluation"
+    if not (folder / RESULT).exists():
+        print("study: evaluation", flush=True)
+        words = [*common, "--seed", str(options.seed + 3), "--out", str(folder), "--policies", *POLICIES]
+        words += ["--oracle", str(options.oracle), "--oracle-margin", MARGIN_S]
+        evaluating.run(settled(evaluate.arguments(), words)[0], "evaluate of study")
+    summary: dict[str, Any] = read_result(folder / RESULT)["summary"]
+    return summary
+
+
+def _measured(
+    options: argparse.Namespace, action: str, source: ToolsetSource, robot: Robot
+) -> dict[str, Any]:
+    """Return how an action did over all its episodes, and how accurate its model is."""
+    kinds = [options.out / kind / f"{action}.parquet" for kind in ("experience", "fresh")]
+    tables = [read_experience(table).frame for table in kinds]
+    ends = join(table.drop_duplicates("episode", keep="last") for table in tables)
+    done = ends[ends["success"]]
+    file, features = source.folder() / f"{action}.json", find_domain(options.domain).known_features
+    return {
+        "episodes": len(ends),
+        "success": round(len(done) / len(ends), 5),
+        "mean_duration_s": round(float(done["duration"].mean()), 3) if len(done) else None,
+        "accuracy": load_model(file, robot, features).metadata["accuracy"] if file.exists() else {},
+        "failures": {
+            str(why): int(n) for why, n in ends.loc[~ends["success"], "reason"].value_counts().items()
+        },
+    }

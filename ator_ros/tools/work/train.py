@@ -1,0 +1,175 @@
+"""Learn performance models from experience, show their rules, report their accuracy (paper, section 3)."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ator_ros.domains.domain import Domain
+from ator_ros.experience.sources import read_sources
+from ator_ros.experience.table import Experience, library_versions
+from ator_ros.experience.validation import FARTHEST
+from ator_ros.files import portable_command, reserved, write_text
+from ator_ros.performance.accuracy import accuracy, brier, kinds
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
+from ator_ros.performance.training import TrainingError, digest, train
+from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
+from ator_ros.robot.description import Robot
+
+_MODELS_BYTES = 1_000_000
+
+
+def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
+    """Do what the command line asks for; return the exit code."""
+    robot = domain.robot(options.robot or None)
+    folder = options.models if options.models is not None else domain.shipped_models
+    if options.rules:
+        print(_rules(domain, options, robot, folder))
+        return 0
+    if options.experience or options.fresh:
+        with reserved(folder, _MODELS_BYTES):
+            pass  # a full disk is told before the work
+    if options.experience:
+        _train(domain, options, robot, folder, command)
+    elif options.fresh:
+        _measure_again(domain, options, robot, folder)
+    if options.report:
+        _report(domain, options.report, robot, folder)
+    return 0
+
+
+def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
+    experience = _read(domain, options.experience, robot, options.action_set)
+    rows, source = experience.frame, experience.metadata
+    fresh = Experience(rows[:0], {})
+    if options.fresh:
+        fresh = _read(domain, options.fresh, robot, source["action_set"])
+    by_action = dict(iter(rows.groupby("action", sort=False)))
+    errors: list[str] = []
+    for action, examples in by_action.items():
+        # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
+        try:
+            model = train(action, examples, robot, features=domain.candidates(action, source["action_set"]))
+        except TrainingError as error:
+            errors.append(str(error))
+            continue
+        tests = fresh.frame[fresh.frame["action"] == action]
+        measured = _measure(model, tests, fresh.seed) if len(tests) else {}
+        training = {
+            "seed": source.get("seed"),
+            "command": source.get("command"),
+            "digest": digest(examples),
+            "episodes": int(examples["episode"].nunique()),
+            "examples": len(examples),
+            "train_command": command,
+        }
+        metadata = {
+            "action_set": source["action_set"],
+            "training": training,
+            "versions": library_versions(),
+            "accuracy": measured,
+        }
+        file = folder / model_path(action, source["action_set"])
+        save_model(file, dataclasses.replace(model, metadata=metadata))
+        print(f"{file}: {_summary(model, measured)}", flush=True)
+    if len(errors) == len(by_action):
+        raise TrainingError("; ".join(errors))
+    for missing in errors:
+        print(f"train: {missing}; the other actions are learned", file=sys.stderr)
+    if options.ablation and len(fresh.frame):
+        others = dict(iter(fresh.frame.groupby("action")))
+        lines = ablation_table(by_action, others, robot, domain, seed=fresh.seed)
+        write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
+
+
+def _read(domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
+    experience = read_sources(paths, robot, domain, action_set)
+    if left_out := experience.metadata["records_left_out"]:
+        print(f"train: left out {left_out} records with numbers that cannot be", file=sys.stderr)
+    return experience
+
+
+def _measure_again(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> None:
+    """Measure the models there are on fresh episodes; their trees stay as they are."""
+    fresh = _read(domain, options.fresh, robot, options.action_set)
+    for action, tests in fresh.frame.groupby("action", sort=False):
+        file = folder / model_path(action, fresh.metadata["action_set"])
+        model = load_model(file, robot, domain.known_features)
+        measured = _measure(model, tests, fresh.seed)
+        save_model(file, dataclasses.replace(model, metadata={**model.metadata, "accuracy": measured}))
+        print(f"{file}: {_summary(model, measured)}")
+
+
+def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
+    starts = fresh[fresh["t"] == 0.0]
+    parts = {name: accuracy(model, part, seed=seed) for name, part in kinds(starts) if part["success"].any()}
+    measured = parts.pop("at rest", {})
+    return {**measured, "kinds": parts, "success": brier(model, starts, seed=seed)}
+
+
+def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
+    tree = model.trees["duration"]
+    text = f"{tree.n_leaves} rules with {len(model.used_features)} features"
+    if measured:
+        text += (
+            f", MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s on {measured['episodes']} "
+            f"fresh episodes from rest"
+        )
+    return text
+
+
+def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> str:
+    by_file = options.rules.endswith(".json")
+    file = Path(options.rules)
+    if not by_file:
+        file = folder / model_path(options.rules, options.action_set or "default")
+    if not file.exists():
+        there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
+        raise ModelFileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
+    model = load_model(file, robot, domain.known_features)
+    if options.measure not in model.trees:
+        raise ModelFileError(f"measure: expected one of {', '.join(model.trees)}, got {options.measure!r}")
+    if not options.situation:
+        return model.rules(options.measure)
+    return model.explain(_situation(options.situation), options.measure)
+
+
+def _situation(words: Sequence[str]) -> dict[str, float]:
+    """Read NAME=NUMBER words; direct variables that are not named are 0."""
+    situation = dict.fromkeys(DIRECT_VARIABLES, 0.0)
+    for word in words:
+        name, _, value = word.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if name not in situation or not abs(number) <= FARTHEST:
+            raise TrainingError(
+                f"situation: expected NAME=NUMBER with a name of {', '.join(DIRECT_VARIABLES)} "
+                f"and a number up to {FARTHEST:g}, got {word[:80]!r}"
+            )
+        situation[name] = number
+    return situation
+
+
+def _report(domain: Domain, file: Path, robot: Robot, folder: Path) -> None:
+    found = sorted(filter(is_model, folder.rglob("*.json")))
+    models = [load_model(path, robot, domain.known_features) for path in found]
+    models = [model for model in models if model.metadata["accuracy"]]
+    table = accuracy_table(models, domain.presentation.published)
+    lines = [*table, "", "## Success", "", *success_table(models)]
+    command = portable_command("train", ["--report", str(file)])
+    write_text(file, _document("Accuracy of the performance models", command, "\n".join(lines)))
+
+
+def _document(title: str, command: str, text: str) -> str:
+    return f"# {title}\n\nMade by `{command}`. Times in s, with 95 % bootstrap intervals.\n\n{text}\n"

@@ -1,0 +1,67 @@
+"""The ranges of goal variables: what is searched, and what an answer may change them to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.robot.description import Robot
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """The values that a goal variable may take.
+
+    Attributes
+    ----------
+    low, high : float
+        Bounds in the variable's unit (m, rad, m/s).
+    steps : int
+        How finely the first grid divides it, relative to other variables.
+    periodic : bool
+        The bounds are the same value, as with an angle.
+    rest : float or None
+        The value that an unrefined chain takes; None: the one at which the action alone is cheapest.
+    """
+
+    low: float
+    high: float
+    steps: int
+    periodic: bool = False
+    rest: float | None = None
+
+    def contains(self, value: float) -> bool:
+        """Return whether the variable may take `value`, to rounding; an angle may take any finite one."""
+        slack = 1e-9 * (self.high - self.low)
+        return math.isfinite(value) and (self.periodic or self.low - slack <= value <= self.high + slack)
+
+
+RangeOf = Callable[[Robot, Goal], Range]
+Ranges = Mapping[str, RangeOf]
+"""Goal variable to its range, given the robot and the goal; a variable without one is never free."""
+
+
+def heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
+    """Return the range of a heading: all of them."""
+    return Range(-math.pi, math.pi, 36, periodic=True)
+
+
+def arrival_speed(robot: Robot, goal: Goal, *, most: float = math.inf) -> Range:
+    """Return the range of an arrival speed: from rest to what the robot can do, and to `most` m/s."""
+    limits = robot.holder_for("a goal of the hold").limits if goal.point is Point.HOLD else robot.limits
+    return Range(0.0, min(limits.v, most), 6, rest=0.0)
+
+
+def _x(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
+    return Range(-robot.scene.area.length / 2, robot.scene.area.length / 2, 16)
+
+
+def _y(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
+    return Range(-robot.scene.area.width / 2, robot.scene.area.width / 2, 10)
+
+
+USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": heading, "speed": arrival_speed})
+"""The ranges that the robot and its scene determine; a domain may have others."""

@@ -1,0 +1,212 @@
+"""The executor with a domain from a file whose actions are on servers of others."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from action_servers import Server
+from chain_client import ChainClient, call
+from conftest import Host
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from ros_client import Client
+
+from ator_interfaces.msg import Outcome
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import odometry_of
+from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
+from ator_ros.world.state import RobotState
+
+DOMAIN = """
+name: errands
+objects:
+  - {name: cart, topic: tracked_cart, type: PoseStamped}
+tops:
+  - name: visit
+    action: navigate
+    post:
+      - {variable: robot.x, target: goal.x, tolerance: 0.1}
+      - {variable: robot.y, target: goal.y, tolerance: 0.1}
+  - name: follow
+    action: navigate
+    post: [{variable: robot.x, target: cart.x, tolerance: 1.0}]
+  - {name: fly, action: fly, post: [{variable: robot.x, target: goal.x, tolerance: 0.1}]}
+actions:
+  - name: navigate
+    remote:
+      server: drive
+      type: ator_interfaces/action/ExecuteChain
+      goal: [{field: "chain.calls[0].goal", source: goal}]
+      success: {fields: [{field: outcome.code, equals: 1}]}
+      timeouts: {server: 3.0, acceptance: 3.0, result: 30.0, cancel: 1.0}
+  - name: fly
+    remote:
+      server: fly
+      type: flying_msgs/action/Fly
+      goal: [{field: pose, source: goal}]
+"""
+
+
+class Base:
+    """A base whose odometry comes at 40 Hz, which is where it was put last; so is a cart, once it was put."""
+
+    def __init__(self, client: Client) -> None:
+        self.state = RobotState(Pose(0.0, 0.0, 0.0))
+        self.cart: tuple[float, float] | None = None
+        self._carts = client.node.create_publisher(PoseStamped, "tracked_cart", SENSOR_DATA)
+        self._publisher = client.node.create_publisher(Odometry, "odom", SENSOR_DATA)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._ended.wait(0.025):
+            odometry = odometry_of(time.monotonic(), self.state, frame="odom", child="base_link")
+            if self.cart is not None:
+                cart = PoseStamped(header=odometry.header)
+                cart.pose.position.x, cart.pose.position.y = self.cart
+                self._carts.publish(cart)
+            self._publisher.publish(odometry)
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+
+
+class Hall:
+    """A base, a server that moves it, and a client of the executor."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+        self.base = Base(client)
+        self.chains = ChainClient(client)
+
+    def serve(self, **options: bool) -> Server:
+        """Start the server."""
+        self._server: Server = self.client.within(lambda: Server(self.client.node, **options))
+        return self._server
+
+    def track(self, x: float, y: float) -> None:
+        """Tell from now on that the cart is at a place."""
+        self.base.cart = (x, y)
+
+    def close(self) -> None:
+        """End base and server."""
+        self.base.close()
+        self.client.within(self._server.destroy)
+
+    def reach(self, server: Server, number: int, pose: Pose) -> None:
+        """Let the server bring the robot to `pose` for its goal of this number, and say that it has."""
+        self.client.eventually(lambda: len(server.goals) >= number, f"goal {number}")
+        self.base.state = RobotState(pose)
+        self.client.eventually(lambda: self.client.robot().pose == pytest.approx(pose), "odometry of it")
+        self.client.within(server.finish)
+
+
+@pytest.fixture
+def hall(client: Client, host: Host, tmp_path: Path) -> Iterator[Hall]:
+    file = tmp_path / "errands.yaml"
+    file.write_text(DOMAIN, encoding="utf-8")
+    host("executor", domain=file, odom_timeout=2.0, start_timeout=1.0)
+    made = Hall(client)
+    yield made
+    made.close()
+
+
+def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> None:
+    server, (first, second) = hall.serve(), (Pose(1.0, 0.5, 0.3), Pose(2.0, 0.0, 1.0))
+    sent = hall.chains.send([call("visit", first), call("visit", second)])
+    hall.client.eventually(lambda: server.goals, "a goal")
+    commands = len(hall.chains.commands)
+    hall.client.eventually(lambda: "executed by drive" in sent.feedback[-1].status, "feedback")
+    time.sleep(0.3)
+    assert len(hall.chains.commands) <= commands + 1  # one may have been under way
+    hall.reach(server, 1, first)
+    hall.reach(server, 2, second)
+    result = sent.result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert [record.action for record in result.record.actions] == ["navigate", "navigate"]
+    for record in result.record.actions:
+        assert record.outcome.reason == "drive succeeded"
+        assert record.actual.duration > 0.0
+        assert record.actual.accuracy == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_success_far_from_the_goal_is_none(hall: Hall) -> None:
+    server = hall.serve()
+    sent = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3)), call("visit", Pose(2.0, 0.0, 0.0))])
+    hall.reach(server, 1, Pose(0.5, 0.5, 0.3))
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.FAILED
+    assert outcome.reason == "post-condition of visit: expected robot.x within 0.1 of goal.x, it is 0.5 off"
+    assert len(server.goals) == 1
+
+
+@pytest.mark.parametrize("cancels", [True, False])
+def test_a_canceled_goal_ends_once_its_server_has_ended_or_its_time_is_up(hall: Hall, cancels: bool) -> None:
+    server = hall.serve(cancels=cancels)
+    sent = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
+    hall.client.eventually(lambda: server.goals, "a goal")
+    hall.client.eventually(lambda: "executed by drive" in sent.feedback[-1].status, "feedback")
+    began = time.monotonic()
+    sent.cancel()
+    hall.client.eventually(lambda: server.canceled, "a cancellation")
+    time.sleep(0.2)
+    assert not sent.ended()
+    if cancels:
+        hall.client.within(lambda: server.finish("canceled"))
+    assert sent.outcome().code == Outcome.CANCELED
+    took = time.monotonic() - began
+    assert 0.2 < took < 1.0 if cancels else 1.0 < took < 3.0
+
+
+def test_a_newer_goal_waits_for_the_server_that_drives(hall: Hall) -> None:
+    server = hall.serve()
+    old = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
+    hall.client.eventually(lambda: "executed by drive" in old.feedback[-1].status, "feedback")
+    new = hall.chains.send([call("visit", Pose(2.0, 0.5, 0.3))])
+    assert old.outcome().code == Outcome.PREEMPTED
+    hall.client.eventually(lambda: server.canceled, "a cancellation")
+    assert len(server.goals) == 1
+    hall.client.within(lambda: server.finish("canceled"))
+    hall.reach(server, 2, Pose(2.0, 0.5, 0.3))
+    assert new.outcome().code == Outcome.SUCCEEDED
+
+
+def test_an_action_whose_type_is_not_installed_leaves_the_others_alone(hall: Hall) -> None:
+    heard = hall.client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    outcome = hall.chains.send([call("fly", Pose(1.0, 0.0, 0.0))]).outcome()
+    assert outcome.code == Outcome.FAILED
+    assert "flying_msgs/action/Fly to be installed" in outcome.reason
+    hall.client.eventually(
+        lambda: any("flying_msgs" in status.message for message in heard for status in message.status),
+        "diagnostics",
+    )
+    server = hall.serve()
+    sent = hall.chains.send([call("visit", Pose(1.0, 0.0, 0.0))])
+    hall.reach(server, 1, Pose(1.0, 0.0, 0.0))
+    assert sent.outcome().code == Outcome.SUCCEEDED
+
+
+def test_a_tracked_object_is_waited_for_and_used(hall: Hall) -> None:
+    heard = hall.client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    server, there = hall.serve(), Pose(1.0, 0.5, 0.0)
+    hall.client.eventually(
+        lambda: any(
+            "cart: expected on its topic" in status.message for each in heard for status in each.status
+        ),
+        "diagnostics of the missing cart",
+    )
+    outcome = hall.chains.send([call("follow", there)]).outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    assert outcome.reason.startswith("cart is missing: follow needs it")
+    assert not server.goals
+    hall.track(1.2, 0.5)
+    sent = hall.chains.send([call("follow", there)])
+    hall.reach(server, 1, there)
+    assert sent.outcome().code == Outcome.SUCCEEDED

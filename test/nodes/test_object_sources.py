@@ -1,0 +1,55 @@
+"""Objects from messages of each kind."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+import pytest
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+
+from ator_ros.nodes.checks import WIDEST, MessageError
+from ator_ros.nodes.conversions import object_odometry_of, stamp_of
+from ator_ros.nodes.object_sources import TYPES, reader_of
+from ator_ros.world.sources import Kind, ObjectSource
+from ator_ros.world.state import ObjectState
+
+
+def message_of(kind: str, time: float, x: float, y: float, frame: str = "map") -> Any:
+    if kind == "Odometry":
+        return object_odometry_of(time, ObjectState(x, y, 0.5, -0.2), frame=frame, height=0.0)
+    message = TYPES[kind]()
+    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    pose = message.pose.pose if kind == "PoseWithCovarianceStamped" else message.pose
+    pose.position.x, pose.position.y = x, y
+    return message
+
+
+def test_every_kind_that_a_domain_may_declare_is_read() -> None:
+    assert set(TYPES) == set(get_args(Kind))
+    assert TYPES["PoseStamped"] is PoseStamped
+    assert TYPES["PoseWithCovarianceStamped"] is PoseWithCovarianceStamped
+
+
+@pytest.mark.parametrize("kind", sorted(TYPES))
+def test_position_and_velocity_are_read_or_estimated(kind: str) -> None:
+    read = reader_of(ObjectSource("cart", type=kind), frame="map", bounds=WIDEST)
+    for tick in range(20):
+        time = 5.0 + 0.02 * tick
+        stamp, there = read(message_of(kind, time, 1.0 + 0.01 * tick, 2.0 - 0.004 * tick))
+    assert stamp == pytest.approx(time)
+    assert (there.x, there.y, there.vx, there.vy) == pytest.approx((1.19, 1.924, 0.5, -0.2))
+
+
+@pytest.mark.parametrize("kind", sorted(TYPES))
+def test_what_cannot_be_used_is_told_and_not_remembered(kind: str) -> None:
+    read = reader_of(ObjectSource("cart", type=kind), frame="map", bounds=WIDEST)
+    for tick in range(10):
+        read(message_of(kind, 0.02 * tick, 0.01 * tick, -0.004 * tick))
+        with pytest.raises(MessageError, match=r"^cart"):
+            read(message_of(kind, 0.02 * tick, 3.0, float("nan")))
+        with pytest.raises(
+            MessageError, match=r"^cart.header.frame_id: expected the frame 'map', got 'odom'"
+        ):
+            read(message_of(kind, 0.02 * tick, 3.0, 0.0, frame="odom"))
+    _, there = read(message_of(kind, 0.2, 0.1, -0.04))
+    assert (there.vx, there.vy) == pytest.approx((0.5, -0.2))

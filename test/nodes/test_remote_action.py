@@ -1,0 +1,250 @@
+"""Actions on servers of others: good servers, and each way in which a bad one ends an action."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from action_servers import Echo, Mute, Server, declared
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from ator_ros.actions.base import Goal, Status, Step
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_from
+from ator_ros.nodes.remote_action import RemoteAction
+from ator_ros.nodes.remote_server import RemoteServer
+from ator_ros.robot.description import load_robot
+from ator_ros.world.state import STOP, RobotState, World
+
+ROBOT = load_robot()
+GOAL = Goal(Pose(1.0, 2.0, 0.5), 0.3)
+PERIOD = 0.02
+"""Real s of a tick; by the stamps it takes five times as long."""
+SLACK = 1.0
+"""Real s that a busy machine may take longer."""
+
+
+class Bench:
+    """A node of ours and one of somebody else's, in one executor of this process."""
+
+    def __init__(self, domain: int) -> None:
+        self._context = rclpy.Context()
+        self._context.init(domain_id=domain)
+        self.ours, self.theirs = (Node(name, context=self._context) for name in ("ours", "theirs"))
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.ours)
+        self._executor.add_node(self.theirs)
+        self.server = RemoteServer(self.ours, declared(), "odom", time.monotonic)
+        self.action = RemoteAction(ROBOT, self.server)
+        self.steps: list[Step] = []
+        self._time = 0.0
+
+    def spin(self) -> None:
+        """Let both nodes work for a tick."""
+        end = time.monotonic() + PERIOD
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=PERIOD / 4.0)
+
+    def begin(self) -> None:
+        """Wait for the server, and start the action."""
+        self.until(lambda: self.server.present(time.monotonic()))
+        self.action.start(self.world(), GOAL)
+
+    def world(self, v: float = 0.0) -> World:
+        return World(self._time, RobotState(Pose(0.0, 0.0, 0.0), v))
+
+    def tick(self, v: float = 0.0) -> Step:
+        """Step the action once."""
+        self.spin()
+        self._time += 5.0 * PERIOD
+        self.steps.append(self.action.step(self.world(v)))
+        return self.steps[-1]
+
+    def until(self, happened: Callable[[], Any], patience: float = 5.0) -> None:
+        """Let both nodes work until something has happened."""
+        end = time.monotonic() + patience
+        while not happened():
+            assert time.monotonic() < end
+            self.spin()
+
+    def drive(self, happened: Callable[[], Any]) -> None:
+        """Step the action until something has happened; it must not end before."""
+        end = time.monotonic() + 5.0
+        while not happened():
+            assert time.monotonic() < end
+            assert self.tick().status is Status.RUNNING, self.steps[-1]
+
+    def outcome(self, patience: float = 10.0) -> tuple[Step, float]:
+        """Step the action until it ends, and end it; return its last step and how long that took."""
+        began = time.monotonic()
+        while self.tick().status is Status.RUNNING:
+            assert time.monotonic() - began < patience
+        self.action.end("over")
+        return self.steps[-1], time.monotonic() - began
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        for node in (self.ours, self.theirs):
+            for waitable in list(node.waitables):  # which outlive their node otherwise
+                getattr(waitable, "destroy", bool)()
+            node.destroy_node()
+        self._context.try_shutdown()
+
+
+@pytest.fixture
+def bench(domain: int) -> Iterator[Bench]:
+    made = Bench(domain)
+    yield made
+    made.close()
+
+
+def test_a_goal_is_sent_as_declared_once_the_robot_stands(bench: Bench) -> None:
+    server = Server(bench.theirs)
+    bench.begin()
+    assert [bench.tick(v=0.5).command for _ in range(3)] == [STOP] * 3
+    assert not server.goals
+    bench.drive(lambda: server.goals)
+    (call,) = server.goals[0].request.chain.calls
+    assert (call.top, call.speed, call.goal.header.frame_id) == ("goToPose", 0.3, "map")
+    assert pose_from(call.goal.pose, "goal") == pytest.approx(GOAL.pose)
+    assert server.goals[0].request.fetches == 3
+    assert server.goals[0].request.chain.action_set == "odom"
+
+
+def test_nothing_is_commanded_while_the_server_moves_the_robot(bench: Bench) -> None:
+    server = Server(bench.theirs)
+    bench.begin()
+    bench.drive(lambda: server.goals)
+    sent = next(number for number, step in enumerate(bench.steps) if step.command is None)
+    for v in (0.0, 0.5, 0.5, 0.0):
+        bench.tick(v)
+    server.finish()
+    step, took = bench.outcome()
+    assert (step.status, step.message, step.command) == (Status.SUCCEEDED, "drive succeeded", STOP)
+    assert {step.command for step in bench.steps[sent:-1]} == {None}
+    assert took < SLACK
+    assert not bench.server.ending()
+
+
+def test_a_rejected_goal_fails_at_once(bench: Bench) -> None:
+    Server(bench.theirs, accepts=False)
+    bench.begin()
+    step, took = bench.outcome()
+    assert (step.status, step.message) == (Status.FAILED, "drive rejected the goal")
+    assert took < SLACK
+
+
+@pytest.mark.parametrize(
+    ("end", "expected"),
+    [
+        ({"state": "abort", "code": 2, "reason": "blocked"}, "its goal is aborted; .*got 2 \\(blocked\\)"),
+        ({"state": "succeed", "code": 2}, "drive failed: outcome.code: expected 1, got 2"),
+        ({"state": "abort", "code": 1}, "drive failed: its goal is aborted"),
+    ],
+)
+def test_a_result_that_is_no_success_is_told(bench: Bench, end: dict[str, Any], expected: str) -> None:
+    server = Server(bench.theirs)
+    bench.begin()
+    bench.drive(lambda: server.goals)
+    server.finish(**end)
+    step, took = bench.outcome()
+    assert step.status is Status.FAILED
+    assert took < SLACK
+    with pytest.raises(AssertionError, match=expected):
+        raise AssertionError(step.message)
+
+
+def test_without_a_server_it_fails_after_its_time(bench: Bench) -> None:
+    bench.action.start(bench.world(), GOAL)
+    step, took = bench.outcome()
+    assert step.message == "drive: expected one action server within 0.6 s, got none"
+    assert 0.6 < took < 0.6 + SLACK
+    assert all(step.command == STOP for step in bench.steps)
+
+
+def test_a_server_that_dies_is_noticed(bench: Bench) -> None:
+    server = Server(bench.theirs)
+    bench.begin()
+    bench.drive(lambda: server.goals)
+    server.destroy()
+    step, took = bench.outcome()
+    assert step.message == "drive is gone: its action server has been missing for 0.6 s"
+    assert took < 0.6 + 2.0 * SLACK
+    assert not bench.server.ending()  # there is nobody to wait for
+
+
+def test_a_server_that_never_answers_is_given_up_and_canceled_when_it_does(bench: Bench) -> None:
+    server = Mute(bench.theirs)
+    bench.begin()
+    step, took = bench.outcome()
+    assert step.message == "drive did not answer the goal: expected that within 0.5 s"
+    assert took < 0.5 + SLACK
+    bench.theirs.executor.create_task(server.answer)
+    bench.until(lambda: server.canceled)
+
+
+def test_a_server_that_never_ends_is_given_up_and_canceled(bench: Bench) -> None:
+    server = Server(bench.theirs)
+    bench.begin()
+    step, took = bench.outcome()
+    assert step.message == "drive took too long: expected a result within 4 s, got none"
+    assert took < 4.0 / 5.0 + SLACK
+    assert bench.server.ending()
+    bench.until(lambda: server.canceled)
+    server.finish("canceled")
+    bench.until(lambda: not bench.server.ending(), patience=0.5 + SLACK)
+    assert bench.server.remark() == ""
+
+
+def test_a_server_that_ignores_cancellations_is_not_waited_for_long(bench: Bench) -> None:
+    server = Server(bench.theirs, cancels=False)
+    bench.begin()
+    bench.drive(lambda: server.goals)
+    began = time.monotonic()
+    bench.action.end("canceled by the client")
+    assert time.monotonic() - began < 0.1
+    assert bench.server.ending()
+    bench.until(lambda: not bench.server.ending(), patience=0.5 + SLACK)
+    assert time.monotonic() - began > 0.5
+    assert bench.server.remark() == (
+        "drive did not end its goal within 0.5 s of its cancellation: it may still move the robot"
+    )
+    assert bench.server.remark() == ""
+
+
+def test_answers_that_come_twice_count_once(bench: Bench) -> None:
+    server = Echo(bench.theirs)
+    bench.begin()
+    bench.drive(lambda: server.goals)
+    for _ in range(5):
+        assert bench.tick().status is Status.RUNNING
+    server.finish()
+    step, _ = bench.outcome()
+    assert step.status is Status.SUCCEEDED
+    for _ in range(5):
+        bench.spin()
+
+
+def test_two_servers_of_one_name_are_refused(bench: Bench) -> None:
+    servers = [Server(bench.theirs), Server(bench.theirs)]
+    bench.begin()
+    bench.until(lambda: "got 2" in bench.server.unusable(time.monotonic()))
+    step, took = bench.outcome()
+    within = "expected one action server within 0.6 s"
+    assert step.message == f"drive: {within}, got 2: each would move the robot"
+    assert 0.6 < took < 0.6 + SLACK
+    assert not any(server.goals for server in servers)
+
+
+def test_an_action_that_ends_before_it_was_sent_sends_nothing(bench: Bench) -> None:
+    server = Server(bench.theirs)
+    bench.begin()
+    bench.action.end("rehearsed")
+    for _ in range(5):
+        bench.spin()
+    assert not server.goals
+    assert not bench.server.ending()

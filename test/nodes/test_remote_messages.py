@@ -1,0 +1,130 @@
+"""Goals and results of action types by the paths of their fields, without any node."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+from action_servers import declared
+
+from ator_interfaces.action import ExecuteChain
+from ator_ros.actions.base import Goal
+from ator_ros.actions.remote import Expectation, Filling, Success
+from ator_ros.geometry import Pose
+from ator_ros.nodes.remote_messages import (
+    GoalWriter,
+    RemoteError,
+    action_type_of,
+    check_result,
+    failure_in,
+    status_name,
+)
+
+GOAL = Goal(Pose(1.0, -2.0, 0.0), 0.4)
+SUCCEEDED, ABORTED = 4, 6
+
+
+def written(*fillings: Filling) -> ExecuteChain.Goal:
+    return GoalWriter(declared(goal=fillings), ExecuteChain.Goal, "odom").written(GOAL)
+
+
+def test_poses_take_the_frame_of_the_states_unless_another_is_declared() -> None:
+    for frame, expected in ((None, "odom"), ("map", "map")):
+        message = written(Filling("chain.calls[0].goal", source="goal", frame=frame))
+        assert message.chain.calls[0].goal.header.frame_id == expected
+    message = written(
+        Filling("chain.calls[0].goal.pose", source="goal"),
+        Filling("chain.calls[0].goal.header.frame_id", source="frame"),
+    )
+    stamped = message.chain.calls[0].goal
+    assert (stamped.pose.position.x, stamped.pose.position.y) == (1.0, -2.0)
+    assert stamped.header.frame_id == "odom"
+
+
+def test_each_goal_is_a_message_of_its_own() -> None:
+    writer = GoalWriter(declared(), ExecuteChain.Goal, "odom")
+    first, second = writer.written(GOAL), writer.written(dataclasses.replace(GOAL, speed=0.1))
+    assert [message.chain.calls[0].speed for message in (first, second)] == [0.4, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("filling", "expected"),
+    [
+        (Filling("pose", source="goal"), r"goal\[0\].field: expected one of chain, refine, .*got 'pose'"),
+        (Filling("chain", source="goal"), r"goal\[0\]: expected a field of type geometry_msgs/Pose or"),
+        (Filling("refine.x", constant=1), r"goal\[0\].field: expected one of nothing within boolean"),
+        (Filling("refine[0]", constant=1), r"goal\[0\]: expected a sequence for refine\[0\], got boolean"),
+        (Filling("fetches", source="goal.speed"), r"goal\[0\]: expected a field for a float, got uint8"),
+        (Filling("fetches", source="frame"), r"goal\[0\]: expected a field for a text, got uint8"),
+        (Filling("fetches", constant=256), r"goal\[0\]: expected a whole number from 0 to 255, got 256"),
+        (Filling("fetches", constant=1.5), r"goal\[0\]: expected a whole number from 0 to 255, got 1.5"),
+        (Filling("refine", constant=1), r"goal\[0\]: expected true or false, got 1"),
+        (Filling("chain.action_set", constant=1), r"goal\[0\]: expected a text, got 1"),
+        (Filling("objective.duration", constant="a"), r"goal\[0\]: expected a number, got 'a'"),
+        (Filling("chain", constant=1), r"goal\[0\]: expected a field for a text, a number or a truth value"),
+    ],
+)
+def test_a_goal_that_does_not_fit_its_type_is_told(filling: Filling, expected: str) -> None:
+    with pytest.raises(RemoteError, match=f"^{expected}"):
+        written(filling)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("no_such_msgs/action/Drive", "apt install ros-jazzy-no-such-msgs.*No module named"),
+        ("ator_interfaces/action/Drive", "expected an action of ator_interfaces, got 'Drive'"),
+    ],
+)
+def test_a_type_that_is_not_there_is_told(name: str, expected: str) -> None:
+    with pytest.raises(RemoteError, match=f"^type: .*{expected}"):
+        action_type_of(name)
+
+
+@pytest.mark.parametrize(
+    ("success", "expected"),
+    [
+        (Success(fields=(Expectation("code", 0),)), r"success.fields\[0\].field: expected one of outcome"),
+        (
+            Success(fields=(Expectation("outcome.code", "a"),)),
+            r"success.fields\[0\]: expected a whole number",
+        ),
+        (Success(reason="why"), "success.reason.field: expected one of outcome, record, got 'why'"),
+    ],
+)
+def test_a_result_that_is_read_wrongly_is_told(success: Success, expected: str) -> None:
+    with pytest.raises(RemoteError, match=f"^{expected}"):
+        check_result(declared(success=success), ExecuteChain.Result)
+
+
+def failure(status: int, success: Success, **values: Any) -> str | None:
+    result = ExecuteChain.Result()
+    for name, value in values.items():
+        setattr(result.outcome, name, value)
+    return failure_in(declared(success=success), status, result)
+
+
+def test_success_is_the_status_and_all_fields() -> None:
+    both = Success(fields=(Expectation("outcome.code", 1), Expectation("record.refined", False)))
+    assert failure(SUCCEEDED, both, code=1) is None
+    assert failure(ABORTED, both, code=1) == "its goal is aborted"
+    assert failure(SUCCEEDED, both, code=2) == "outcome.code: expected 1, got 2"
+    assert failure(ABORTED, Success(status=("aborted",))) is None
+
+
+def test_an_item_that_is_not_there_is_no_success() -> None:
+    first = Success(fields=(Expectation("record.actions[0].action", "goToPose"),))
+    assert failure(SUCCEEDED, first) == "record.actions[0].action: expected 'goToPose', got None"
+
+
+def test_what_the_server_says_is_quoted_without_control_characters() -> None:
+    success = Success(reason="outcome.reason")
+    assert failure(ABORTED, success, reason="\x1b[31mno way") == "its goal is aborted (\\x1b[31mno way)"
+
+
+def test_states_have_names() -> None:
+    assert [status_name(number) for number in (0, 4, 5, 6, 77)] == [
+        *("unknown", "succeeded", "canceled", "aborted"),
+        "77",
+    ]

@@ -1,0 +1,138 @@
+"""Schemas: what fits is structured, what does not is refused in one line with its place in the file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import pytest
+
+from ator_ros.schema import Format, OneOf, SchemaError, Within, structured
+
+
+@dataclass(frozen=True)
+class Wheel:
+    radius: Annotated[float, Within(0.0)]
+    side: Annotated[str, OneOf(("left", "right"))] = "left"
+
+
+@dataclass(frozen=True)
+class Cart:
+    name: str
+    wheels: tuple[Wheel, ...]
+    loads: dict[str, Annotated[float, Within(-1.0, 1.0)]]
+    number: int | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.wheels) > 2:
+            raise ValueError("expected at most two wheels")
+
+
+GOOD: dict[str, Any] = {
+    "name": "a",
+    "wheels": [{"radius": 1}, {"radius": 2.5, "side": "right"}],
+    "loads": {"x": 1},
+}
+
+
+def test_what_fits_is_structured() -> None:
+    assert structured(GOOD, Cart) == Cart("a", (Wheel(1.0), Wheel(2.5, "right")), {"x": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"name": 3}, "cart.name: expected a text; got 3"),
+        ({"wheels": "ab"}, "cart.wheels: expected a list; got 'ab'"),
+        (
+            {"wheels": [{"radius": 1}, {"radius": -1}]},
+            "cart.wheels[1].radius: expected a finite number of at least 0; got -1",
+        ),
+        ({"wheels": [{"radius": True}]}, "cart.wheels[0].radius: expected a finite number; got True"),
+        ({"wheels": [{"radius": "1"}]}, "cart.wheels[0].radius: expected a finite number; got '1'"),
+        ({"wheels": [{"radius": float("nan")}]}, "cart.wheels[0].radius: expected a finite number; got nan"),
+        ({"wheels": [{"side": "left"}]}, "cart.wheels[0]: expected the fields radius, side; missing radius"),
+        (
+            {"wheels": [{"radius": 1, "side": "top"}]},
+            "cart.wheels[0].side: expected one of left, right; got 'top'",
+        ),
+        ({"wheels": [{"radius": 1}] * 3}, "cart: expected at most two wheels"),
+        ({"loads": []}, "cart.loads: expected a table; got []"),
+        ({"loads": {"x": 2}}, "cart.loads.x: expected a number from -1 to 1; got 2"),
+        ({"number": 1.0}, "cart.number: expected a whole number; got 1.0"),
+        ({"number": True}, "cart.number: expected a whole number; got True"),
+        ({"extra": 1}, "cart: expected the fields loads, name, number, wheels; unknown extra"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_place(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(SchemaError) as refused:
+        structured(GOOD | change, Cart, "cart", closed=True)
+    assert str(refused.value) == message
+
+
+def test_messages_are_short_whatever_came() -> None:
+    with pytest.raises(SchemaError) as refused:
+        structured(GOOD | {"wheels": "x" * 1_000_000}, Cart, "cart." + "y" * 1_000_000)
+    assert len(str(refused.value)) < 600
+
+
+def test_an_older_file_is_brought_up_to_date_and_a_newer_one_is_refused() -> None:
+    form = Format("cart", 3, "cart", upgrades={1: lambda d: d | {"one": 1}, 2: lambda d: d | {"two": 2}})
+    assert form.head() == {"format": "cart", "schema_version": 3}
+    assert form.current({"format": "cart", "schema_version": 1}) == {
+        "format": "cart", "schema_version": 1, "one": 1, "two": 2
+    }  # fmt: skip
+    assert "one" not in form.current({"format": "cart", "schema_version": 2})
+    with pytest.raises(
+        SchemaError, match="schema_version: expected 1 to 3, got 4; a newer one needs a newer"
+    ):
+        form.current({"format": "cart", "schema_version": 4})
+    for other in (None, [], {}, {"format": "boat"}):
+        with pytest.raises(SchemaError, match="format: expected 'cart': this is no cart of ator_ros"):
+            form.current(other)
+
+
+@dataclass(frozen=True)
+class Near:
+    place: str
+    within: float
+
+
+@dataclass(frozen=True)
+class Between:
+    place: str
+    low: float = 0.0
+
+
+@dataclass(frozen=True)
+class Choices:
+    kind: Literal["near", "far"]
+    value: bool | int | str | None
+    where: tuple[Near | Between, ...] = ()
+
+
+def test_a_union_is_the_first_of_its_types_that_fits() -> None:
+    for value in (True, 1, "1", None):
+        made = structured({"kind": "near", "value": value}, Choices)
+        assert made.value is value
+    where = [{"place": "a", "within": 1.0}, {"place": "b", "low": 2.0}, {"place": "c"}]
+    made = structured({"kind": "far", "value": 0, "where": where[:2]}, Choices, closed=True)
+    assert made.where == (Near("a", 1.0), Between("b", 2.0))
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        ({"kind": "on", "value": 1}, "kind: expected one of near, far; got 'on'"),
+        ({"kind": 1, "value": 1}, "kind: expected one of near, far; got 1"),
+        ({"kind": "far", "value": 0.5}, "value: expected true or false or a whole number or a text; got 0.5"),
+        (
+            {"kind": "far", "value": 1, "where": [3]},
+            "where[0]: expected a table with place, within or a table with low, place; got 3",
+        ),
+    ],
+)
+def test_what_fits_no_type_of_a_union_is_told(data: object, expected: str) -> None:
+    with pytest.raises(SchemaError) as caught:
+        structured(data, Choices, closed=True)
+    assert str(caught.value) == expected

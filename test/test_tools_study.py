@@ -1,0 +1,91 @@
+"""The command line `study`: one folder, from experience to a page."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.resources import resource_path
+from ator_ros.robot.description import load_robot
+from ator_ros.tools.study import main
+from ator_ros.tools.work.study import possible_actions, possible_chain
+
+PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the description of another robot than the shipped one."""
+    file = tmp_path_factory.mktemp("robot") / "slower.yaml"
+    file.write_text(PIONEER.replace("v: 1.2", "v: 0.9", 1), encoding="utf-8")
+    return file
+
+
+def command(robot: Path, out: Path, seed: str = "5") -> list[str]:
+    sizes = ["--episodes", "20", "--situations", "10", "--oracle", "2", "--jobs", "1"]
+    return ["--robot", str(robot), *sizes, "--seed", seed, "--out", str(out)]
+
+
+@pytest.fixture(scope="module")
+def studied(robot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("study") / "out"
+    assert main(command(robot, out)) == 0
+    return out
+
+
+def test_it_says_what_the_actions_and_refinement_are_like(studied: Path, robot: Path) -> None:
+    data = json.loads((studied / "study.json").read_text(encoding="utf-8"))
+    assert data["robot_digest"] == load_robot(robot).digest() != load_robot().digest()
+    assert list(data["actions"]) == ["goToPose", "dribbleBall", "shoot"]
+    for row in data["actions"].values():
+        assert row["episodes"] == 40
+        assert 0.5 <= row["success"] <= 1.0
+        assert 1.0 < row["mean_duration_s"] < 30.0
+        assert row["accuracy"]["mae_s"] > 0.0
+    assert data["left_out"] == {}
+    evaluation = data["evaluation"]
+    assert (evaluation["situations"], evaluation["seed"]) == (10, 8)
+    assert {"naive", "refined", "gated", "gated_speed", "oracle"} <= evaluation.keys()
+    model = json.loads((studied / "models" / "goToPose.json").read_text(encoding="utf-8"))
+    assert model["robot_digest"] == data["robot_digest"]
+    page = (studied / "study.html").read_text(encoding="utf-8")
+    assert "dribbleBall" in page
+    assert (studied / "evaluation" / "report.html").is_file()
+
+
+def test_it_goes_on_where_it_was_interrupted(studied: Path, robot: Path) -> None:
+    def made() -> dict[str, int]:
+        kept = ("experience", "fresh", "models")
+        return {str(file): file.stat().st_mtime_ns for name in kept for file in (studied / name).iterdir()}
+
+    before, told = made(), (studied / "study.json").read_bytes()
+    (studied / "study.json").unlink()
+    assert main(command(robot, studied)) == 0
+    assert (studied / "study.json").read_bytes() == told
+    assert made() == before
+    (studied / "fresh" / "shoot.parquet").unlink()
+    assert main(command(robot, studied)) == 0
+    assert (studied / "study.json").read_bytes() == told
+
+
+def test_a_folder_of_another_study_is_refused(
+    studied: Path, robot: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command(robot, studied, seed="6")) == 1
+    assert "settings.json: seed: expected 6 as in the folder's study, got 5" in capsys.readouterr().err
+
+
+def test_a_robot_without_a_holder_is_studied_as_far_as_it_goes() -> None:
+    plain = dataclasses.replace(SOCCER.robot(), holder=None)
+    actions, left_out = possible_actions(SOCCER, "default", plain)
+    assert "dribbleBall" not in actions
+    assert "goToPose" in actions
+    assert "holder" in left_out["dribbleBall"]
+    assert possible_chain(SOCCER, SOCCER.library(plain), "dribble", actions) is None
+    assert (
+        possible_chain(SOCCER, SOCCER.library(SOCCER.robot()), "dribble", list(SOCCER.actions())) == "dribble"
+    )
