@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from ator_ros.geometry import Pose, wrap_angle
 
 _STRAIGHT_BEHIND = 3.1  # rad; what lies farther round is treated as if it lay here, to its own side
-_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)  # of the angle on the circle, where it is looked at for walls
 _CORRIDOR = (-0.02, 0.06, 0.05)  # m along the axis from the run-in to behind the goal, and to either side
 
 
@@ -22,16 +21,15 @@ class CurveShape:
         Of the circle beside the goal that the curve comes in on, in m: the length of its handles.
     run_in : float
         Length of the straight line before the goal in m.
-    near, far : float
-        Least and greatest distance in m from the robot to the middle control point.
+    ahead : float
+        Length of the way in m from a standing robot to the middle control point.
     per_speed : float
-        Growth of the least distance in s with the robot's speed, as commands take effect late.
+        Growth of that length in s with the robot's speed, as commands take effect late.
     """
 
     radius: float
     run_in: float
-    near: float
-    far: float
+    ahead: float
     per_speed: float
 
 
@@ -50,8 +48,6 @@ class Curve:
         Curvature at the start in 1/m, positive to the left.
     straight, turn, left : float
         Way in m to the circle beside the goal, angle in rad on it, and way in m to the goal.
-    bulge : tuple of points
-        Points (x, y) in m of that way, in the frame of the goal.
     """
 
     points: tuple[tuple[float, float], ...]
@@ -60,14 +56,13 @@ class Curve:
     straight: float
     turn: float
     left: float
-    bulge: tuple[tuple[float, float], ...] = ()
 
 
 def curve_to(rel: Pose, v: float, shape: CurveShape, side: float) -> Curve:
     """Lay the curve to a goal.
 
-    Its middle control point lies in the direction of the tangent from the robot to a circle beside the goal
-    on which the goal is reached in its heading; once on the circle, ahead on it.
+    Its middle control point lies ahead on the shortest way: the tangent from the robot to a circle beside
+    the goal, the circle, on which the goal is reached in its heading, and the run-in.
 
     Parameters
     ----------
@@ -80,25 +75,16 @@ def curve_to(rel: Pose, v: float, shape: CurveShape, side: float) -> Curve:
     side : {1.0, -1.0}
         1: the circle lies to the left of the goal's axis.
     """
-    near = shape.near + shape.per_speed * max(v, 0.0)
+    ahead = shape.ahead + shape.per_speed * max(v, 0.0)
     behind, beyond, beside = _CORRIDOR
     x, y = rel.x + shape.run_in, side * rel.y
     if x > behind and rel.x < beyond and abs(y) < beside:
-        middle, straight, turn, left = (rel.x + near, 0.0), max(-rel.x, 0.0), 0.0, max(-rel.x, 0.0)
-        bulge: tuple[tuple[float, float], ...] = ()
-    else:
-        straight, heading, turn = _onto_circle(x, y, shape.radius)
-        dx, dy = _ahead(straight, heading, turn, shape, near)
-        middle, left = (rel.x + dx, rel.y + side * dy), straight + shape.radius * turn + shape.run_in
-        bulge = _bulge(turn, shape, side)
-    return _through(rel, middle, shape, (straight, turn, left), bulge)
-
-
-def _bulge(turn: float, shape: CurveShape, side: float) -> tuple[tuple[float, float], ...]:
-    """Return points (m) on the circle from where it is entered, `turn` rad before its end, to the end."""
-    angles = (turn * share for share in _SHARES)
-    radius, end = shape.radius, -shape.run_in
-    return tuple((end - radius * math.sin(a), side * radius * (1.0 - math.cos(a))) for a in angles)
+        left = max(-rel.x, 0.0)
+        return _through(rel, (rel.x + ahead, 0.0), shape, 0.0, (left, 0.0, left))
+    straight, heading, turn = _onto_circle(x, y, shape.radius)
+    dx, dy = _ahead(straight, heading, turn, shape.radius, ahead)
+    left = straight + shape.radius * turn + shape.run_in
+    return _through(rel, (rel.x + dx, rel.y + side * dy), shape, -shape.run_in, (straight, turn, left))
 
 
 def _onto_circle(x: float, y: float, radius: float) -> tuple[float, float, float]:
@@ -117,27 +103,18 @@ def _onto_circle(x: float, y: float, radius: float) -> tuple[float, float, float
     return straight, heading, turn if turn < 2.0 * math.pi - 0.02 else 0.0
 
 
-def _ahead(
-    straight: float, heading: float, turn: float, shape: CurveShape, near: float
-) -> tuple[float, float]:
-    """Return where the middle control point lies (m) from the robot, in the frame of the goal."""
-    if straight >= near:
-        length = min(straight, shape.far)
-        return length * math.cos(heading), length * math.sin(heading)
-    radius = shape.radius
-    angle = min((near - straight) / radius, turn)
-    beyond, end = near - straight - angle * radius, heading + angle
-    dx = straight * math.cos(heading) + radius * (math.sin(end) - math.sin(heading)) + beyond * math.cos(end)
-    dy = straight * math.sin(heading) - radius * (math.cos(end) - math.cos(heading)) + beyond * math.sin(end)
+def _ahead(straight: float, heading: float, turn: float, radius: float, way: float) -> tuple[float, float]:
+    """Return the displacement (m) after a `way` (m) along tangent, circle and run-in, in the goal's frame."""
+    first = min(straight, way)
+    angle = min((way - first) / radius, turn)
+    last, end = way - first - angle * radius, heading + angle
+    dx = first * math.cos(heading) + radius * (math.sin(end) - math.sin(heading)) + last * math.cos(end)
+    dy = first * math.sin(heading) - radius * (math.cos(end) - math.cos(heading)) + last * math.sin(end)
     return dx, dy
 
 
 def _through(
-    rel: Pose,
-    middle: tuple[float, float],
-    shape: CurveShape,
-    way: tuple[float, float, float],
-    bulge: tuple[tuple[float, float], ...],
+    rel: Pose, middle: tuple[float, float], shape: CurveShape, end: float, way: tuple[float, float, float]
 ) -> Curve:
     """Complete a curve by its handles; the robot's shrinks to nothing where it looks away from the curve."""
     dx, dy = middle[0] - rel.x, middle[1] - rel.y
@@ -147,7 +124,6 @@ def _through(
     # With this handle the curve begins as the arc to its middle control point, where that lies ahead.
     handle = math.sqrt(0.375) * distance * math.cos(angle / 2.0)
     bend = 0.75 * distance * math.sin(angle) / handle**2
-    end = -shape.run_in if bulge else 0.0
     points = (
         (rel.x, rel.y),
         (rel.x + handle * math.cos(rel.yaw), rel.y + handle * math.sin(rel.yaw)),
@@ -155,4 +131,4 @@ def _through(
         (end - shape.radius / 2.0, 0.0),
         (end, 0.0),
     )
-    return Curve(points, bearing, bend, *way, bulge)
+    return Curve(points, bearing, bend, *way)

@@ -7,8 +7,7 @@ from typing import ClassVar
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.bezier.curve import CurveShape
-from ator_ros.domains.soccer.bezier.driver import Driver, Pushing, Style, check_goal, reached
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, World
@@ -16,13 +15,16 @@ from ator_ros.world.state import Command, World
 LOST = 0.15
 """Distance in m between ball and hold beyond which the ball counts as lost."""
 
-HANDLE = 1.0
+HANDLE = 0.1
 """Length of the curve's handles in m: the least radius that the ball is led on."""
 
+ROTATION = 0.5
+"""Greatest rotational velocity in rad/s with the ball: it makes turning with the ball dear."""
 
-def dribbling(handle: float) -> Style:
-    """Return how the ball is dribbled along curves with handles of a length in m."""
-    return Style(CurveShape(handle, 0.05, 0.2, 0.8, 0.3), 1.2 / handle, 0.75, 0.36, handle)
+
+def dribbling(handle: float = HANDLE, rotation: float = ROTATION) -> Style:
+    """Return how the ball is dribbled with handles of a length in m, and at most at a rotation in rad/s."""
+    return Style(CurveShape(handle, 0.05, 0.05, 0.15), 1.2 / handle, rotation, 0.36)
 
 
 def check_held(world: World, robot: Robot, name: str) -> None:
@@ -41,18 +43,17 @@ def check_held(world: World, robot: Robot, name: str) -> None:
 
 
 class BezierDribbleBall(Action):
-    """Push the ball to a pose: never turning on the spot, never braking harder than the ball rolls out.
+    """Push the ball to a pose: turning slowly, never on the spot, and never braking harder than the ball.
 
     A goal with a speed is passed at that speed. A goal that was missed is driven at again in a loop.
     """
 
     name: ClassVar[str] = "dribbleBall"
-    handle: ClassVar[float] = HANDLE
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
         self._limits = robot.holder_for(self.name).limits
-        self._driver = Driver(self._limits, dribbling(self.handle), Pushing.of(robot), field_of(robot))
+        self._driver = Driver(self._limits, dribbling())
         self._goal = Goal(Pose(0.0, 0.0, 0.0), point=Point.HOLD)
 
     def start(self, world: World, goal: Goal) -> None:

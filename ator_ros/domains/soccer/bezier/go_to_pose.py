@@ -9,13 +9,12 @@ from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
-from ator_ros.domains.soccer.field import field_of
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, ObjectState, World
 
-TO_POSE = Style(CurveShape(0.4, 0.05, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
-TO_BALL = Style(CurveShape(0.4, 0.22, 0.12, 0.8, 0.25), 60.0, 0.6, 0.6, 0.4)
+TO_POSE = Style(CurveShape(0.3, 0.05, 0.12, 0.25), 60.0, 2.2, 0.6)
+TO_BALL = Style(CurveShape(0.25, 0.3, 0.12, 0.25), 60.0, 2.0, 0.6)
 
 _AT_BALL = 0.2  # m between the ball and the hold of a robot at the goal
 _STRAIGHTENING = 0.5  # rad that a robot may turn on the spot with the ball between its fins
@@ -40,7 +39,7 @@ class BezierGoToPose(Action):
         self._target = goal.robot_pose(self.robot)
         self._to_ball = self._lies_at_goal(ball_of(world))
         style = TO_BALL if self._to_ball else TO_POSE
-        self._driver = Driver(self.robot.limits, style, field=field_of(self.robot))
+        self._driver = Driver(self.robot.limits, style)
         self._driver.reset(Command(world.robot.v, world.robot.w))
 
     def step(self, world: World) -> Step:

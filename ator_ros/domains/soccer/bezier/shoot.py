@@ -8,7 +8,7 @@ from typing import ClassVar
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.dribble_ball import LOST, check_held, dribbling
-from ator_ros.domains.soccer.bezier.driver import Driver, Pushing, check_goal
+from ator_ros.domains.soccer.bezier.driver import Driver, check_goal
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import Robot
@@ -17,7 +17,7 @@ from ator_ros.world.state import STOP, Command, ObjectState, World
 _POST_ROOM = 0.2
 _ROLL_RESERVE = 0.25
 _SLOWEST_SHOT = 0.5
-_HANDLE = 0.4
+_HANDLE, _ROTATION = 0.12, 0.6  # m, rad/s
 _SLANT = 0.9  # rad
 _BEFORE_LINE = 0.35
 _LINE = 0.02
@@ -35,7 +35,7 @@ class BezierShoot(Action):
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
         self._limits = robot.holder_for(self.name).limits
-        self._driver = Driver(self._limits, dribbling(_HANDLE), Pushing.of(robot))
+        self._driver = Driver(self._limits, dribbling(_HANDLE, _ROTATION))
         self._side = 1
         self._middle = 0.0
         self._released = False
