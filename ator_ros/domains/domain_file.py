@@ -11,6 +11,7 @@ from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain
 from ator_ros.domains.domain import DEFAULT_SET, Domain, DomainError, find_domain, installed_domains
+from ator_ros.performance.features import Feature
 from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured
@@ -40,31 +41,32 @@ def read_domain(path: Path) -> Domain:
             f"got {declared.name!r}"
         )
     variables = declared.variables
+    actions = [_spec(action, f"{path}: actions[{number}]") for number, action in enumerate(declared.actions)]
     return Domain(
         declared.name,
         tops=tuple(top.made() for top in declared.tops),
-        action_sets={
-            DEFAULT_SET: tuple(
-                _spec(action, f"{path}: actions[{number}]") for number, action in enumerate(declared.actions)
-            )
-        },
+        action_sets={DEFAULT_SET: tuple(spec for spec, _ in actions)},
         objects=tuple(item.name for item in declared.objects),
         chains={},
         sources=declared.objects,
         variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
+        features=tuple(dict.fromkeys(feature for _, features in actions for feature in features)),
     )
 
 
-def _spec(action: DeclaredAction, where: str) -> ActionSpec:
+def _spec(action: DeclaredAction, where: str) -> tuple[ActionSpec, tuple[Feature, ...]]:
+    """Return the specification of an action, and the features that its own domain adds for it."""
     if action.local is None:
-        return ActionSpec(action.name, UnreachableAction, _never_simulated, remote=action.remote)
+        return ActionSpec(action.name, UnreachableAction, _never_simulated, remote=action.remote), ()
     try:
-        found = find_domain(action.local.domain).actions(action.local.action_set)
+        domain = find_domain(action.local.domain)
+        found = domain.actions(action.local.action_set)
     except DomainError as error:
         raise DomainError(f"{where}.local: {error}") from error
     if action.name not in found:
         raise DomainError(f"{where}.name: expected one of {', '.join(found)}, got {action.name!r}")
-    return found[action.name]
+    spec = found[action.name]
+    return spec, tuple(feature for feature in domain.features if feature.name in spec.features)
 
 
 def _never_simulated(_robot: Robot, _rng: np.random.Generator) -> Situation:
