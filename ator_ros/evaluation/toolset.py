@@ -15,6 +15,7 @@ from ator_ros.evaluation.heuristics import arriving, bitbots, booster, load_base
 from ator_ros.evaluation.policies import OBSERVED, POLICIES, Models, Toolset
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
+from ator_ros.performance.features import PATHS
 from ator_ros.performance.model_file import load_model, model_path
 from ator_ros.refinement.calibration import model_digest
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
@@ -161,8 +162,9 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     if (folder / BASELINES).exists():
         models |= load_baselines(folder / BASELINES, robot)
     if source.experience:
+        described = tuple(feature for feature in features.values() if feature not in PATHS)
         models["hist_gradient_boosting"] = {
-            action: BoostedTime(robot, tuple(features.values())).fit(rows)
+            action: BoostedTime(robot, described).fit(rows)
             for action, rows in read_rows(source.experience).items()
         }
     observed = source.observed_folder()
