@@ -37,6 +37,7 @@ def studied(robot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.long
 def test_it_says_what_the_actions_and_refinement_are_like(studied: Path, robot: Path) -> None:
     data = json.loads((studied / "study.json").read_text(encoding="utf-8"))
     assert data["robot_digest"] == load_robot(robot).digest() != load_robot().digest()
@@ -57,6 +58,7 @@ def test_it_says_what_the_actions_and_refinement_are_like(studied: Path, robot: 
     assert (studied / "evaluation" / "report.html").is_file()
 
 
+@pytest.mark.long
 def test_it_goes_on_where_it_was_interrupted(studied: Path, robot: Path) -> None:
     def made() -> dict[str, int]:
         kept = ("experience", "fresh", "models")
@@ -72,6 +74,7 @@ def test_it_goes_on_where_it_was_interrupted(studied: Path, robot: Path) -> None
     assert (studied / "study.json").read_bytes() == told
 
 
+@pytest.mark.long
 def test_a_folder_of_another_study_is_refused(
     studied: Path, robot: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
