@@ -50,7 +50,7 @@ class DemoClient:
         Real time in s that each thing may take.
     """
 
-    def __init__(self, domain: int, check: Callable[[], None], patience: float = 40.0) -> None:
+    def __init__(self, domain: int, check: Callable[[], None], patience: float = 120.0) -> None:
         self._check, self._patience = check, patience
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
