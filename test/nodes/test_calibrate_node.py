@@ -26,8 +26,9 @@ def calibrate(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env=environment, check=False, **kept)
 
 
+@pytest.mark.long
 def test_a_base_is_described(start: Start, domain: int, tmp_path: Path) -> None:
-    start("simulation", real_time_factor=5.0, command_wait=2.0, latency=0.1, ball_start=AWAY)
+    start("simulation", real_time_factor=5.0, command_wait=0.5, latency=0.1, ball_start=AWAY)
     file = tmp_path / "mine.yaml"
     done = calibrate(domain, "--name", "mine", "--out", str(file))
     assert done.returncode == 0, done.stderr

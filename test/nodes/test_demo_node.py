@@ -45,6 +45,7 @@ def nodes_of(demo: subprocess.Popen[str]) -> list[int]:
     return [int(word) for word in Path(f"/proc/{demo.pid}/task/{demo.pid}/children").read_text().split()]
 
 
+@pytest.mark.long
 def test_it_tells_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
     words = [str(DEMO), "--situations", "1", *QUICKLY, "--out", str(tmp_path / "demo.png")]
     ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False)

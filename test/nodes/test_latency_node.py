@@ -33,6 +33,7 @@ def punctual() -> float:
     return run_chain(robot, library, start, chain).duration
 
 
+@pytest.mark.long
 def test_a_latency_that_is_foreseen_costs_little(start: Start, client: Client) -> None:
     """It costs a drive to the ball little, the ball stays there, and the chain of the paper succeeds."""
     start("simulation", real_time_factor=10.0, command_wait=SLOWLY, latency=LATENCY)

@@ -41,6 +41,7 @@ actions:
 """
 
 
+@pytest.mark.long
 def test_actions_of_others_and_of_ours_mix(start: Start, client: Client, tmp_path: Path) -> None:
     file = tmp_path / "hall.yaml"
     file.write_text(DOMAIN, encoding="utf-8")
