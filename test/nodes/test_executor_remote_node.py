@@ -123,7 +123,9 @@ def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> 
     sent = hall.chains.send([call("visit", first), call("visit", second)])
     hall.client.eventually(lambda: server.goals, "a goal")
     commands = len(hall.chains.commands)
-    hall.client.eventually(lambda: any("executed by drive" in told.status for told in sent.feedback), "feedback")
+    hall.client.eventually(
+        lambda: any("executed by drive" in told.status for told in sent.feedback), "feedback"
+    )
     time.sleep(0.3)
     assert len(hall.chains.commands) <= commands + 1  # one may have been under way
     hall.reach(server, 1, first)
@@ -152,7 +154,9 @@ def test_a_canceled_goal_ends_once_its_server_has_ended_or_its_time_is_up(hall: 
     server = hall.serve(cancels=cancels)
     sent = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
     hall.client.eventually(lambda: server.goals, "a goal")
-    hall.client.eventually(lambda: any("executed by drive" in told.status for told in sent.feedback), "feedback")
+    hall.client.eventually(
+        lambda: any("executed by drive" in told.status for told in sent.feedback), "feedback"
+    )
     began = time.monotonic()
     sent.cancel()
     hall.client.eventually(lambda: server.canceled, "a cancellation")
@@ -168,7 +172,9 @@ def test_a_canceled_goal_ends_once_its_server_has_ended_or_its_time_is_up(hall: 
 def test_a_newer_goal_waits_for_the_server_that_drives(hall: Hall) -> None:
     server = hall.serve()
     old = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
-    hall.client.eventually(lambda: any("executed by drive" in told.status for told in old.feedback), "feedback")
+    hall.client.eventually(
+        lambda: any("executed by drive" in told.status for told in old.feedback), "feedback"
+    )
     new = hall.chains.send([call("visit", Pose(2.0, 0.5, 0.3))])
     assert old.outcome().code == Outcome.PREEMPTED
     hall.client.eventually(lambda: server.canceled, "a cancellation")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from chain_client import ChainClient, call, chain_of_the_paper
 from conftest import Start
 from ros_client import Client

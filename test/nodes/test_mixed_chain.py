@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from action_servers import Server
 from chain_client import ChainClient, call
 from conftest import Start

@@ -19,7 +19,7 @@ from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
 from ator_ros.world.state import STOP
 
-_SILENCE = 1.0  # s of real time without odometry after which the drive is broken off
+_SILENCE = 2.0  # s of real time without odometry after which the drive is broken off
 _FIRST = 5.0  # s of real time to wait for odometry
 _STOPS = 10  # commands to stand at the end, in case some are lost
 
