@@ -41,6 +41,7 @@ def test_a_base_is_described(start: Start, domain: int, tmp_path: Path) -> None:
         assert getattr(found.limits, name) == pytest.approx(getattr(true.limits, name), rel=0.05)
 
 
+@pytest.mark.long
 def test_another_publisher_of_commands_is_refused(
     start: Start, client: Client, domain: int, tmp_path: Path
 ) -> None:

@@ -13,6 +13,7 @@ from ator_ros.tools.work.compare import Compared, prediction_summary, summary
 
 
 @pytest.mark.node
+@pytest.mark.long
 def test_faster_than_real_time_the_nodes_drive_as_the_tools_do(tmp_path: Path) -> None:
     compare = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "compare")
     out = tmp_path / "compare.json"
