@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping
+import itertools
+import os
+from collections.abc import Iterator, MutableMapping
+from contextlib import contextmanager
 
 from ator_ros.resources import resource_path
 
@@ -11,15 +14,16 @@ PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _OPEN = ("SUBNET", "SYSTEM_DEFAULT")
 _ONLY_HERE = "ROS_LOCALHOST_ONLY"  # of older distributions; overrides RANGE
 _ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
+_DOMAINS = range(1, 101)
+_numbers = itertools.count(37 * os.getpid())  # processes started one after the other begin far apart
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
     """Set the environment variables that keep ROS on this machine, unless the user has asked for a network.
 
     A `RANGE` of SUBNET or SYSTEM_DEFAULT, static peers, or a discovery server ask for a network. `RANGE`
-    limits
-    discovery with any middleware. Fast DDS would still accept messages from everywhere, which the file that
-    `PROFILES` names forbids. Call this before ``rclpy.init``.
+    limits discovery with any middleware. Fast DDS would still accept messages from everywhere, which the
+    file that `PROFILES` names forbids. Call this before ``rclpy.init``.
 
     Parameters
     ----------
@@ -30,3 +34,32 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
     is_open = environment[RANGE] in _OPEN and environment.get(_ONLY_HERE) != "1"
     if not is_open and not any(environment.get(name) for name in (*_ELSEWHERE, PROFILES)):
         environment[PROFILES] = str(resource_path("config", "fastdds_loopback.xml"))
+
+
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """Reserve a ROS domain that no other process has reserved, and that this process has not used lately.
+
+    Nodes that were killed stay in the graph for up to 20 s, and rclpy counts their servers: on the domain
+    of a run that has just ended, a client may wait for a server that is there, or call one that is gone.
+
+    Yields
+    ------
+    int
+        A number from 1 to 100. Its ports are below those that the system gives to others.
+
+    Raises
+    ------
+    ImportError
+        ROS is not there, or has not been sourced.
+    RuntimeError
+        All domains are reserved.
+    """
+    import domain_coordinator
+
+    reserved = domain_coordinator.domain_id(lambda: _DOMAINS[next(_numbers) % len(_DOMAINS)])
+    domain = reserved.__enter__()
+    try:
+        yield domain
+    finally:
+        reserved.__exit__(None, None, None)  # it would take an OSError of ours for one of its own

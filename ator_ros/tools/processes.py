@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 
 from ator_ros.nodes.machine import check_machine
-from ator_ros.nodes.network import RANGE, THIS_MACHINE, stay_on_this_machine
+from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
 
 # The executor waits so long, in s, for odometry and refinement: more than on a robot, for machines that are
 # busy.
@@ -129,20 +129,14 @@ def own_nodes() -> Iterator[NodeProcesses]:
     MachineError
         ROS cannot run on this machine as it is.
     """
-    import domain_coordinator
     from ament_index_python.packages import get_package_prefix
 
     check_machine(os.environ, ())
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
     folder = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
-    reserved = domain_coordinator.domain_id()
-    domain = reserved.__enter__()
-    try:
-        with NodeProcesses(folder, domain) as nodes:
-            yield nodes
-    finally:
-        reserved.__exit__(None, None, None)  # it would take an OSError of ours for one of its own
+    with free_domain() as domain, NodeProcesses(folder, domain) as nodes:
+        yield nodes
 
 
 def node_setting(options: argparse.Namespace) -> dict[str, str]:

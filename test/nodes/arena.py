@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import domain_coordinator
 from chain_client import ChainClient, Sent, call
 from ledger import Ledger
 from process import Process, Processes
@@ -16,6 +15,7 @@ from ros_client import Client
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.geometry import Pose
+from ator_ros.nodes.network import free_domain
 
 START = Pose(-1.2, 0.0, 0.0)
 BALL = (0.0, 0.0)
@@ -150,7 +150,7 @@ class Arena:
 @contextmanager
 def arena_with(logs: Path, settings: dict[str, dict[str, object]] | None = None) -> Iterator[Arena]:
     """Yield an arena, without nodes, on a domain that nobody else uses."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         arena = Arena(domain, logs, settings)
         try:
             yield arena

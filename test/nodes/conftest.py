@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import domain_coordinator
 import pytest
 from hosted import Hosted
 from process import Process, Processes
 from ros_client import Client
 
-from ator_ros.nodes.network import PROFILES
+from ator_ros.nodes.network import PROFILES, free_domain
 
 Start = Callable[..., Process]
 Host = Callable[..., Hosted]
@@ -27,7 +26,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def domain() -> Iterator[int]:
     """Yield a ROS domain that no other test uses at the same time, in this run or another."""
-    with domain_coordinator.domain_id() as number:
+    with free_domain() as number:
         yield number
 
 

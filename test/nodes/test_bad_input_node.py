@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-import domain_coordinator
 import pytest
 from chain_client import ChainClient, call
 from diagnostic_msgs.msg import DiagnosticArray
@@ -19,7 +18,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import object_odometry_of, odometry_of
-from ator_ros.nodes.network import PROFILES
+from ator_ros.nodes.network import PROFILES, free_domain
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -55,7 +54,7 @@ class Sensors:
 @pytest.fixture(scope="module")
 def executor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, ChainClient, Sensors]]:
     """Start the executor alone; the test is its world."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
         node = processes.start("executor", remap=SENSED, odom_timeout=2.0, start_timeout=5.0)
         client, stranger = Client(domain), Client(domain, "stranger")
@@ -68,7 +67,7 @@ def executor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process
 @pytest.fixture(scope="module")
 def hosted() -> Iterator[tuple[Hosted, ChainClient, Sensors]]:
     """Run the executor in this process."""
-    with pytest.MonkeyPatch.context() as patch, domain_coordinator.domain_id() as domain:
+    with pytest.MonkeyPatch.context() as patch, free_domain() as domain:
         patch.setenv(PROFILES, "")
         client, stranger = Client(domain), Client(domain, "stranger")
         remapped = [word for pair in SENSED.items() for word in ("-r", "{}:={}".format(*pair))]

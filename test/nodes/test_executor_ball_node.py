@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 
-import domain_coordinator
 import pytest
 from chain_client import ChainClient, Sent, call, chain_of_the_paper
 from process import Processes
@@ -19,6 +18,7 @@ from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import PlaceBall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_from
+from ator_ros.nodes.network import free_domain
 
 pytestmark = pytest.mark.node
 
@@ -30,7 +30,7 @@ LONG = 120.0
 @pytest.fixture(scope="module")
 def chains(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ChainClient]:
     """Yield a client of an executor with a simulation at real time."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         processes.start("simulation")
         processes.start("refinement", gate=False, deadline=5.0)

@@ -7,7 +7,6 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 
-import domain_coordinator
 import pytest
 from chain_client import ChainClient, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
@@ -18,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import PlaceBall
 from ator_ros.geometry import Pose
+from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS
 
 pytestmark = pytest.mark.node
@@ -38,7 +38,7 @@ def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Callable[[
     """Return a function that starts a node, and a client, on a domain of their own."""
     processes: list[Process] = []
     folder = tmp_path_factory.mktemp("logs")
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
 
         def start(name: str) -> Process:
             arguments = ["--ros-args"]

@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import domain_coordinator
 import pytest
 from load import short_request
 from process import PATIENCE, Process, Processes
@@ -18,6 +17,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes.deferred_action import GOALS_AT_ONCE
+from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.refinement import PARAMETERS
 from ator_ros.tools.benchmarks.requests import worst_request
@@ -33,7 +33,7 @@ Nodes = tuple[Processes, Process, Process, Client]
 @pytest.fixture(scope="module")
 def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     """Yield processes, one of refinement and one of executor, and a client of them."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes, processes.start("refinement"), processes.start("executor"), client
         client.close()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-import domain_coordinator
 import pytest
 from chain_client import ChainClient, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
@@ -16,6 +15,7 @@ from ros_client import Client
 
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.geometry import Pose
+from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 
 pytestmark = pytest.mark.node
@@ -40,7 +40,7 @@ GLOBAL = {
 @pytest.fixture(scope="module")
 def robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Client]]:
     """Start all nodes of both robots; give a client for each, and one ("") that is in no namespace."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
         for robot, world in ROBOTS.items():
             for name, parameters in NODES.items():

@@ -13,7 +13,7 @@ from process import Process
 from ros_client import Client
 from selection import few
 
-from ator_ros.nodes.network import PROFILES, RANGE, THIS_MACHINE, stay_on_this_machine
+from ator_ros.nodes.network import PROFILES, RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
 
 LOOPBACK = "127.0.0.1"
 NODES = {"simulation": "simulating", "executor": "ready for chains", "refinement": "refining chains"}
@@ -85,3 +85,11 @@ def test_all_else_stays_here(closed: dict[str, str]) -> None:
     stay_on_this_machine(environment)
     assert environment[RANGE] == (closed.get(RANGE) or THIS_MACHINE)
     assert Path(environment[PROFILES]).is_file()
+
+
+def test_a_domain_is_not_used_again_at_once_nor_by_two() -> None:
+    with free_domain() as first, free_domain() as second:
+        assert first != second
+    with free_domain() as third:
+        assert third not in (first, second)
+    assert all(1 <= domain <= 100 for domain in (first, second, third))

@@ -7,7 +7,6 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-import domain_coordinator
 import pandas as pd
 import pytest
 from ament_index_python.packages import get_package_prefix
@@ -23,6 +22,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_from
+from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.performance.model_file import load_model
 from ator_ros.robot.description import load_robot
@@ -50,7 +50,7 @@ class Recording:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """Let the nodes execute single drives, the paper's chain, and a tour; record all of it."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
         processes.start("simulation", real_time_factor=10.0, command_wait=1.0)
         processes.start("executor", odom_timeout=10.0, start_timeout=30.0)

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-import domain_coordinator
 import pytest
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -21,6 +20,7 @@ from visualization_msgs.msg import MarkerArray
 from ator_interfaces.msg import TopCall
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
+from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.refiner import Refiner
@@ -40,7 +40,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory, models: Path) -> Iterator[tuple[Process, Client]]:
     """Yield one node for the tests that need nothing special, and a client of it."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes.start("refinement", models=models, deadline=20.0), client
         client.close()

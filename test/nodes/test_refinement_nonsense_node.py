@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-import domain_coordinator
 import pytest
 from process import Process, Processes
 from refinement_requests import call, refine, request_of_the_paper
@@ -15,6 +14,7 @@ from ros_client import Client
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
+from ator_ros.nodes.network import free_domain
 
 pytestmark = pytest.mark.node
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.node
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Client]]:
     """Yield a node with the shipped models, and a client of it."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes.start("refinement", deadline=20.0), client
         client.close()

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import domain_coordinator
 import pytest
 from graph import surface
 from process import Processes
@@ -14,6 +13,7 @@ from rclpy.node import NodeNameNonExistentError
 from ros_client import Client
 from sros2_policy import allowed, faults, read_policy
 
+from ator_ros.nodes.network import free_domain
 from ator_ros.resources import share_folder
 
 POLICY = read_policy(share_folder() / "security" / "ator_ros.policy.xml")
@@ -24,7 +24,7 @@ EVERYWHERE = {"/parameter_events", "/rosout"}
 @pytest.fixture(scope="module")
 def observer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
     """Start the three nodes and give a client that sees them."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
         for name, parameters in NODES.items():
             processes.start(name, **parameters)

@@ -10,7 +10,6 @@ import statistics
 import time
 from collections.abc import Iterator
 
-import domain_coordinator
 import pytest
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray
@@ -27,6 +26,7 @@ from std_srvs.srv import SetBool, Trigger
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of, robot_from
+from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.robot.description import load_robot
 
@@ -38,7 +38,7 @@ START = Pose(-2.0, 0.0, 0.0)
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Client]]:
     """Yield one simulation for the tests that need no parameters of their own, and a client of it."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes.start("simulation", real_time_factor=5.0, publish_clock=True), client
         client.close()
