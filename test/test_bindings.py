@@ -8,7 +8,7 @@ import pytest
 from refinement_fakes import ALL, LIBRARY, ROBOT, call, world
 
 from ator_ros.actions.base import Point
-from ator_ros.refinement.free_variables import goal_values, with_values
+from ator_ros.actions.goal_variables import goal_values, with_values
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term

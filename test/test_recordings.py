@@ -217,7 +217,7 @@ def action_performance(
     )
     call = types["ator_interfaces/msg/TopCall"](
         top="goToBall", goal=types["geometry_msgs/msg/PoseStamped"](header, pose(goal)), speed=speed,
-        open=[],
+        open=[], values=[],
     )  # fmt: skip
     performance = types["ator_interfaces/msg/Performance"]
     unknown = performance(duration=np.nan, spread=np.nan, success=np.nan, accuracy=np.nan)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -23,13 +22,14 @@ from refinement_fakes import (
 )
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.objective import MEASURES, Measure, Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.ranges import USUAL_RANGES, Range
+from ator_ros.tops.ranges import USUAL_RANGES, declared_ranges
 from ator_ros.world.state import RobotState, World
 
 
@@ -148,6 +148,9 @@ def test_predictions_that_are_not_numbers_are_refused() -> None:
         Refiner(ROBOT, models() | broken).refine(world(), two_steps())
 
 
+SPUN = Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD, {"spin": 0.0})
+
+
 class TestFromOutside:
     """What the design promises: a new action, measure or variable needs no edit in refinement."""
 
@@ -168,21 +171,16 @@ class TestFromOutside:
         assert wary.after.cost == pytest.approx(plain.after.cost + 4.0 + 0.01)
 
     def test_new_free_variable(self) -> None:
-        @dataclass(frozen=True, slots=True)
-        class SpinGoal(Goal):
-            spin: float = 0.0
-
         def spinning(direct: dict[str, float]) -> object:
             return turning_time(direct) + (direct["sping"] - 0.3) ** 2
 
-        ranges = {**USUAL_RANGES, "spin": lambda *_: Range(-1.0, 1.0, 9)}
+        ranges = {**USUAL_RANGES, **declared_ranges([GoalVariable("spin", "rad/s", -1.0, 1.0)])}
         learned = models() | {"goToPose": FakeModel(spinning, USED | {"sping"})}  # type: ignore[arg-type]
-        chain = two_steps(ANGLE | {"spin"}).with_goal(0, SpinGoal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD))
+        chain = two_steps(ANGLE | {"spin"}).with_goal(0, SPUN)
         result = Refiner(ROBOT, learned, ranges=ranges).refine(world(), chain)
         assert [variable.name for variable in result.free] == ["yaw", "spin"]
-        goal = result.chain.calls[0].goal
-        assert isinstance(goal, SpinGoal)
-        assert goal.spin == pytest.approx(0.3, abs=0.05)
+        assert result.chain.calls[0].goal.values["spin"] == pytest.approx(0.3, abs=0.05)
+        assert SPUN.values == {"spin": 0.0}
 
 
 def test_wide_candidates_do_not_mix_up_rows() -> None:

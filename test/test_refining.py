@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from ator_ros.actions.base import Goal, Status
+from ator_ros.actions.goal_variables import with_values
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.execution import Execution
@@ -17,7 +18,6 @@ from ator_ros.execution.phases import Deadlines, Ending
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, Refining, refined_chain
 from ator_ros.geometry import Pose
-from ator_ros.refinement.free_variables import with_values
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from ator_ros.geometry import Pose
@@ -39,11 +40,14 @@ class Goal:
         Translational velocity at arrival in m/s, not negative.
     point : Point
         AXLE for plain navigation; HOLD where the position is that of the object in front of the robot.
+    values : mapping of str to float
+        The values of the goal variables that the action declares besides, by name; see `ActionSpec`.
     """
 
     pose: Pose
     speed: float = 0.0
     point: Point = Point.AXLE
+    values: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def robot_pose(self, robot: Robot) -> Pose:
         """Return the pose of the axle at this destination."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.base import Action
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.situation import Situation
 from ator_ros.robot.description import Robot
@@ -33,9 +34,11 @@ class ActionSpec:
         Names of the candidate features of its performance model, from which the model tree selects: general
         ones (`ator_ros.performance.features.GENERAL`) and those that the domain adds (`Domain.features`). One
         of them may be the action's ideal time (`Feature.ideal`): how long it would take at the robot's
-        limits. Empty: all general candidates.
+        limits. Empty: all general candidates. The action's own goal variables are candidates besides.
     remote : RemoteCall or None
         The action server that executes it; None: the factory's action does.
+    goal_variables : tuple of GoalVariable
+        The variables of its goals beyond pose and arrival speed: every goal has a value of each.
     """
 
     name: str
@@ -43,3 +46,4 @@ class ActionSpec:
     sample: Sampler
     features: tuple[str, ...] = ()
     remote: RemoteCall | None = None
+    goal_variables: tuple[GoalVariable, ...] = ()

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.goal_variables import GOAL_VARIABLES
 from ator_ros.actions.remote import RemoteCall
 from ator_ros.files import is_name
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
 from ator_ros.tops.conditions import Condition, Statement, Term
 from ator_ros.tops.ranges import USUAL_RANGES, Range
-from ator_ros.tops.state import GOAL_VARIABLES
 from ator_ros.tops.top import Top
 from ator_ros.world.sources import ObjectSource
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,18 +13,20 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT as DEFAULT
+from ator_ros.domains import DEFAULT_SET as DEFAULT_SET
+from ator_ros.domains.consistency import inconsistencies
 from ator_ros.domains.presentation import Presentation
-from ator_ros.performance.features import GENERAL, Feature
+from ator_ros.performance.features import GENERAL, Feature, goal_feature
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import objects_in
-from ator_ros.tops.ranges import USUAL_RANGES, Ranges
+from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
 from ator_ros.tops.top import Top
 from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.sources import ObjectSource
@@ -31,7 +34,6 @@ from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
 """Entry points of this group name the domains that are installed, ours and those of others."""
-DEFAULT_SET = "default"
 _LONGEST_REASON = 200
 _ENDINGS = (".yaml", ".yml")
 NO_OTHERS: Mapping[str, ActionFactory] = MappingProxyType({})
@@ -66,7 +68,8 @@ class Domain:
         Samplers of situations with a chain to execute in them, by name; evaluations use them.
     variables : mapping of str to callable
         Goal variables that refinement may change where a plan opens them, with their ranges; by default
-        place, heading and arrival speed, in the scene's area and within the robot's limits.
+        place, heading and arrival speed, in the scene's area and within the robot's limits. What an action
+        declares besides (`ActionSpec.goal_variables`) brings its own range.
     presentation : Presentation
         Words and drawings for reports.
     bodies : mapping of str to RoundObject
@@ -84,7 +87,8 @@ class Domain:
     ------
     DomainError
         There is no default set of actions, a set lacks an action that a TOP names, a condition or a source
-        names an object that `objects` lacks, or an action names a feature that there is not.
+        names an object that `objects` lacks, a condition names a goal variable that the TOP's action lacks,
+        an action names a feature that there is not, or two actions declare one goal variable differently.
     """
 
     name: str
@@ -100,46 +104,26 @@ class Domain:
     features: tuple[Feature, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check that objects and every set of actions are complete."""
-        if DEFAULT_SET not in self.action_sets:
-            raise DomainError(
-                f"domain {self.name}: expected an action set {DEFAULT_SET!r}, got {sorted(self.action_sets)}"
-            )
-        strange = sorted(set(self.bodies) - set(self.objects))
-        if strange:
-            raise DomainError(f"domain {self.name}: bodies: expected some of the objects, got {strange}")
-        named = {name for top in self.tops for name in objects_in(top)}
-        unknown = sorted((named | {source.name for source in self.sources}) - set(self.objects))
-        if unknown:
-            raise DomainError(
-                f"domain {self.name}: objects: expected all that conditions name, {unknown} are missing"
-            )
-        for action_set, specs in self.action_sets.items():
-            names = {spec.name for spec in specs}
-            missing = sorted({top.action for top in self.tops} - names)
-            if missing:
-                raise DomainError(
-                    f"domain {self.name}: action set {action_set!r}: expected the actions {missing} of its "
-                    f"TOPs, it has {sorted(names)}"
-                )
-        self._check_features()
+        """Check that its parts agree."""
+        for problem in inconsistencies(self):
+            raise DomainError(f"domain {self.name}: {problem}")
 
-    def _check_features(self) -> None:
-        names = [*GENERAL, *(feature.name for feature in self.features)]
-        if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise DomainError(f"domain {self.name}: features: expected each name once, {twice} are repeated")
-        for action_set, specs in self.action_sets.items():
-            for spec in specs:
-                if unknown := [name for name in spec.features if name not in names]:
-                    raise DomainError(
-                        f"domain {self.name}: action set {action_set!r}: {spec.name}: features: "
-                        f"expected some of {names}, got {unknown}"
-                    )
+    @cached_property
+    def goal_variables(self) -> Mapping[str, GoalVariable]:
+        """The goal variables that actions declare, by name: each means the same in all of them."""
+        specs = itertools.chain.from_iterable(self.action_sets.values())
+        return {variable.name: variable for spec in specs for variable in spec.goal_variables}
+
+    @cached_property
+    def ranges(self) -> Ranges:
+        """The ranges of all goal variables that refinement may change: `variables` and the declared ones."""
+        return {**self.variables, **declared_ranges(self.goal_variables.values())}
 
     @cached_property
     def known_features(self) -> Mapping[str, Feature]:
-        """The general features and the domain's own, by name: those that its model files may name."""
-        return {**GENERAL, **{feature.name: feature for feature in self.features}}
+        """All features that model files may name: the general ones, the domain's own, its goal variables."""
+        own = (*self.features, *map(goal_feature, self.goal_variables.values()))
+        return {**GENERAL, **{feature.name: feature for feature in own}}
 
     @property
     def shipped_models(self) -> Path:
@@ -187,9 +171,18 @@ class Domain:
         return {spec.name: spec for spec in self.action_sets[action_set]}
 
     def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
-        """Return the candidate features of an action; the general ones where the domain names none."""
+        """Return the candidate features of an action, its goal variables among them.
+
+        Where the domain names none, they are the general ones.
+        """
         chosen = {spec.name: spec.features for spec in self.action_sets.get(action_set, ())}
-        return tuple(self.known_features[name] for name in chosen.get(action, ())) or CANDIDATES
+        named = tuple(self.known_features[name] for name in chosen.get(action, ())) or CANDIDATES
+        return (*named, *(own for own in self.goal_features(action, action_set) if own not in named))
+
+    def goal_features(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
+        """Return the goal variables that an action declares, as features of its model."""
+        declared = {spec.name: spec.goal_variables for spec in self.action_sets.get(action_set, ())}
+        return tuple(self.known_features[direct_name(v.name)] for v in declared.get(action, ()))
 
     def source(self, name: str) -> ObjectSource:
         """Return where the state of an object comes from."""
@@ -215,9 +208,15 @@ class Domain:
         DomainError
             There is no such set.
         """
-        made = {name: spec.factory for name, spec in self.actions(action_set).items()}
-        made |= {name: factory for name, factory in factories.items() if name in made}
-        return TopLibrary(robot, action_set, tops=self.tops, actions=made, ranges=self.variables)
+        specs = self.actions(action_set)
+        return TopLibrary(
+            robot,
+            action_set,
+            tops=self.tops,
+            actions={name: factories.get(name, spec.factory) for name, spec in specs.items()},
+            ranges=self.ranges,
+            goal_variables={name: spec.goal_variables for name, spec in specs.items()},
+        )
 
 
 def installed_domains() -> dict[str, EntryPoint]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import with_values
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.policies import Models, Toolset
 from ator_ros.evaluation.statistics import mean_interval
@@ -92,11 +92,10 @@ def step_examples(
 
 
 def _as_chosen(chain: TopChain, chosen: Sequence[Sequence[float]]) -> TopChain:
-    for index, (yaw, speed) in enumerate(chosen):
+    for index, (yaw, speed, *declared) in enumerate(chosen):
         goal = chain.calls[index].goal
-        chain = chain.with_goal(
-            index, dataclasses.replace(goal, pose=goal.pose._replace(yaw=yaw), speed=speed)
-        )
+        values = {"yaw": yaw, "speed": speed, **dict(zip(goal.values, declared, strict=True))}
+        chain = chain.with_goal(index, with_values(goal, values))
     return chain
 
 

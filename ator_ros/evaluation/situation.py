@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
+from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
@@ -75,7 +76,7 @@ class Executions:
         key = tuple(
             round(value, 6) + 0.0
             for call in chain.calls
-            for value in (wrap_angle(call.goal.pose.yaw), call.goal.speed)
+            for value in (wrap_angle(call.goal.pose.yaw), call.goal.speed, *call.goal.values.values())
         )
         if key not in self._runs:
             self._runs[key] = run_chain(self._robot, self._library, self._trial.world, chain)
@@ -101,11 +102,11 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     -------
     dict
         "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
-        "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading and speed of
-        each intermediate subgoal, "actions": durations of the actions (s), "predicted": duration of the chain
-        (s); "features" and "features_speed": features of the gate; "oracle": "headings" (rad), "durations"
-        (s), "best" (s) and "success"; "oracle_speed": "best" and "success"; "executed": number of chains
-        executed.
+        "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading, speed
+        and declared goal variables of each intermediate subgoal, "actions": durations of the actions (s),
+        "predicted": duration of the chain (s); "features" and "features_speed": features of the gate;
+        "oracle": "headings" (rad), "durations" (s), "best" (s) and "success"; "oracle_speed": "best" and
+        "success"; "executed": number of chains executed.
     """
     settings, index = task
     tools, library = _tools(settings.source)
@@ -137,7 +138,7 @@ def _start(trial: Trial) -> list[float]:
 
 
 def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) -> Record:
-    chosen = [[round(c.goal.pose.yaw, 4), round(c.goal.speed, 3)] for c in choice.chain.calls[:-1]]
+    chosen = [_chosen(call.goal) for call in choice.chain.calls[:-1]]
     record: Record = {"duration": round(run.duration, 3), "success": run.success, "chosen": chosen}
     record["actions"] = [round(duration, 3) for duration in run.actions]
     if not run.success:
@@ -148,6 +149,10 @@ def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) 
     if predicted is not None:
         record["predicted"] = round(predicted.duration, 3)
     return record
+
+
+def _chosen(goal: Goal) -> list[float]:
+    return [round(goal.pose.yaw, 4), round(goal.speed, 3), *(round(v, 4) for v in goal.values.values())]
 
 
 def _predicted(tools: Toolset, trial: Trial, choice: Choice) -> ChainPrediction | None:

@@ -9,7 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import wrong_values
 from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
@@ -54,9 +56,18 @@ def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, 
         Robot, and TOPs of the chain.
     seed, index : int
         Seed of the evaluation, and index of the situation.
+
+    Raises
+    ------
+    EvaluationError
+        A goal lacks a variable that its action declares, or has another one.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-    return Trial(index, *domain.chains[chain](library.robot, library, rng))
+    world, plan = domain.chains[chain](library.robot, library, rng)
+    for step, call in enumerate(plan.calls, start=1):
+        if wrong := wrong_values(call.goal, library.goal_variables(call.top)):
+            raise EvaluationError(f"chain {chain} of {domain.name}: step {step} ({call.top.name}): {wrong}")
+    return Trial(index, world, plan)
 
 
 def open_speeds(chain: TopChain) -> TopChain:

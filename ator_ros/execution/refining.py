@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ator_ros.actions.goal_variables import with_values
 from ator_ros.refinement.changes import allowed_changes
-from ator_ros.refinement.free_variables import with_values
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.library import TopLibrary

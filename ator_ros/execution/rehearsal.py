@@ -31,8 +31,8 @@ def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
     if fetching is None or carrying is None:
         return
     calls = (
-        TopCall(fetching, Goal(Pose(0.0, 0.0, 0.0), 0.0, fetching.point), OPEN),
-        TopCall(carrying, Goal(Pose(2.0, 1.0, 0.0), 0.0, carrying.point)),
+        TopCall(fetching, library.goal(fetching, Pose(0.0, 0.0, 0.0)), OPEN),
+        TopCall(carrying, library.goal(carrying, Pose(2.0, 1.0, 0.0))),
     )
     with contextlib.suppress(RefinementError):  # the first request reports it
         refiner.refine(_world(library.robot, _AWAY, _THERE, fetching), TopChain(calls))
@@ -53,7 +53,7 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
                 (Pose(0.0, 0.0, 0.0), post._replace(yaw=2.5)),
             )
         for world, goal in zip(starts, goals, strict=True):
-            call = TopCall(top, Goal(goal, 0.0, top.point))
+            call = TopCall(top, library.goal(top, goal))
             if _planned(library.action(top), world, call.goal):
                 predictor.chain(world, TopChain((call,)))
 

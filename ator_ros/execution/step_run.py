@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.execution.transitions import STAGES, Stage, TransitionError
 from ator_ros.tops.chain import TopCall
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, followed, held_first, is_lost, kept
 from ator_ros.tops.outcome import failure, may_settle, unmet
-from ator_ros.tops.state import goal_variables, state_of
+from ator_ros.tops.state import state_of
 from ator_ros.world.state import STOP, World
 
 Predict = Callable[[World], Any]
@@ -136,7 +137,7 @@ class StepRun:
         """Start the action; return the reason if that is impossible."""
         call, robot = self.call, self._library.robot
         seen = at_rest(world, robot) if followed(call.top) else world
-        violations = call.top.pre.violations(state_of(seen, robot), goal_variables(call.goal))
+        violations = call.top.pre.violations(state_of(seen, robot), goal_values(call.goal))
         if violations:
             return f"pre-condition of {call.top.name}: {'; '.join(violations)}"
         action = self._library.action(call.top)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from ator_ros.actions.goal_variables import wrong_values
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.errors import ExperienceError
@@ -64,6 +65,8 @@ def run_task(task: EpisodeTask) -> pd.DataFrame:
     """
     rng = episode_generator(task.action.name, task.seed, task.episode)
     situation = task.action.sample(task.robot, rng)
+    if wrong := wrong_values(situation.goal, task.action.goal_variables):
+        raise ExperienceError(f"situation of {task.action.name}: goal: {wrong}")
     try:
         top = top_of(situation, task.tops, task.robot)
     except NoTopError as error:
@@ -105,7 +108,7 @@ def collect(
     Raises
     ------
     ExperienceError
-        A situation belongs to none of the TOPs.
+        A situation belongs to none of the TOPs, or its goal lacks a variable that its action declares.
     """
     purposes, numbers = tuple(tops), range(episodes)
     tasks = [

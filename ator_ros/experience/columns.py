@@ -1,8 +1,10 @@
-"""The columns of experience: those of the robot and its goal, and two for each object."""
+"""The columns of experience: of the robot, its objects and its goal, with declared goal variables."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+
+from ator_ros.actions.goal_variables import direct_name
 
 MOST_OBJECTS = 16
 """Objects that a situation or a table may hold."""
@@ -19,11 +21,13 @@ _BEFORE = {
     "v": "m/s, forward",
     "w": "rad/s, counter-clockwise",
 }
-_AFTER = {
+_GOAL = {
     "xg": "m, goal of the axle (hold 0) or of the hold (hold 1)",
     "yg": "m, goal of the axle (hold 0) or of the hold (hold 1)",
     "yawg": "rad, heading at the goal",
     "speedg": "m/s, forward speed at the goal",
+}
+_AFTER = {
     "hold": "1: the place in the robot's front where it holds objects shall come to (xg, yg); 0: the axle",
     "time_to_go": "s until the action ended",
     "duration": "s, of the whole episode",
@@ -34,10 +38,22 @@ _AFTER = {
 }
 
 
-def columns(objects: Iterable[str]) -> dict[str, str]:
-    """Return name and meaning of each column of a table with these objects; SI units, world frame."""
+def columns(objects: Iterable[str], goal_variables: Iterable[str] = ()) -> dict[str, str]:
+    """Return name and meaning of each column of a table; SI units, world frame.
+
+    Parameters
+    ----------
+    objects : iterable of str
+        The objects whose places it holds.
+    goal_variables : iterable of str
+        The goal variables that actions declare beyond pose and speed.
+    """
     places = {name: f"m, NaN without {name.rpartition('_')[0]}" for name in object_columns(objects)}
-    return {**_BEFORE, **places, **_AFTER}
+    declared = {
+        direct_name(name): f"goal variable {name} in its declared unit, NaN of an action without it"
+        for name in goal_variables
+    }
+    return {**_BEFORE, **places, **_GOAL, **declared, **_AFTER}
 
 
 def object_columns(objects: Iterable[str]) -> list[str]:
@@ -50,3 +66,10 @@ def objects_of_columns(names: Iterable[str]) -> tuple[str, ...]:
     there = list(names)
     found = (name.removesuffix("_x") for name in there if name.endswith("_x") and name != "_x")
     return tuple(name for name in found if f"{name}_y" in there)
+
+
+def goal_variables_of_columns(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the declared goal variables whose columns are among `names`, in their order."""
+    suffix = direct_name("")
+    found = (name.removesuffix(suffix) for name in names if name.endswith(suffix) and name not in _GOAL)
+    return tuple(name for name in found if name)

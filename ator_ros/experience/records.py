@@ -35,7 +35,7 @@ def episode_of(message: Any, domain: Vocabulary) -> Episode:
             message.action,
             RobotState(pose_of(start.robot), start.v, start.w),
             objects,
-            Goal(pose_of(call.goal.pose), call.speed, point_of(domain, call.top)),
+            Goal(pose_of(call.goal.pose), call.speed, point_of(domain, call.top), _values(call, domain)),
         ),
         samples=np.empty((0, sample_width(objects))),
         duration=message.actual.duration,
@@ -47,6 +47,12 @@ def episode_of(message: Any, domain: Vocabulary) -> Episode:
     )
 
 
+def _values(call: Any, domain: Vocabulary) -> dict[str, float]:
+    """Return the values of the domain's goal variables; recordings from before there were any have none."""
+    given = {item.name: item.value for item in getattr(call, "values", ())}
+    return {name: given[name] for name in domain.goal_variables if name in given}
+
+
 def sound(episode: Episode) -> bool:
     """Return whether a model can learn from an episode: a sensor may have sent NaN, a program no name."""
     robot, goal, objects = episode.situation.robot, episode.situation.goal, episode.situation.objects
@@ -54,6 +60,7 @@ def sound(episode: Episode) -> bool:
         return False
     errors = (episode.position_error, episode.heading_error)
     numbers: tuple[float, ...] = (*robot.pose, robot.v, robot.w, *goal.pose, goal.speed, episode.duration)
+    numbers += tuple(goal.values.values())
     numbers += tuple(number for there in objects.values() for number in (there.x, there.y))
     return finite(numbers) and not min(episode.duration, goal.speed, *errors) < 0.0 and math.inf not in errors
 

@@ -49,7 +49,8 @@ def read_sources(
         "records_left_out": sum(table.metadata.get("records_left_out", 0) for table in tables),
     }
     metadata = {**tables[0].metadata, **joined}
-    metadata.pop("objects", None)  # the columns say which the joined table has
+    for name in ("objects", "goal_variables"):  # the columns say which the joined table has
+        metadata.pop(name, None)
     return Experience(join(frames), metadata)
 
 

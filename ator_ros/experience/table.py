@@ -14,10 +14,12 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.base import Point
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, direct_name
 from ator_ros.experience.columns import (
     MOST_OBJECTS,
     STATE_COLUMNS,
     columns,
+    goal_variables_of_columns,
     object_columns,
     objects_of_columns,
 )
@@ -60,6 +62,11 @@ class Experience:
     def objects(self) -> tuple[str, ...]:
         """The objects whose places it holds."""
         return objects_of_columns(self.frame.columns)
+
+    @property
+    def goal_variables(self) -> tuple[str, ...]:
+        """The goal variables beyond pose and speed whose values it holds."""
+        return goal_variables_of_columns(self.frame.columns)
 
     def of(self, action: str) -> pd.DataFrame:
         """Return the rows of one action.
@@ -104,6 +111,7 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
         "yg": goal.pose.y,
         "yawg": goal.pose.yaw,
         "speedg": goal.speed,
+        **{direct_name(name): value for name, value in goal.values.items()},
         "hold": int(goal.point is Point.HOLD),
         "time_to_go": episode.duration - samples[:, 0],
         "duration": episode.duration,
@@ -112,7 +120,7 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
         "position_error": episode.position_error,
         "heading_error": episode.heading_error,
     }
-    return frame.assign(**constants)[list(columns(objects))]
+    return frame.assign(**constants)[list(columns(objects, goal.values))]
 
 
 def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
@@ -121,7 +129,8 @@ def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
     if not parts:
         return pd.DataFrame({name: pd.Series(dtype=float) for name in columns(())})
     joined = pd.concat(parts, ignore_index=True)
-    ordered = joined[list(columns(objects_of_columns(joined.columns)))]
+    there = joined.columns
+    ordered = joined[list(columns(objects_of_columns(there), goal_variables_of_columns(there)))]
     return ordered.astype({"episode": np.int32, "hold": np.int8, "success": bool})
 
 
@@ -148,8 +157,9 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     table = arrow.Table.from_pandas(experience.frame, preserve_index=False)
     metadata = {
         **FORMAT.head(),
-        "columns": columns(experience.objects),
+        "columns": columns(experience.objects, experience.goal_variables),
         "objects": experience.objects,
+        **({"goal_variables": experience.goal_variables} if experience.goal_variables else {}),
         **experience.metadata,
     }
     text = json.dumps(metadata, sort_keys=True).encode()
@@ -186,7 +196,7 @@ def _read_table(parquet: Any, path: Path) -> tuple[dict[str, Any], list[str], An
         metadata = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
         if rows > _MOST_ROWS:
             raise ExperienceError(f"{path}: expected at most {_MOST_ROWS} rows, got {rows}")
-        wanted = list(columns(_objects(path, metadata, names)))
+        wanted = list(columns(_objects(path, metadata, names), _goal_variables(path, metadata)))
         missing = [name for name in wanted if name not in names]
         if missing:
             raise ExperienceError(
@@ -204,6 +214,18 @@ def _objects(path: Path, metadata: dict[str, Any], names: list[str]) -> tuple[st
             f"got {quoted(objects)}"
         )
     return tuple(dict.fromkeys(objects))
+
+
+def _goal_variables(path: Path, metadata: dict[str, Any]) -> tuple[str, ...]:
+    """Return the declared goal variables of a table."""
+    found = metadata.get("goal_variables", [])
+    good = isinstance(found, list) and all(is_name(name) and name not in GOAL_VARIABLES for name in found)
+    if not good or len(found) > MOST_GOAL_VARIABLES:
+        raise ExperienceError(
+            f"{path}: metadata.goal_variables: expected at most {MOST_GOAL_VARIABLES} names of letters, "
+            f"digits and _, got {quoted(found)}"
+        )
+    return tuple(dict.fromkeys(found))
 
 
 @dataclass(frozen=True)

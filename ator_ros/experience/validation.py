@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from ator_ros.experience.columns import object_columns, objects_of_columns
+from ator_ros.actions.goal_variables import direct_name
+from ator_ros.experience.columns import goal_variables_of_columns, object_columns, objects_of_columns
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.files import is_name
 from ator_ros.geometry import FloatArray
@@ -30,7 +31,7 @@ class _Rule(NamedTuple):
 
 
 _PLACE = _Rule("finite numbers up to 1e6", -FARTHEST)
-_PLACE_OR_NAN = _Rule("finite numbers up to 1e6, or NaN", -FARTHEST, unknown=True)
+_NUMBER_OR_NAN = _Rule("finite numbers up to 1e6, or NaN", -FARTHEST, unknown=True)
 _TIME = _Rule("times in s from 0", 0.0)
 _ERROR = _Rule("numbers from 0, or NaN", 0.0, unknown=True)
 _RULES = {
@@ -71,8 +72,9 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     for name in names.unique():
         if not is_name(name):
             raise ExperienceError(f"{source}: action: expected {_NAME}, got {quoted(name)}")
-    objects = dict.fromkeys(object_columns(objects_of_columns(frame.columns)), _PLACE_OR_NAN)
-    rules = {**_RULES, **objects}
+    objects = dict.fromkeys(object_columns(objects_of_columns(frame.columns)), _NUMBER_OR_NAN)
+    declared = dict.fromkeys(map(direct_name, goal_variables_of_columns(frame.columns)), _NUMBER_OR_NAN)
+    rules = {**_RULES, **objects, **declared}
     checked: dict[str, object] = {name: _numbers(source, frame[name], rule) for name, rule in rules.items()}
     checked |= {"action": names, "reason": frame["reason"].astype(object)}
     plain = {"episode": np.int32, "hold": np.int8, "success": bool}

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
 from ator_ros.actions.base import Point
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.tops.objects import held_first, held_last
 from ator_ros.tops.top import Top
 
 
 class Vocabulary(Protocol):
-    """Name, objects and TOPs of a domain; `ator_ros.domains.domain.Domain` is one."""
+    """Name, objects, TOPs and goal variables of a domain; `ator_ros.domains.domain.Domain` is one."""
 
     @property
     def name(self) -> str:
@@ -23,6 +25,10 @@ class Vocabulary(Protocol):
     @property
     def tops(self) -> tuple[Top, ...]:
         """Its TOPs."""
+
+    @property
+    def goal_variables(self) -> Mapping[str, GoalVariable]:
+        """The goal variables that its actions declare, by name."""
 
 
 def point_of(domain: Vocabulary, top: str) -> Point:

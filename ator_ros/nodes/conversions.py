@@ -6,7 +6,7 @@ Every function that reads a message raises MessageError, with `where` naming the
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -16,6 +16,7 @@ from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
 from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, GoalVariable
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes import checks
 from ator_ros.nodes.checks import WIDEST, MessageBounds, MessageError
@@ -24,7 +25,6 @@ from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.state import GOAL_VARIABLES
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 DEFAULT_ACTION_SET = "default"
@@ -190,9 +190,10 @@ def echo_of(chain: msg.TopChain) -> msg.TopChain:
         return msg.TopChain()
     texts = [chain.action_set]
     for call in chain.calls:
-        if len(call.open) > len(GOAL_VARIABLES) + 1:  # and `EVERYTHING`
+        most = MOST_GOAL_VARIABLES
+        if len(call.values) > most or len(call.open) > len(GOAL_VARIABLES) + most + 1:  # and `EVERYTHING`
             return msg.TopChain()
-        texts += [call.top, call.goal.header.frame_id, *call.open]
+        texts += [call.top, call.goal.header.frame_id, *call.open, *(item.name for item in call.values)]
     return chain if all(len(text) <= checks.LONGEST_NAME for text in texts) else msg.TopChain()
 
 
@@ -216,9 +217,31 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     checks.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
     bounds = checks.bounds_of(library.robot)
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=bounds.v, unit="m/s")
-    goal = Goal(pose_from(call.goal.pose, f"{where}.goal.pose", bounds), speed, top.point)
-    opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, EVERYTHING))
-    return TopCall(top, goal, opened)
+    pose = pose_from(call.goal.pose, f"{where}.goal.pose", bounds)
+    values = _values_from(call.values, library.goal_variables(top), f"{where}.values")
+    opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *values, EVERYTHING))
+    return TopCall(top, Goal(pose, speed, top.point, values), opened)
+
+
+def _values_from(
+    values: Sequence[msg.GoalValue], declared: Sequence[GoalVariable], where: str
+) -> dict[str, float]:
+    """Read the values of the goal variables that an action declares."""
+    wanted = [variable.name for variable in declared]
+    given = checks.names([item.name for item in values], where, allowed=wanted)
+    if missing := [name for name in wanted if name not in given]:
+        raise MessageError(f"{where}: expected values of {wanted}, {missing} are missing")
+    by_name = {item.name: item.value for item in values}
+    return {
+        variable.name: checks.number(
+            by_name[variable.name],
+            f"{where}: {variable.name}",
+            low=variable.low,
+            high=variable.high,
+            unit=variable.unit,
+        )
+        for variable in declared
+    }
 
 
 def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
@@ -231,6 +254,8 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
     message = msg.TopCall(top=call.top.name, speed=float(call.goal.speed), open=sorted(call.open))
     message.goal.header.frame_id = frame
     message.goal.pose = pose_of(call.goal.pose)
+    values = call.goal.values.items()
+    message.values = [msg.GoalValue(name=name, value=float(value)) for name, value in values]
     return message
 
 

@@ -116,7 +116,7 @@ class RefinementNode(Node):
         if read.models:
             gate = self._load_gate(read.folder / model_path("gate", action_set), action_set)
             self._refiners[action_set] = Refiner(
-                robot, read.models, gate, ranges=domain.variables, calibration=read.calibration
+                robot, read.models, gate, ranges=domain.ranges, calibration=read.calibration
             )
             rehearse_refinement(library, self._refiners[action_set])
 

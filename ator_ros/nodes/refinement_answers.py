@@ -14,11 +14,11 @@ from ator_interfaces.msg import FreeVariable, NotFree, Performance, SearchCurve
 from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import goal_values, with_values
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import chain_of, performance_of, pose_of
 from ator_ros.refinement.answer import Refinement, SubgoalCurve
 from ator_ros.refinement.chain_model import ChainPrediction
-from ator_ros.refinement.free_variables import goal_values, with_values
 from ator_ros.tops.chain import TopChain
 
 _CANDIDATE_LENGTH = 0.3

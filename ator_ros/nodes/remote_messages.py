@@ -11,10 +11,10 @@ from geometry_msgs.msg import PoseStamped
 from rosidl_parser import definition
 
 from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.actions.remote import Filling, RemoteCall, Scalar
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.printable import printable, quoted
-from ator_ros.tops.state import goal_variables
 
 _FLOATS = ("float", "double", "long double")
 _POSES = ("Pose", "PoseStamped")
@@ -93,7 +93,7 @@ def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Go
         return lambda _: frame
     _require(getattr(slot, "typename", "") in _FLOATS, where, "a field for a float", slot)
     variable = source.removeprefix("goal.")
-    return lambda goal: float(goal_variables(goal)[variable])
+    return lambda goal: float(goal_values(goal)[variable])
 
 
 def _pose(goal: Goal, name: str, frame: str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -31,10 +31,19 @@ class Geometry:
         Limits, and where it holds an object.
     driving : DrivingStyle, optional
         How the action was observed to drive; by default at all limits of the base.
+    further : iterable of str
+        Names of direct variables that stand for goal variables which the action declares.
     """
 
-    def __init__(self, direct: Direct, robot: Robot, driving: DrivingStyle | None = None) -> None:
-        self.direct = direct_arrays(direct)
+    def __init__(
+        self,
+        direct: Direct,
+        robot: Robot,
+        driving: DrivingStyle | None = None,
+        *,
+        further: Iterable[str] = (),
+    ) -> None:
+        self.direct = direct_arrays(direct, further)
         self.robot = robot
         self.driving = driving if driving is not None else plain_driving(robot)
         self._kept: dict[Callable[[Geometry], Any], Any] = {}

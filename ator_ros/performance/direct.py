@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,13 @@ DIRECT_VARIABLES: dict[str, str] = {
 }
 """Name and unit. x, y, yaw, v, w: the axle at the start. xg, yg: where the goal's point shall come, the
 axle (hold 0) or an object held in front (hold 1); yawg, speedg: heading and forward speed there.
-All in the world frame."""
+All in the world frame. Goal variables that an action declares come besides, as NAMEg."""
 
 Direct = Mapping[str, Any]
 Arrays = dict[str, FloatArray]
 
 
-def direct_arrays(direct: Direct) -> Arrays:
+def direct_arrays(direct: Direct, further: Iterable[str] = ()) -> Arrays:
     """Bring direct variables into arrays of one shape (n,).
 
     Scalars are spread, so that one situation and a thousand go through the same operations: numpy computes
@@ -39,32 +39,31 @@ def direct_arrays(direct: Direct) -> Arrays:
     ----------
     direct : mapping
         All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
+    further : iterable of str
+        Names of further ones, which are wanted too.
 
     Raises
     ------
     ValueError
         A variable is missing or not finite, or the shapes don't go together.
     """
-    missing = [name for name in DIRECT_VARIABLES if name not in direct]
+    names = (*DIRECT_VARIABLES, *further)
+    missing = [name for name in names if name not in direct]
     if missing:
-        raise ValueError(
-            f"direct variables: expected {', '.join(DIRECT_VARIABLES)}; missing: {', '.join(missing)}"
-        )
-    given = [_number_or_array(direct[name]) for name in DIRECT_VARIABLES]
+        raise ValueError(f"direct variables: expected {', '.join(names)}; missing: {', '.join(missing)}")
+    given = [_number_or_array(direct[name]) for name in names]
     sizes = {values.shape for values in given if isinstance(values, np.ndarray)}
     if len(sizes) > 1 or any(len(shape) > 1 for shape in sizes):
-        shapes = {name: np.shape(values) for name, values in zip(DIRECT_VARIABLES, given, strict=True)}
+        shapes = {name: np.shape(values) for name, values in zip(names, given, strict=True)}
         raise ValueError(f"direct variables: expected numbers or arrays of one shape (n,), got {shapes}")
     count = next(iter(sizes))[0] if sizes else 1
     table = np.empty((len(given), count))
     for index, values in enumerate(given):
         table[index] = values
     if not np.isfinite(table).all():
-        wrong = [
-            name for name, row in zip(DIRECT_VARIABLES, table, strict=True) if not np.isfinite(row).all()
-        ]
+        wrong = [name for name, row in zip(names, table, strict=True) if not np.isfinite(row).all()]
         raise ValueError(f"direct variables: expected finite numbers; not finite: {', '.join(wrong)}")
-    return dict(zip(DIRECT_VARIABLES, table, strict=True))
+    return dict(zip(names, table, strict=True))
 
 
 def _number_or_array(value: Any) -> float | FloatArray:

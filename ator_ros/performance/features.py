@@ -12,9 +12,10 @@ from typing import Literal
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
-from ator_ros.performance.direct import Direct
+from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.robot.description import Robot
 
@@ -112,6 +113,12 @@ GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, 
 """The features that every domain has, by name."""
 
 
+def goal_feature(variable: GoalVariable) -> Feature:
+    """Return a goal variable that an action declares as a feature: NAMEg, as in experience."""
+    name = direct_name(variable.name)
+    return Feature(name, variable.unit, frozenset({name}), lambda g: g.direct[name])
+
+
 def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
     """Return the names of `features`."""
     return tuple(feature.name for feature in features)
@@ -137,7 +144,7 @@ def feature_table(
     -------
     ndarray, shape (n, len(features))
     """
-    return table_of(Geometry(direct, robot, driving), features)
+    return table_of(Geometry(direct, robot, driving, further=declared_by(features)), features)
 
 
 def table_of(geometry: Geometry, features: Sequence[Feature]) -> FloatArray:
@@ -151,3 +158,8 @@ def table_of(geometry: Geometry, features: Sequence[Feature]) -> FloatArray:
 def derived_from(features: Iterable[Feature]) -> frozenset[str]:
     """Return the direct variables that features derive from (paper, section 4.2)."""
     return frozenset().union(*(feature.derives for feature in features))
+
+
+def declared_by(features: Iterable[Feature]) -> tuple[str, ...]:
+    """Return those direct variables of `features` that stand for declared goal variables, sorted."""
+    return tuple(sorted(derived_from(features) - DIRECT_VARIABLES.keys()))

@@ -13,7 +13,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import Feature, derived_from, table_of
+from ator_ros.performance.features import Feature, declared_by, derived_from, table_of
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.performance.tree.rules import RuleWriter
 from ator_ros.robot.description import Robot
@@ -84,6 +84,12 @@ class PerformanceModel:
         return derived_from(self.features[name] for name in names)
 
     @cached_property
+    def declared_variables(self) -> tuple[str, ...]:
+        """The direct variables of the trees that stand for goal variables which the action declares."""
+        names = {name for tree in self.trees.values() for name in tree.names}
+        return declared_by(self.features[name] for name in names)
+
+    @cached_property
     def ideal_time(self) -> Feature | None:
         """The ideal time among the features that predict the duration; None if there is none."""
         named = map(self.features.__getitem__, self.trees["duration"].names)
@@ -104,7 +110,7 @@ class PerformanceModel:
         ValueError
             A direct variable is missing or of another shape.
         """
-        geometry = Geometry(direct, self.robot, self.driving)
+        geometry = self._geometry(direct)
         fields: dict[str, FloatArray] = {}
         if "duration" in measures or "spread" in measures:
             tree = self.trees["duration"]
@@ -127,8 +133,11 @@ class PerformanceModel:
     def explain(self, direct: Direct, measure: str = "duration") -> str:
         """Return the rule that predicts `measure` in one situation, and what each of its terms adds."""
         tree = self.trees[measure]
-        row = self._table(Geometry(direct, self.robot, self.driving), tree)[0]
+        row = self._table(self._geometry(direct), tree)[0]
         return self._writer(measure).explanation(tree, row)
+
+    def _geometry(self, direct: Direct) -> Geometry:
+        return Geometry(direct, self.robot, self.driving, further=self.declared_variables)
 
     def _table(self, geometry: Geometry, tree: ModelTree) -> FloatArray:
         return table_of(geometry, [self.features[name] for name in tree.names])

@@ -9,9 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from ator_ros.actions.goal_variables import direct_name
+from ator_ros.experience.columns import goal_variables_of_columns
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import IDEAL, PAPER_3, PATHS, SIGNED, Feature, feature_table, names_of
+from ator_ros.performance.features import (
+    IDEAL,
+    PAPER_3,
+    PATHS,
+    SIGNED,
+    Feature,
+    declared_by,
+    feature_table,
+    names_of,
+)
 from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
 from ator_ros.performance.observing import observed_driving
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
@@ -78,9 +89,10 @@ def train(
     Raises
     ------
     TrainingError
-        Too few episodes have succeeded.
+        Too few episodes have succeeded, or rows lack values of a goal variable that a feature derives from.
     """
     how = training or Training()
+    _check_values(action, rows, features)
     starts = rows[rows["t"] == 0.0]
     good, good_starts = rows[rows["success"]], starts[starts["success"]]
     if len(good_starts) < 20:
@@ -98,6 +110,16 @@ def train(
     chosen = {name: trees[name] for name in MEASURES if name in trees}
     named = {feature.name: feature for feature in features}
     return PerformanceModel(action, robot, chosen, named, driving=driving)
+
+
+def _check_values(action: str, rows: pd.DataFrame, features: Sequence[Feature]) -> None:
+    for name in declared_by(features):
+        known = rows[name].notna() if name in rows else np.zeros(len(rows), dtype=bool)
+        if not np.all(known):
+            raise TrainingError(
+                f"{action}: {name}: expected a value in each row of experience, {int(np.sum(~known))} of "
+                f"{len(rows)} have none"
+            )
 
 
 @dataclass(frozen=True)
@@ -134,11 +156,17 @@ def _small_tree(rows: pd.DataFrame, source: _Source, values: np.ndarray) -> Mode
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Return the direct variables of rows of an experience table."""
-    return {name: rows[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
+    """Return the direct variables of rows of an experience table, with the goal variables that they hold."""
+    return {name: rows[name].to_numpy(dtype=float) for name in _direct_names(rows)}
+
+
+def _direct_names(rows: pd.DataFrame) -> list[str]:
+    """Return the columns of direct variables; what other actions of the table declare is left out."""
+    declared = map(direct_name, goal_variables_of_columns(rows.columns))
+    return [*DIRECT_VARIABLES, *(name for name in declared if rows[name].notna().any())]
 
 
 def digest(rows: pd.DataFrame) -> str:
     """Return a short digest of the rows that a model was learned from."""
-    numbers = rows[[*DIRECT_VARIABLES, "t", "time_to_go", "success"]].to_numpy(dtype=float)
+    numbers = rows[[*_direct_names(rows), "t", "time_to_go", "success"]].to_numpy(dtype=float)
     return hashlib.sha256(np.ascontiguousarray(numbers).tobytes()).hexdigest()[:16]

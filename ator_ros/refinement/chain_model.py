@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import FreeVariable, PredictsPerformance, goal_values
+from ator_ros.refinement.free_variables import FreeVariable, PredictsPerformance
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.projection import (
     Columns,

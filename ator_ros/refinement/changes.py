@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from ator_ros.refinement.free_variables import goal_values
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.ranges import Ranges
 
 _SAME = 1e-6
-"""Difference in m, rad or m/s that a way through messages may make."""
+"""Difference in a variable's unit that a way through messages may make."""
 
 
 def allowed_changes(
@@ -22,14 +22,17 @@ def allowed_changes(
     Raises
     ------
     InvalidChainError
-        It has other steps than `plan`, or changes what `plan` does not open or a condition binds, or a value
-        lies outside the variable's range, or it has none.
+        It has other steps or goal variables than `plan`, or changes what `plan` does not open or a condition
+        binds, or a value lies outside the variable's range, or it has none.
     """
     if [call.top for call in plan.calls] != [call.top for call in refined.calls]:
         raise InvalidChainError("expected the steps of the question")
     bound = bindings(tuple(call.top for call in plan.calls))
     changes = []
     for step, (old, new) in enumerate(zip(plan.calls, refined.calls, strict=True)):
+        if old.goal.values.keys() != new.goal.values.keys():
+            where = f"step {step + 1} ({old.top.name})"
+            raise InvalidChainError(f"{where}: expected the goal variables of the question")
         values = _changed(old, new)
         for name, value in values.items():
             where = f"{name} of step {step + 1} ({old.top.name})"

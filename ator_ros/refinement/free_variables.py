@@ -7,13 +7,12 @@ changes.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Protocol
 
-from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.base import Point
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
@@ -57,34 +56,10 @@ class Analysis:
     not_free: tuple[NotFree, ...]
 
 
-def goal_values(goal: Goal) -> dict[str, float]:
-    """Return the goal variables of `goal`: x, y, yaw of its pose (m, rad), and its other numbers by name."""
-    values = dict(zip(goal.pose._fields, goal.pose, strict=True))
-    kind: Any = type(goal)  # mypy takes a class whose instances hash for one that does not itself
-    for name in _numbers(kind):
-        values[name] = float(getattr(goal, name))
-    return values
-
-
-@cache
-def _numbers(kind: type[Goal]) -> tuple[str, ...]:
-    return tuple(item.name for item in dataclasses.fields(kind) if item.type == "float")
-
-
-def with_values(goal: Goal, values: Mapping[str, float]) -> Goal:
-    """Return `goal` with the goal variables in `values` replaced."""
-    pose = goal.pose._replace(**{name: float(v) for name, v in values.items() if name in goal.pose._fields})
-    others: dict[str, Any] = {name: float(v) for name, v in values.items() if name not in goal.pose._fields}
-    return dataclasses.replace(goal, pose=pose, **others)
-
-
-def goal_variable(name: str) -> str:
-    """Return the direct variable that holds the goal variable `name`: yaw gives yawg."""
-    return f"{name}g"
-
-
 def start_variables(name: str, point: Point) -> frozenset[str]:
     """Return the direct variables of the next action's start that the goal variable `name` changes."""
+    if name not in GOAL_VARIABLES:
+        return frozenset()
     if name == "yaw" and point is Point.HOLD:
         return frozenset({"yaw", "x", "y"})
     return frozenset({"v" if name == "speed" else name})
@@ -146,9 +121,10 @@ def _why_unknown(
     chain: TopChain, index: int, name: str, models: Mapping[str, PredictsPerformance]
 ) -> str | None:
     """Return why nothing is known of how the variable changes the performance."""
-    changed = {index: frozenset({goal_variable(name)})}
-    if index + 1 < len(chain.calls):
-        changed[index + 1] = start_variables(name, chain.calls[index].goal.point)
+    changed = {index: frozenset({direct_name(name)})}
+    following = start_variables(name, chain.calls[index].goal.point)
+    if following and index + 1 < len(chain.calls):
+        changed[index + 1] = following
     actions = {step: chain.calls[step].top.action for step in changed}
     lacking = [step for step, action in actions.items() if action not in models]
     if lacking:

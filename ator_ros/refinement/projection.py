@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.free_variables import goal_values, goal_variable
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
@@ -58,7 +58,7 @@ def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> Column
 def direct_columns(start: Mapping[str, Any], goal: Mapping[str, Any], point: Point) -> Columns:
     """Return the direct variables of one action from its start and goal variables."""
     columns: Columns = dict(start)
-    columns.update((goal_variable(name), value) for name, value in goal.items())
+    columns.update((direct_name(name), value) for name, value in goal.items())
     columns["hold"] = 1.0 if point is Point.HOLD else 0.0
     return columns
 

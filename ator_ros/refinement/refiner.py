@@ -7,6 +7,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 
+from ator_ros.actions.goal_variables import direct_name, goal_values, with_values
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
 from ator_ros.refinement.calibration import Calibration
@@ -17,9 +18,6 @@ from ator_ros.refinement.free_variables import (
     FreeVariable,
     PredictsPerformance,
     analyse,
-    goal_values,
-    goal_variable,
-    with_values,
 )
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
 from ator_ros.refinement.objective import Objective
@@ -179,7 +177,7 @@ class Refiner:
     def _is_used(self, chain: TopChain, variable: FreeVariable) -> bool:
         """Return whether the model of the action that leads to a subgoal uses its variable."""
         model = self.models[chain.calls[variable.subgoal].top.action]
-        return goal_variable(variable.name) in model.used_variables
+        return direct_name(variable.name) in model.used_variables
 
     def analyse(self, world: World, chain: TopChain) -> Analysis:
         """Return the free variables of `chain`, and those that it opens in vain.

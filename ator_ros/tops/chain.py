@@ -6,8 +6,9 @@ import dataclasses
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.robot.description import Robot
-from ator_ros.tops.state import arrived, goal_variables, state_of
+from ator_ros.tops.state import arrived, state_of
 from ator_ros.tops.top import Top
 from ator_ros.world.state import ObjectState, World
 
@@ -67,7 +68,7 @@ class TopChain:
             return lacking[:1]
         found = []
         for number, call in enumerate(self.calls, start=1):
-            reasons = call.top.pre.violations(state_of(world, robot), goal_variables(call.goal))
+            reasons = call.top.pre.violations(state_of(world, robot), goal_values(call.goal))
             when = "now" if number == 1 else f"after step {number - 1} ({self.calls[number - 2].top.name})"
             found += [
                 f"pre-condition of step {number} ({call.top.name}) {when}: {reason}" for reason in reasons
@@ -93,7 +94,7 @@ def projected(world: World, call: TopCall, robot: Robot) -> World:
     variables = {term.variable for term in call.top.post.terms}
     if call.top.arrives:
         world = arrived(world, call.goal, robot)
-    state = call.top.post.apply(state_of(world, robot), goal_variables(call.goal))
+    state = call.top.post.apply(state_of(world, robot), goal_values(call.goal))
     for name in sorted(call.top.post.objects()):
         x, y = state.get(f"{name}.x"), state.get(f"{name}.y")
         if variables & {f"{name}.x", f"{name}.y"} and x is not None and y is not None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import MappingProxyType
 
-from ator_ros.actions.base import Action
+from ator_ros.actions.base import Action, Goal
+from ator_ros.actions.goal_variables import GoalVariable
+from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.tops.top import Top
@@ -26,6 +29,9 @@ class TopLibrary(Mapping[str, Top]):
     ranges : mapping, optional
         Ranges of the goal variables; by default those that robot and scene determine.
 
+    goal_variables : mapping, optional
+        The goal variables that actions declare beyond pose and speed, by the actions' names.
+
     Raises
     ------
     KeyError
@@ -40,11 +46,13 @@ class TopLibrary(Mapping[str, Top]):
         tops: Iterable[Top],
         actions: Mapping[str, Callable[[Robot], Action]],
         ranges: Ranges = USUAL_RANGES,
+        goal_variables: Mapping[str, tuple[GoalVariable, ...]] = MappingProxyType({}),
     ) -> None:
         self.robot = robot
         self.action_set = action_set
         self.ranges = ranges
         self._actions = dict(actions)
+        self._goal_variables = dict(goal_variables)
         self._tops = {top.name: top for top in tops}
         missing = sorted({top.action for top in self._tops.values()} - set(self._actions))
         if missing:
@@ -71,3 +79,12 @@ class TopLibrary(Mapping[str, Top]):
     def action(self, top: Top) -> Action:
         """Make a new action that executes `top`."""
         return self._actions[top.action](self.robot)
+
+    def goal_variables(self, top: Top) -> tuple[GoalVariable, ...]:
+        """Return the goal variables that the action of `top` declares beyond pose and speed."""
+        return self._goal_variables.get(top.action, ())
+
+    def goal(self, top: Top, pose: Pose, speed: float = 0.0) -> Goal:
+        """Return a goal of `top`, with the usual values of the variables that its action declares."""
+        values = {variable.name: variable.usual for variable in self.goal_variables(top)}
+        return Goal(pose, speed, top.point, values)

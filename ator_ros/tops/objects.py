@@ -6,11 +6,12 @@ import dataclasses
 from collections.abc import Iterable
 
 from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall
 from ator_ros.tops.conditions import Condition, Statement
-from ator_ros.tops.state import goal_variables, state_of
+from ator_ros.tops.state import state_of
 from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
@@ -92,7 +93,7 @@ def has_left(world: World, call: TopCall, robot: Robot) -> bool:
     name = followed(call.top)
     if name is None:
         return False
-    state, goal, pairs = state_of(world, robot), goal_variables(call.goal), _position_pairs(name, "goal")
+    state, goal, pairs = state_of(world, robot), goal_values(call.goal), _position_pairs(name, "goal")
     terms = (term for term in call.top.pre.terms if _pair(term) in pairs)
     return any((term.excess(state, goal) or 0.0) > 0.0 for term in terms)
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.actions.situation import Situation
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import objects_in
-from ator_ros.tops.state import goal_variables, state_of
+from ator_ros.tops.state import state_of
 from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
@@ -19,7 +20,7 @@ class NoTopError(ValueError):
 
 def unmet(top: Top, world: World, goal: Goal, robot: Robot) -> list[str]:
     """Return in words what the post-condition lacks in `world`; an empty list means that it holds."""
-    return top.post.violations(state_of(world, robot), goal_variables(goal))
+    return top.post.violations(state_of(world, robot), goal_values(goal))
 
 
 def failure(top: Top, lacks: Iterable[str]) -> str:
@@ -29,7 +30,7 @@ def failure(top: Top, lacks: Iterable[str]) -> str:
 
 def shortfall(top: Top, world: World, goal: Goal, robot: Robot) -> float:
     """Return how far `world` is from the post-condition, in the unit of the worst variable; 0: it holds."""
-    return top.post.shortfall(state_of(world, robot), goal_variables(goal))
+    return top.post.shortfall(state_of(world, robot), goal_values(goal))
 
 
 def may_settle(top: Top, world: World) -> bool:
@@ -50,7 +51,7 @@ def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
         There is none.
     """
     world = World(0.0, situation.robot, situation.objects)
-    state, goal = state_of(world, robot), goal_variables(situation.goal)
+    state, goal = state_of(world, robot), goal_values(situation.goal)
     suited = [
         top
         for top in tops

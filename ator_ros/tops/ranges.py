@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.robot.description import Robot
 
 
@@ -18,7 +20,7 @@ class Range:
     Attributes
     ----------
     low, high : float
-        Bounds in the variable's unit (m, rad, m/s).
+        Bounds in the variable's unit (m, rad, m/s, or as declared).
     steps : int
         How finely the first grid divides it, relative to other variables.
     periodic : bool
@@ -65,3 +67,12 @@ def _y(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
 
 USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": heading, "speed": arrival_speed})
 """The ranges that the robot and its scene determine; a domain may have others."""
+
+
+def declared_ranges(variables: Iterable[GoalVariable]) -> Ranges:
+    """Return the ranges of goal variables that actions declare, which are the same for all goals."""
+    return {variable.name: functools.partial(_declared, variable) for variable in variables}
+
+
+def _declared(variable: GoalVariable, robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
+    return Range(variable.low, variable.high, variable.steps, rest=variable.rest)

@@ -11,8 +11,6 @@ from ator_ros.world.state import RobotState, World
 
 State = Mapping[str, float]
 
-GOAL_VARIABLES = ("x", "y", "yaw", "speed")
-
 
 def state_of(world: World, robot: Robot) -> dict[str, float]:
     """Return the state variables of a world.
@@ -38,11 +36,6 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
     for name, there in world.objects.items():
         state |= {f"{name}.{axis}": getattr(there, axis) for axis in ("x", "y", "vx", "vy")}
     return state
-
-
-def goal_variables(goal: Goal) -> dict[str, float]:
-    """Return the variables of a goal by name: x, y (m), yaw (rad), speed (m/s)."""
-    return {"x": goal.pose.x, "y": goal.pose.y, "yaw": goal.pose.yaw, "speed": goal.speed}
 
 
 def arrived(world: World, goal: Goal, robot: Robot) -> World:

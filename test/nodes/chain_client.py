@@ -11,15 +11,16 @@ from rclpy.action import ActionClient
 from ros_client import RETRY, Client
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall
+from ator_interfaces.msg import ActionPerformance, ChainPerformance, GoalValue, Outcome, TopCall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 
 
-def call(top: str, pose: Pose, *, opened: tuple[str, ...] = ()) -> TopCall:
-    """Write one step of a chain."""
-    message = TopCall(top=top, open=list(opened))
+def call(top: str, pose: Pose, *, opened: tuple[str, ...] = (), **values: float) -> TopCall:
+    """Write one step of a chain, with `values` of the goal variables that its action declares."""
+    given = [GoalValue(name=name, value=value) for name, value in values.items()]
+    message = TopCall(top=top, open=list(opened), values=given)
     message.goal.pose = pose_of(pose)
     return message
 

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.actions.goal_variables import GOAL_VARIABLES
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
@@ -33,7 +34,6 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.state import GOAL_VARIABLES
 
 FRAME = "odom"
 EDGES = (0.0, 1.0, -1.0, 1e-300, -1e-9, 5e-324, math.pi, -math.pi, FARTHEST, -FARTHEST)

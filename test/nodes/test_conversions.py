@@ -13,13 +13,13 @@ from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
 from ator_interfaces.msg import Objective, Situation, TopCall, TopChain
+from ator_ros.actions.goal_variables import GOAL_VARIABLES
 from ator_ros.domains.soccer.ball import ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError, bounds_of
 from ator_ros.robot.description import load_robot
-from ator_ros.tops.state import GOAL_VARIABLES
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 LIBRARY = SOCCER.library(load_robot())

@@ -6,6 +6,7 @@ import importlib
 import json
 import os
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Odometry
 from ros_client import Client
 
-from ator_interfaces.msg import Outcome
+from ator_interfaces.msg import Outcome, TopCall
 from ator_interfaces.srv import PlaceBall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import SENSOR_DATA
@@ -43,6 +44,10 @@ def run(command: str, *words: object) -> None:
     assert tool.main(["--domain", "delivery", *map(str, words)]) == 0
 
 
+def cruises(calls: Iterable[TopCall]) -> list[float]:
+    return [item.value for call in calls for item in call.values if item.name == "cruise"]
+
+
 def test_a_domain_from_another_package_is_learned_and_executed(
     installed: Path, start: Start, client: Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -51,7 +56,7 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     assert "turnDriveTurn: 60 episodes" in capsys.readouterr().out
     run("train", table, "--models", models)
     learned = json.loads((models / "turnDriveTurn.json").read_text())
-    assert learned["features"]["turned"] == "rad"  # the domain's own
+    assert learned["features"]["cruised"] == "s"  # the domain's own, of a goal variable of its own
     words = ("--situations", 2, "--policies", "naive", "refined", "--models", models)
     run("evaluate", *words, "--out", installed / "evaluation", "--jobs", 1)
     result = json.loads((installed / "evaluation" / "evaluation.json").read_text())
@@ -68,11 +73,29 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     start("refinement", domain="delivery", models=models, gate=False, deadline=5.0)
     start("executor", domain="delivery", models=models, odom_timeout=5.0, refinement_timeout=20.0)
     chains = ChainClient(client)
-    visits = [call("visit", Pose(1.0, 0.5, 3.0), opened=("yaw",)), call("visit", Pose(2.0, -1.0, 0.0))]
+    visits = [
+        call("visit", Pose(1.0, 0.5, 3.0), opened=("yaw", "cruise"), cruise=0.3),
+        call("pass", Pose(2.0, -1.0, 0.0), opened=("cruise",), cruise=0.6),
+    ]
     result = chains.send(visits, refine=True).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
-    # Turns on the spot add up to the same whatever the heading between them, so little is to be gained.
-    assert "predicted gain" in result.record.refinement
+    assert result.record.refined, result.record.refinement
+    assert (
+        "cruise of subgoal 2 (pass) is bound by the pre-condition of step 2 (pass): robot.v near goal.cruise"
+        in result.record.refinement
+    )
+    # Where it is free it is as fast as it may be; where it is bound it stays.
+    assert cruises(result.record.chain.calls) == pytest.approx([1.0, 0.6])
+    assert cruises(action.call for action in result.record.actions) == pytest.approx([1.0, 0.6])
     for action in result.record.actions:
         assert action.action == "turnDriveTurn"
         assert action.predicted.duration == pytest.approx(action.actual.duration, rel=0.5)
+    # A value that nobody can use is refused with the reason.
+    for values, reason in (
+        ({}, "expected values of ['cruise'], ['cruise'] are missing"),
+        ({"cruise": 0.5, "hurry": 1.0}, "expected names of ['cruise'], each once"),
+        ({"cruise": 3.0}, "cruise: expected a finite number from 0.2 to 1 m/s, got 3.0"),
+    ):
+        outcome = chains.send([call("visit", Pose(0.0, 0.0, 0.0), **values)]).outcome()
+        assert outcome.code == Outcome.REFUSED
+        assert f"chain.calls[0].values: {reason}" in outcome.reason

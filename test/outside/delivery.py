@@ -1,4 +1,7 @@
-"""A domain of somebody else's: places to visit and a parcel, with an action that knows nothing of ours."""
+"""A domain of somebody else's: places to visit and a parcel, with an action that knows nothing of ours.
+
+Its goals have a variable of their own, `cruise`: how fast the robot drives on the way.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import math
 import numpy as np
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.domain import Domain
@@ -15,26 +19,28 @@ from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, variables
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.top import Top
 from ator_ros.world.scene import RoundObject
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
+CRUISE = GoalVariable("cruise", "m/s", 0.2, 1.0)
+
 
 class TurnDriveTurn(Action):
-    """Turns to the goal, drives there, turns to the goal's heading."""
+    """Turns to the goal, drives there at most at `cruise`, turns to the goal's heading."""
 
     name = "turnDriveTurn"
 
     def start(self, world: World, goal: Goal) -> None:
-        self._goal = goal.pose
+        self._goal, self._cruise = goal.pose, goal.values[CRUISE.name]
 
     def step(self, world: World) -> Step:
         pose = world.robot.pose
         if pose.distance(self._goal) > 0.04:
             turn = wrap_angle(math.atan2(self._goal.y - pose.y, self._goal.x - pose.x) - pose.yaw)
-            speed = min(1.0, pose.distance(self._goal)) * max(0.0, math.cos(turn)) ** 4
+            speed = min(self._cruise, pose.distance(self._goal)) * max(0.0, math.cos(turn)) ** 4
             return Step(Command(speed, self._turn(turn)), Status.RUNNING, "driving")
         turn = wrap_angle(self._goal.yaw - pose.yaw)
         if abs(turn) > 0.05 or abs(world.robot.w) > 0.1:
@@ -46,13 +52,15 @@ class TurnDriveTurn(Action):
         return max(-limit, min(limit, 3.0 * angle))
 
 
-VISIT = Top(
-    "visit",
+_THERE = Condition(
+    (Term("robot.x", "goal.x", 0.1), Term("robot.y", "goal.y", 0.1), Term("robot.yaw", "goal.yaw", 0.2))
+)
+VISIT = Top("visit", "turnDriveTurn", Condition(), _THERE)
+PASS = Top(
+    "pass",
     "turnDriveTurn",
-    Condition(),
-    Condition(
-        (Term("robot.x", "goal.x", 0.1), Term("robot.y", "goal.y", 0.1), Term("robot.yaw", "goal.yaw", 0.2))
-    ),
+    Condition((Region("robot.v", "goal.cruise", high=0.0),)),  # it starts no faster than it goes on
+    _THERE,
 )
 
 
@@ -70,14 +78,19 @@ def _parcel(rng: np.random.Generator) -> dict[str, ObjectState]:
 
 def drive(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a start and a goal, both at rest, and a parcel."""
-    return Situation("turnDriveTurn", RobotState(_place(rng)), _parcel(rng), Goal(_place(rng)))
+    start, parcel = RobotState(_place(rng)), _parcel(rng)
+    return Situation("turnDriveTurn", start, parcel, _goal(rng, float(rng.uniform(CRUISE.low, CRUISE.high))))
+
+
+def _goal(rng: np.random.Generator, cruise: float) -> Goal:
+    return Goal(_place(rng), values={CRUISE.name: cruise})
 
 
 def two_visits(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw two places to visit; the heading at the first is open."""
+    """Draw two places to visit; the heading at the first, and how fast the robot drives there, is open."""
     calls = (
-        TopCall(library["visit"], Goal(_place(rng)), frozenset({"yaw"})),
-        TopCall(library["visit"], Goal(_place(rng))),
+        TopCall(library["visit"], _goal(rng, 0.5), frozenset({"yaw", CRUISE.name})),
+        TopCall(library["pass"], _goal(rng, 0.8)),
     )
     return World(0.0, RobotState(_place(rng)), _parcel(rng)), TopChain(calls)
 
@@ -87,15 +100,19 @@ def _turning(geometry: Geometry) -> FloatArray:
     return np.abs(geometry.to_dest) + np.abs(geometry.at_dest)
 
 
-TURNED = Feature("turned", "rad", variables("x y yaw xg yg yawg hold"), _turning)
-_FEATURES = ("dist", TURNED.name)
+_WAY = variables("x y yaw xg yg yawg hold")
+TURNED = Feature("turned", "rad", _WAY, _turning)
+CRUISED = Feature("cruised", "s", _WAY | {"cruiseg"}, lambda g: g.dist / g.direct["cruiseg"])
+_FEATURES = (TURNED.name, CRUISED.name)
 
 DELIVERY = Domain(
     "delivery",
-    tops=(VISIT,),
-    action_sets={"default": (ActionSpec("turnDriveTurn", TurnDriveTurn, drive, _FEATURES),)},
+    tops=(VISIT, PASS),
+    action_sets={
+        "default": (ActionSpec("turnDriveTurn", TurnDriveTurn, drive, _FEATURES, goal_variables=(CRUISE,)),)
+    },
     objects=("parcel",),
     bodies={"parcel": PARCEL},
     chains={"two_visits": two_visits},
-    features=(TURNED,),
+    features=(TURNED, CRUISED),
 )

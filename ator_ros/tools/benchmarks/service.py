@@ -57,7 +57,7 @@ def _messages_alone() -> Answer:
     """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
     robot = DOMAIN.robot()
     library, models = DOMAIN.library(robot), load_models(robot, DOMAIN.known_features)
-    refiner = Refiner(robot, models, ranges=DOMAIN.variables)
+    refiner = Refiner(robot, models, ranges=DOMAIN.ranges)
     known: list[Refinement] = []
 
     def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:

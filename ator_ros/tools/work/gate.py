@@ -54,7 +54,7 @@ def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, com
     ]
     actions = {call.top.action for call in trials[0].chain.calls}
     rows = {action: table for action, table in read_rows(options.episodes).items() if action in actions}
-    fitted = CrossFit(robot, rows, OBSERVED, domain.variables)
+    fitted = CrossFit(robot, rows, OBSERVED, domain.ranges)
     _save(fitted.examples(trials, seed=options.seed), source.observed_folder() / GATE, options, command)
     return 0
 

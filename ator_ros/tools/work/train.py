@@ -56,7 +56,9 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     by_action = dict(iter(rows.groupby("action", sort=False)))
     errors: list[str] = []
     for action, examples in by_action.items():
-        features = OBSERVED if options.observed else domain.candidates(action, source["action_set"])
+        features = domain.candidates(action, source["action_set"])
+        if options.observed:
+            features = (*OBSERVED, *domain.goal_features(action, source["action_set"]))
         # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
         try:
             model = train(action, examples, robot, features=features)
@@ -141,12 +143,13 @@ def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         raise ModelFileError(f"measure: expected one of {', '.join(model.trees)}, got {options.measure!r}")
     if not options.situation:
         return model.rules(options.measure)
-    return model.explain(_situation(options.situation), options.measure)
+    names = (*DIRECT_VARIABLES, *model.declared_variables)
+    return model.explain(_situation(options.situation, names), options.measure)
 
 
-def _situation(words: Sequence[str]) -> dict[str, float]:
+def _situation(words: Sequence[str], names: Sequence[str]) -> dict[str, float]:
     """Read NAME=NUMBER words; direct variables that are not named are 0."""
-    situation = dict.fromkeys(DIRECT_VARIABLES, 0.0)
+    situation = dict.fromkeys(names, 0.0)
     for word in words:
         name, _, value = word.partition("=")
         try:
@@ -155,7 +158,7 @@ def _situation(words: Sequence[str]) -> dict[str, float]:
             number = math.nan
         if name not in situation or not abs(number) <= FARTHEST:
             raise TrainingError(
-                f"situation: expected NAME=NUMBER with a name of {', '.join(DIRECT_VARIABLES)} "
+                f"situation: expected NAME=NUMBER with a name of {', '.join(names)} "
                 f"and a number up to {FARTHEST:g}, got {word[:80]!r}"
             )
         situation[name] = number

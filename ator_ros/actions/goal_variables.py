@@ -1,0 +1,103 @@
+"""The variables of goals: pose and arrival speed, which all goals have, and those that an action declares."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ator_ros.actions.base import Goal
+from ator_ros.files import is_name
+from ator_ros.schema import require
+
+GOAL_VARIABLES = ("x", "y", "yaw", "speed")
+"""Those that every goal has: destination in m and rad, arrival speed in m/s."""
+MOST_GOAL_VARIABLES = 16
+"""Further goal variables that an action may declare."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoalVariable:
+    """A variable of an action's goal beyond pose and arrival speed, such as the force of a kick.
+
+    Attributes
+    ----------
+    name : str
+        Its name in calls; conditions name it as goal.NAME, features and experience as NAMEg.
+    unit : str
+        Its SI unit; empty for a number without one. An angle does not wrap.
+    low, high : float
+        The values that a goal may have, and that refinement searches.
+    steps : int
+        How finely the first grid of the search divides them, relative to other variables.
+    rest : float or None
+        The value that an unrefined chain takes where a plan opens it; None: the one at which the action alone
+        is cheapest.
+
+    Raises
+    ------
+    ValueError
+        The name is no name, or one that every goal has, or the range is empty.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    steps: int = 12
+    rest: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check name and range."""
+        require(is_name(self.name), "name", "a name of letters, digits and _", self.name)
+        others = f"none of {', '.join(GOAL_VARIABLES)}, which every goal has"
+        require(self.name not in GOAL_VARIABLES, "name", others, self.name)
+        bounds = (self.low, self.high)
+        finite = all(map(math.isfinite, bounds)) and self.low < self.high
+        require(finite, f"{self.name}: low, high", "finite numbers, low below high", bounds)
+        require(self.steps >= 1, f"{self.name}: steps", "a whole number from 1", self.steps)
+        inside = self.rest is None or self.low <= self.rest <= self.high
+        require(inside, f"{self.name}: rest", f"a number from {self.low:g} to {self.high:g}", self.rest)
+
+    @property
+    def usual(self) -> float:
+        """A value for where nobody has given one: `rest`, or the middle of the range."""
+        return 0.5 * (self.low + self.high) if self.rest is None else self.rest
+
+
+def goal_values(goal: Goal) -> dict[str, float]:
+    """Return all variables of a goal by name: x, y (m), yaw (rad), speed (m/s), and the declared ones."""
+    pose = goal.pose
+    return {"x": pose.x, "y": pose.y, "yaw": pose.yaw, "speed": float(goal.speed), **goal.values}
+
+
+def with_values(goal: Goal, values: Mapping[str, float]) -> Goal:
+    """Return `goal` with the goal variables in `values` replaced."""
+    plain = {name: float(value) for name, value in values.items()}
+    pose = goal.pose._replace(**{name: value for name, value in plain.items() if name in goal.pose._fields})
+    changed: dict[str, Any] = {"speed": plain["speed"]} if "speed" in plain else {}
+    declared = {name: value for name, value in plain.items() if name not in GOAL_VARIABLES}
+    if declared:
+        changed["values"] = {**goal.values, **declared}
+    return dataclasses.replace(goal, pose=pose, **changed)
+
+
+def direct_name(name: str) -> str:
+    """Return the direct variable of features and experience that holds a goal variable: yaw gives yawg."""
+    return f"{name}g"
+
+
+def wrong_values(goal: Goal, declared: Iterable[GoalVariable]) -> str | None:
+    """Return in words where the values of a goal are not those that its action declares; None if nowhere."""
+    known = {variable.name: variable for variable in declared}
+    if set(goal.values) != set(known):
+        wanted, given = (", ".join(names) or "no variable" for names in (known, goal.values))
+        return f"expected values of {wanted}, got those of {given}"
+    for name, value in goal.values.items():
+        low, high = known[name].low, known[name].high
+        if not low <= value <= high:
+            bounds = f"a number from {low:g} to {high:g} {known[name].unit}".rstrip()
+            return f"{name}: expected {bounds}, got {value:g}"
+    return None
