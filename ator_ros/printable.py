@@ -4,6 +4,8 @@ from __future__ import annotations
 
 LONGEST = 60
 """Characters of a foreign text that are shown, so that a sentence about it keeps below 200."""
+_LONGEST_WHOLE = 200
+"""Characters up to which `short` shows a value whole."""
 
 
 def printable(text: object, most: int = LONGEST) -> str:
@@ -24,3 +26,14 @@ def printable(text: object, most: int = LONGEST) -> str:
 def quoted(value: object, most: int = LONGEST) -> str:
     """Return a foreign text as `printable` does, in quotes; anything else as Python writes it."""
     return f"'{printable(value, most)}'" if isinstance(value, str) else printable(repr(value), most)
+
+
+def short(value: object) -> str:
+    """Return `value` as Python writes it; of a long one, its beginning and its end."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_WHOLE else f"{text[:80]} … {text[-80:]}"
+
+
+def short_path(path: str) -> str:
+    """Return a path into a file; of a long one, its beginning and its end."""
+    return path if len(path) <= _LONGEST_WHOLE else f"{path[:80]} … {path[-80:]}"

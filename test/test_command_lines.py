@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from ator_ros.tools import collect
-from ator_ros.tools.command_line import whole
+from ator_ros.tools.option_types import whole
 
 NUMBERS = {
     "collect": ["--episodes", "--seed"],

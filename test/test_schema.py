@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from ator_ros.schema import Format, OneOf, SchemaError, Within, structured
+from ator_ros.formats import Format
+from ator_ros.schema import OneOf, SchemaError, Within, structured
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from ator_ros.evaluation.storage import PARTIAL, PartialResults
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import reserved
 from ator_ros.tools import collect
-from ator_ros.tools.command_line import INTERRUPTED, guarded, undisturbed
+from ator_ros.tools.guard import INTERRUPTED, guarded, undisturbed
 from ator_ros.tools.work import collect as collect_work
 
 

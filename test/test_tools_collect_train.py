@@ -22,7 +22,7 @@ from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, train
-from ator_ros.tools.command_line import INTERRUPTED
+from ator_ros.tools.guard import INTERRUPTED
 from ator_ros.tools.work import collect as collect_work
 
 ROBOT = load_robot()

@@ -14,7 +14,8 @@ from typing import Annotated, Any
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.files import UnreadableError, read_json, read_text, write_text
-from ator_ros.schema import Format, SchemaError, Within, structured
+from ator_ros.formats import Format
+from ator_ros.schema import SchemaError, Within, structured
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"

@@ -27,8 +27,9 @@ from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.validation import checked_rows
 from ator_ros.files import is_name, limited_memory, replaced
+from ator_ros.formats import Format
 from ator_ros.printable import quoted
-from ator_ros.schema import Format, SchemaError, structured
+from ator_ros.schema import SchemaError, structured
 from ator_ros.world.state import World
 
 FORMAT = Format("ator_ros experience", 1, "experience")

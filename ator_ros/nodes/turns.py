@@ -70,7 +70,7 @@ class Turns:
         return True
 
     def work(self) -> None:
-        """Give one request a turn; there must be one."""
+        """Work on one request for a turn; there must be one."""
         job = self._next()
         began = now = self._clock()
         while now - began < TURN:

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
+from ator_ros.formats import Format
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
-from ator_ros.schema import Format, SchemaError, Within, structured
+from ator_ros.schema import SchemaError, Within, structured
 
 FORMAT = Format("ator_ros performance model", 1, "performance model")
 

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
+from ator_ros.formats import Format
+from ator_ros.printable import short
 from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.schema import Format, OneOf, SchemaError, Within, short, structured
+from ator_ros.schema import OneOf, SchemaError, Within, structured
 
 FORMAT = Format("ator_ros/calibration", 1, "calibration", "schema", "version")
 CALIBRATION = "calibration.json"

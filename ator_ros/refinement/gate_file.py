@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.formats import Format
+from ator_ros.printable import short
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import FEATURES, Gate, OpenGate, ThresholdGate, TreeGate
-from ator_ros.schema import Format, OneOf, SchemaError, short, structured
+from ator_ros.schema import OneOf, SchemaError, structured
 
 FORMAT = Format("ator_ros/gate", 1, "gate", "schema", "version")
 

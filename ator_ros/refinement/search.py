@@ -22,7 +22,7 @@ from ator_ros.refinement.slices import Slices, completed
 from ator_ros.tops.ranges import Range
 
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
-"""Gives the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
+"""Returns the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
 
 SINGLE = 120
 """Candidates for one free variable on its own: 3 degrees of an angle. Nothing finer is searched then."""

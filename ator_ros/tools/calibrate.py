@@ -11,7 +11,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.tools.command_line import destination, guarded
+from ator_ros.tools.guard import guarded
+from ator_ros.tools.option_types import destination
 
 _GREATEST = 50.0  # m, m/s or rad/s
 

@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.files import portable_command
-from ator_ros.tools.command_line import add_models, add_setting, destination, guarded, settled
+from ator_ros.tools.command_line import add_models, add_setting, settled
+from ator_ros.tools.guard import guarded
+from ator_ros.tools.option_types import destination
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -8,17 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.files import portable_command
-from ator_ros.tools.command_line import (
-    add_factor,
-    add_models,
-    add_setting,
-    check_names,
-    destination,
-    guarded,
-    policies,
-    settled,
-    whole,
-)
+from ator_ros.tools.command_line import add_factor, add_models, add_setting, check_names, policies, settled
+from ator_ros.tools.guard import guarded
+from ator_ros.tools.option_types import destination, whole
 
 
 def arguments() -> argparse.ArgumentParser:

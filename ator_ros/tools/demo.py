@@ -7,7 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.tools.command_line import add_factor, add_models, destination, whole
+from ator_ros.tools.command_line import add_factor, add_models
+from ator_ros.tools.option_types import destination, whole
 
 _LONGEST_DEMO = 200
 

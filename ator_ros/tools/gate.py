@@ -8,15 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.files import portable_command
-from ator_ros.tools.command_line import (
-    RESUMES,
-    add_models,
-    add_parallel_options,
-    add_setting,
-    guarded,
-    settled,
-    whole,
-)
+from ator_ros.tools.command_line import add_models, add_parallel_options, add_setting, settled
+from ator_ros.tools.guard import RESUMES, guarded
+from ator_ros.tools.option_types import whole
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -23,7 +23,9 @@ from ator_ros.performance.features import PAPER_3, PAPER_11
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.tools.command_line import add_jobs, destination, guarded, whole
+from ator_ros.tools.command_line import add_jobs
+from ator_ros.tools.guard import guarded
+from ator_ros.tools.option_types import destination, whole
 from ator_ros.world.state import ObjectState, RobotState
 
 PAPER = {"goToPose": (0.31, 0.75), "dribbleBall": (0.29, 0.73)}

@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.files import portable_command
-from ator_ros.tools.command_line import add_jobs, add_setting, destination, guarded, settled, whole
+from ator_ros.tools.command_line import add_jobs, add_setting, settled
+from ator_ros.tools.guard import guarded
+from ator_ros.tools.option_types import destination, whole
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -136,7 +136,7 @@ class Arena:
         assert not [node.output for node in nodes if "Traceback" in node.output]
 
     def stops(self) -> list[tuple[float, float]]:
-        """Give, from the simulations' logs, when the robot was last told to move and since when it stood."""
+        """Return when the robot was last told to move, and since when it stood, by the simulations' logs."""
         logs = "".join(node.output for node in self._started["simulation"])
         return [(float(told), float(stood)) for stood, told in _STOP.findall(logs)]
 

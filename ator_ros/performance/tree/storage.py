@@ -10,7 +10,8 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.schema import SchemaError, Within, short, short_path, structured
+from ator_ros.printable import short, short_path
+from ator_ros.schema import SchemaError, Within, structured
 
 NonNegative = Annotated[float, Within(0.0)]
 _T = TypeVar("_T")

@@ -21,7 +21,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import reserved
-from ator_ros.tools.command_line import INTERRUPTED, undisturbed
+from ator_ros.tools.guard import INTERRUPTED, undisturbed
 
 _EPISODE_BYTES = 10_000
 """More than the table needs for an episode: those of the default actions take 3.3 kB."""

@@ -11,7 +11,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.nodes.machine import MachineError
 from ator_ros.robot.description import Robot
-from ator_ros.tools.command_line import INTERRUPTED, write_plainly
+from ator_ros.tools.guard import INTERRUPTED, write_plainly
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
 from ator_ros.tools.work.demo_report import DemoSituation, save_picture, table
 

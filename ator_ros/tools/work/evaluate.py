@@ -12,7 +12,8 @@ from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.storage import PartialResults, write_result
 from ator_ros.evaluation.toolset import available_policies, make_toolset
 from ator_ros.report.evaluation_page import write_report
-from ator_ros.tools.command_line import executed, source_of
+from ator_ros.tools.command_line import source_of
+from ator_ros.tools.work.situations import executed
 
 
 def run(options: argparse.Namespace, command: str) -> int:

@@ -23,7 +23,8 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.files import reserved
 from ator_ros.performance.training import OBSERVED
 from ator_ros.refinement.gate_file import save_gate
-from ator_ros.tools.command_line import executed, source_of
+from ator_ros.tools.command_line import source_of
+from ator_ros.tools.work.situations import executed
 
 _GATE_BYTES = 100_000
 POLICIES = ("naive", "refined", "refined_speed")

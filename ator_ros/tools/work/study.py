@@ -18,12 +18,13 @@ from ator_ros.evaluation.toolset import GATE, ToolsetSource, make_library
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import read_json, write_text
+from ator_ros.formats import Format
 from ator_ros.performance.model_file import load_model
 from ator_ros.report.study_page import study_page
 from ator_ros.robot.description import ConfigError, Robot
-from ator_ros.schema import Format
 from ator_ros.tools import collect, evaluate, gate, train
-from ator_ros.tools.command_line import INTERRUPTED, settled, source_of
+from ator_ros.tools.command_line import settled, source_of
+from ator_ros.tools.guard import INTERRUPTED
 from ator_ros.tools.work import collect as collecting
 from ator_ros.tools.work import evaluate as evaluating
 from ator_ros.tools.work import gate as gating

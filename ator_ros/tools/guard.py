@@ -1,0 +1,121 @@
+"""How commands end: expected errors in one line, Ctrl-C and signals, terminals that know ASCII only."""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import io
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C or SIGTERM."""
+
+RESUMES = "the same command goes on from here"
+
+_IN_ASCII = "ator_ros.in_ascii"
+_SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
+
+
+def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothing was written") -> int:
+    """Run a command; tell an expected error in one line instead of a traceback.
+
+    Parameters
+    ----------
+    program : str
+        Its name, for the message.
+    work : callable
+        Returns the exit code.
+    interrupted : str
+        What to tell after Ctrl-C, SIGTERM or the end of the terminal.
+    """
+    write_plainly()
+    try:
+        with stopped_by_signals(), told_once(program):
+            return work()
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
+        return INTERRUPTED
+    except Exception as error:
+        if not isinstance(error, _expected()):
+            raise
+        print(f"{program}: {error}", file=sys.stderr)
+        return 1
+
+
+def _expected() -> tuple[type[Exception], ...]:
+    """Return the errors that a command tells in one line; they lie in modules that take long to import."""
+    from ator_ros.domains.domain import DomainError
+    from ator_ros.evaluation.errors import EvaluationError
+    from ator_ros.experience.errors import ExperienceError
+    from ator_ros.experience.parallel import BackendError
+    from ator_ros.performance.model_file import ModelFileError
+    from ator_ros.performance.training import TrainingError
+    from ator_ros.refinement.errors import RefinementError
+    from ator_ros.robot.description import ConfigError
+    from ator_ros.robot.probe_drive import DriveError
+
+    ours = (BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError)
+    return (*ours, ModelFileError, OSError, RefinementError, TrainingError)
+
+
+@contextlib.contextmanager
+def told_once(program: str) -> Iterator[None]:
+    """Tell a warning in one line, and of each kind of warning only the first."""
+    kinds: set[type[Warning]] = set()
+
+    def tell(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        if category not in kinds:
+            kinds.add(category)
+            print(f"{program}: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = tell
+        yield
+
+
+@contextlib.contextmanager
+def stopped_by_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does; what nohup ignores stays ignored."""
+    numbers = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_DFL]
+    with _handled(dict.fromkeys(numbers, signal.default_int_handler)):
+        yield
+
+
+@contextlib.contextmanager
+def undisturbed() -> Iterator[None]:
+    """Let no second Ctrl-C or SIGTERM interrupt the short time in which results are written."""
+    with _handled(dict.fromkeys((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), signal.SIG_IGN)):
+        yield
+
+
+@contextlib.contextmanager
+def _handled(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def write_plainly() -> None:
+    """Let a terminal that knows ASCII only show other characters in ASCII, instead of ending the command."""
+    codecs.register_error(_IN_ASCII, _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_IN_ASCII)
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return "".join(_SPELLED.get(c, ascii(c)[1:-1]) for c in text), error.end
