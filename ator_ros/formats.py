@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,6 +29,8 @@ class Format:
         Where a file holds them. Files of before `format` and `schema_version` keep their own words.
     upgrades : mapping of int to callable
         Turns the data of a version into those of the next one.
+    unversioned : bool
+        Whether files without these fields are read as version 1: those from before they had them.
     """
 
     name: str
@@ -36,10 +39,15 @@ class Format:
     name_key: str = "format"
     version_key: str = "schema_version"
     upgrades: Mapping[int, Callable[[Data], Data]] = field(default_factory=dict)
+    unversioned: bool = False
 
     def head(self) -> Data:
         """Return the first fields of a file."""
         return {self.name_key: self.name, self.version_key: self.version}
+
+    def text(self, data: Mapping[str, Any]) -> str:
+        """Return a JSON file with these data."""
+        return json.dumps({**self.head(), **data}, indent=1) + "\n"
 
     def current(self, data: object) -> Data:
         """Return the data of a file of any readable version as data of the current one.
@@ -49,6 +57,8 @@ class Format:
         SchemaError
             It is a file of another format, or newer than this program.
         """
+        if self.unversioned and isinstance(data, dict):
+            data = {self.name_key: self.name, self.version_key: 1, **data}
         if not isinstance(data, dict) or data.get(self.name_key) != self.name:
             raise SchemaError(f"{self.name_key}: expected {self.name!r}: this is no {self.kind} of ator_ros")
         version = data.get(self.version_key)

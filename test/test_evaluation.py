@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,8 +18,19 @@ from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.situations import SHORTEST
 from ator_ros.domains.soccer.thresholds import ball_clearance
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.heuristics import LinearTime, arriving, bitbots, booster, linear_terms, refit
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.heuristics import FORMAT as BASELINES_FORMAT
+from ator_ros.evaluation.heuristics import (
+    LinearTime,
+    arriving,
+    bitbots,
+    booster,
+    linear_terms,
+    load_baselines,
+    refit,
+)
 from ator_ros.evaluation.policies import MODEL_SETS, OBSERVED, POLICIES, Toolset
+from ator_ros.evaluation.toolset import BASELINES
 from ator_ros.evaluation.trials import (
     Trial,
     open_speeds,
@@ -25,6 +38,7 @@ from ator_ros.evaluation.trials import (
     with_headings,
 )
 from ator_ros.refinement.gate import ThresholdGate
+from ator_ros.resources import resource_path
 from ator_ros.simulation.run import TIME_LIMIT
 
 HEADED = arriving(SOCCER.tops)
@@ -167,3 +181,32 @@ class TestExecution:
         assert not run.success
         assert run.duration == TIME_LIMIT
         assert "pre-condition of goToBall" in run.reason
+
+
+def test_baselines_say_their_version_and_those_of_before_are_read(tmp_path: Path) -> None:
+    shipped = resource_path("models") / BASELINES  # from before they had one
+    data = json.loads(shipped.read_text(encoding="utf-8"))
+    assert "version" not in data
+    models = load_baselines(shipped, ROBOT)
+    file = tmp_path / BASELINES
+    file.write_text(BASELINES_FORMAT.text({"models": data["models"]}))
+    assert json.loads(file.read_text())["version"] == 1
+    assert load_baselines(file, ROBOT) == models
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"version": 2}, "version: expected 1 to 1, got 2"),
+        ({"schema": "ator_ros/gate"}, "schema: expected 'ator_ros/baselines'"),
+        ({"models": {}}, "models: expected bitbots_refitted, booster_refitted; missing"),
+        ({"models": {"booster_refitted": {"shoot": {}}}}, r"booster_refitted.shoot: expected the fields"),
+    ],
+)
+def test_baselines_that_cannot_be_used_are_told(
+    tmp_path: Path, change: dict[str, object], message: str
+) -> None:
+    data = json.loads((resource_path("models") / BASELINES).read_text(encoding="utf-8"))
+    (tmp_path / BASELINES).write_text(json.dumps(data | change))
+    with pytest.raises(EvaluationError, match=message):
+        load_baselines(tmp_path / BASELINES, ROBOT)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pytest
@@ -91,6 +93,30 @@ def test_an_older_file_is_brought_up_to_date_and_a_newer_one_is_refused() -> Non
     for other in (None, [], {}, {"format": "boat"}):
         with pytest.raises(SchemaError, match="format: expected 'cart': this is no cart of ator_ros"):
             form.current(other)
+
+
+def test_a_format_may_read_files_from_before_it_had_versions() -> None:
+    form = Format("cart", 2, "cart", upgrades={1: lambda d: d | {"one": 1}}, unversioned=True)
+    assert form.current({"name": "a"}) == {"format": "cart", "schema_version": 1, "name": "a", "one": 1}
+    with pytest.raises(SchemaError, match="format: expected 'cart'"):
+        form.current({"format": "boat"})
+    with pytest.raises(SchemaError, match="schema_version: expected 1 to 2, got 3"):
+        form.current({"schema_version": 3})
+
+
+def test_what_is_written_is_read_again() -> None:
+    form = Format("cart", 2, "cart")
+    assert form.current(json.loads(form.text({"name": "a"}))) == {**form.head(), "name": "a"}
+
+
+DOCUMENTED = sorted((Path(__file__).resolve().parents[1] / "docs").glob("*.json"))
+
+
+@pytest.mark.parametrize("file", DOCUMENTED, ids=lambda file: file.name)
+def test_results_in_the_documentation_say_their_format_and_version(file: Path) -> None:
+    data = json.loads(file.read_text(encoding="utf-8"))
+    assert Format(data["format"], data["schema_version"], "result").current(data)
+    assert data["format"].startswith("ator_ros ")
 
 
 @dataclass(frozen=True)

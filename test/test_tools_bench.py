@@ -26,9 +26,27 @@ def test_the_report_holds_every_part_that_was_asked_for(
     assert report["fast"] == {"case": {"median_ms": 0.5, "not_run": "no java"}}
     assert "other" not in report
     assert bench.main(["--parts", "other", "--out", str(out)]) == 0
-    assert json.loads(out.read_text(encoding="utf-8")).keys() == {"fast", "other", "measured"}
+    parts_of_file = json.loads(out.read_text(encoding="utf-8")).keys() - work.FORMAT.head().keys()
+    assert parts_of_file == {"fast", "other", "measured"}
     assert report["measured"]["fast"]["versions"]["numpy"]
     assert "median_ms 0.5  not_run no java" in capsys.readouterr().out
+
+
+def test_a_report_of_before_versions_is_gone_on_with_and_a_newer_one_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bench, "PARTS", ("fast",))
+    monkeypatch.setattr(work, "PARTS", {"fast": lambda _: {}})
+    out = tmp_path / "benchmarks.json"
+    out.write_text('{"slow": {}}')
+    assert bench.main(["--parts", "fast", "--out", str(out)]) == 0
+    report = json.loads(out.read_text(encoding="utf-8"))
+    assert {**work.FORMAT.head(), "slow": {}, "fast": {}}.items() <= report.items()
+    newer = json.dumps({**report, "schema_version": 2})
+    out.write_text(newer)
+    assert bench.main(["--parts", "fast", "--out", str(out)]) == 1
+    assert f"bench: {out}: schema_version: expected 1 to 1, got 2" in capsys.readouterr().err
+    assert out.read_text() == newer
 
 
 def test_a_part_that_cannot_be_measured_ends_with_one_line(

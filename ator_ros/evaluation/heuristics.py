@@ -7,8 +7,6 @@ and with coefficients refitted to our robot's experience.
 from __future__ import annotations
 
 import dataclasses
-import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,14 +18,16 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.files import read_json, write_text
+from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.formats import Format
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.robot.description import Robot
+from ator_ros.schema import SchemaError, structured
 from ator_ros.tops.top import Top
 
 _USED = frozenset({"x", "y", "yaw", "xg", "yg", "yawg", "hold"})
-SCHEMA = "ator_ros/baselines"
+FORMAT = Format("ator_ros/baselines", 1, "file of baselines", "schema", "version", unversioned=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +136,23 @@ class HandSet(Protocol):
 HAND_SET: Mapping[str, HandSet] = MappingProxyType({"bitbots": bitbots, "booster": booster})
 
 
+@dataclass(frozen=True)
+class _Coefficients:
+    """Those of a `LinearTime`; the hold is the robot's."""
+
+    per_metre: float
+    per_start_turn: float
+    per_goal_turn: float
+    constant: float
+
+
+@dataclass(frozen=True)
+class _BaselinesFile:
+    """Coefficients by the name of the set, by action."""
+
+    models: dict[str, dict[str, _Coefficients]]
+
+
 def save_baselines(path: Path, starts: Mapping[str, pd.DataFrame], robot: Robot, tops: Iterable[Top]) -> None:
     """Refit both teams' models to the successful starts of each action, and write the coefficients."""
     headed = arriving(tops)
@@ -146,7 +163,7 @@ def save_baselines(path: Path, starts: Mapping[str, pd.DataFrame], robot: Robot,
         }
         for team, make in HAND_SET.items()
     }
-    write_text(path, json.dumps({"schema": SCHEMA, "models": models}, indent=1) + "\n")
+    write_text(path, FORMAT.text({"models": models}))
 
 
 def load_baselines(path: Path, robot: Robot) -> dict[str, dict[str, LinearTime]]:
@@ -158,20 +175,21 @@ def load_baselines(path: Path, robot: Robot) -> dict[str, dict[str, LinearTime]]
         The file cannot be read or lacks a coefficient; the message says what was expected.
     """
     try:
-        data = read_json(path)
-        if data["schema"] != SCHEMA:
-            raise EvaluationError(f"{path}: schema: expected {SCHEMA!r}, got {data['schema']!r}")
-        return {
-            name: {action: _linear_time(row, robot) for action, row in data["models"][name].items()}
-            for name in (f"{team}_refitted" for team in HAND_SET)
-        }
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise EvaluationError(f"{path}: expected coefficients as `gate` writes them: {error!r}") from error
+        file = structured(FORMAT.current(read_json(path)), _BaselinesFile)
+    except UnreadableError as error:
+        raise EvaluationError(str(error)) from error
+    except SchemaError as error:
+        raise EvaluationError(f"{path}: {error}") from error
+    names = [f"{team}_refitted" for team in HAND_SET]
+    if missing := [name for name in names if name not in file.models]:
+        raise EvaluationError(f"{path}: models: expected {', '.join(names)}; missing {', '.join(missing)}")
+    return {
+        name: {action: _linear_time(row, robot) for action, row in file.models[name].items()}
+        for name in names
+    }
 
 
-def _linear_time(row: Mapping[str, Any], robot: Robot) -> LinearTime:
-    names = ("per_metre", "per_start_turn", "per_goal_turn", "constant")
-    values = {name: float(row[name]) for name in names}
-    if not all(map(math.isfinite, values.values())):
-        raise ValueError(f"expected finite coefficients, got {values}")
-    return LinearTime(**values, hold=robot.hold)
+def _linear_time(row: _Coefficients, robot: Robot) -> LinearTime:
+    return LinearTime(
+        row.per_metre, row.per_start_turn, row.per_goal_turn, hold=robot.hold, constant=row.constant
+    )

@@ -41,6 +41,26 @@ class Lateness:
         return f"{1000.0 * longest:.1f}"
 
 
+class Ticks(Lateness):
+    """The longest gap between ticks, and the longest tick, since they were last read."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._slowest = 0.0
+
+    def took(self, duration: float) -> None:
+        """Record how long a tick took, in s."""
+        self._slowest = max(self._slowest, duration)
+
+    def told(self) -> dict[str, object]:
+        """Return both as values of diagnostics, and start anew."""
+        slowest, self._slowest = self._slowest, 0.0
+        return {
+            "longest time between ticks (ms)": self.take(),
+            "longest tick (ms)": f"{1000.0 * slowest:.1f}",
+        }
+
+
 @dataclass(frozen=True, slots=True)
 class Health:
     """A node's health: its problem (empty: none), whether that keeps it from working, and values by name."""

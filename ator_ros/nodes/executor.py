@@ -21,7 +21,7 @@ from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
-from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
 from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.model_sets import problems_of, read_models, told_of
@@ -51,11 +51,10 @@ class ExecutorNode(Node):
         The robot stands before a goal ends (with `latency`, as foreseen); if it does not within 2 s of being
         commanded to, the goal ends all the same. Where a newer goal takes over, odometry is lost or the node
         ends, the goal ends once the command is sent. The result names the reason. Goals outside the fence are
-        refused. A base that does not follow its commands ends a goal, and so does a way that leads out of the
-        fence.
+        refused. A base that does not follow its commands ends a goal, and so does a way out of the fence.
     Subscribes to
-        odom (nav_msgs/Odometry), and the topics of the domain's objects: their stamps,
-        `latency` later, are the time of the control programs.
+        odom (nav_msgs/Odometry), and the topics of the domain's objects: their stamps, `latency` later, are
+        the time of the control programs.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active.
         performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
@@ -88,9 +87,9 @@ class ExecutorNode(Node):
         self._fence = fence_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._heard = self._longest_tick = 0.0
+        self._heard = 0.0
         self._jumped = -math.inf
-        self._ticks = Lateness()
+        self._ticks = Ticks()
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals = "", 0
         self._offer()
@@ -147,7 +146,7 @@ class ExecutorNode(Node):
             command = self._run.execution.tick(world, now, overdue=self._inputs.overdue)
             done = time.monotonic()
             self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
-            self._longest_tick = max(self._longest_tick, done - now)
+            self._ticks.took(done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
 
@@ -269,13 +268,11 @@ class ExecutorNode(Node):
     def _health(self) -> Health:
         silence = time.monotonic() - self._heard if self._heard else None
         stale = silence is None or silence > self._settings["odom_timeout"]
-        longest, self._longest_tick = self._longest_tick, 0.0
         known = {} if self._world is None else self._world.objects
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
             **self._objects.told(known, self._inputs.overdue),
-            "longest time between ticks (ms)": self._ticks.take(),
-            "longest tick (ms)": f"{1000.0 * longest:.1f}",
+            **self._ticks.told(),
             "goal": "none" if self._run is None else self._run.execution.phase.value,
             "goals": self._goals,
             "goals rejected as busy": self._server.rejected,

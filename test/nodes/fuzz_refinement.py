@@ -8,7 +8,6 @@ Any other exception ends it, after the request has been written to the standard 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import random
 import re
@@ -23,6 +22,7 @@ from ator_ros.actions.goal_variables import GOAL_VARIABLES
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
+from ator_ros.formats import Format
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import FARTHEST, MessageBounds, MessageError, bounds_of
 from ator_ros.nodes.refinement import refining_of
@@ -34,6 +34,8 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
+
+FORMAT = Format("ator_ros fuzz", 1, "report of the fuzz test")
 
 FRAME = "odom"
 EDGES = (0.0, 1.0, -1.0, 1e-300, -1e-9, 5e-324, math.pi, -math.pi, FARTHEST, -FARTHEST)
@@ -166,7 +168,7 @@ def main() -> None:
     robot = load_robot()
     began = time.monotonic()
     models = load_models(robot, SOCCER.known_features)
-    counts = fuzz(options.requests, options.seed, Refiner(robot, models, ranges=SOCCER.variables))
+    counts = fuzz(options.requests, options.seed, Refiner(robot, models, ranges=SOCCER.ranges))
     report = {
         "command": "scripts/run python test/nodes/fuzz_refinement.py"
         f" --requests {options.requests} --seed {options.seed}",
@@ -176,9 +178,9 @@ def main() -> None:
         "seconds": round(time.monotonic() - began),
         "versions": library_versions(),
     }
-    text = json.dumps(report, indent=1)
-    write_text(options.out, text + "\n")
-    print(text)
+    text = FORMAT.text(report)
+    write_text(options.out, text)
+    print(text, end="")
 
 
 if __name__ == "__main__":

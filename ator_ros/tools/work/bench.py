@@ -7,7 +7,6 @@ experience), and learners: our model tree beside others on the same rows.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import sys
@@ -18,6 +17,8 @@ from typing import Any
 
 from ator_ros.experience.table import library_versions
 from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.formats import Format
+from ator_ros.schema import SchemaError
 from ator_ros.tools.benchmarks import collection, learners, planning, refinement, simulation
 
 
@@ -37,6 +38,7 @@ def _learners(options: argparse.Namespace) -> dict[str, Any]:
     return cases
 
 
+FORMAT = Format("ator_ros benchmarks", 1, "report of bench", unversioned=True)
 PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, Any]]] = {
     "simulation": lambda _: simulation.measure(),
     "planning": lambda _: planning.measure(),
@@ -50,15 +52,18 @@ PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, Any]]] = {
 def run(options: argparse.Namespace) -> int:
     """Measure the parts that the command line names; the exit code is 1 where one cannot be."""
     try:
-        report = read_json(options.out) if options.out.exists() else {}
+        report = FORMAT.current(read_json(options.out)) if options.out.exists() else FORMAT.head()
         for part in options.parts:
             where = machine()
             report[part] = {case: {**row, **met(row)} for case, row in PARTS[part](options).items()}
             report.setdefault("measured", {})[part] = where
             print("\n".join(rows(part, report[part])), flush=True)
-            write_text(options.out, json.dumps(report, indent=1) + "\n")
+            write_text(options.out, FORMAT.text(report))
     except UnreadableError as error:
         print(f"bench: {error}", file=sys.stderr)
+        return 1
+    except SchemaError as error:
+        print(f"bench: {options.out}: {error}", file=sys.stderr)
         return 1
     except RuntimeError as error:
         print(f"bench: {part}: {error}", file=sys.stderr)

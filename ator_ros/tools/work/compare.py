@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import math
 import platform
 import statistics
@@ -20,10 +19,13 @@ from ator_ros.evaluation.toolset import make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
+from ator_ros.formats import Format
 from ator_ros.nodes.machine import MachineError
 from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
+
+FORMAT = Format("ator_ros comparison", 1, "comparison of nodes and tools")
 
 LIMIT_PERCENT = 2.0
 """How far the mean durations may be apart."""
@@ -59,7 +61,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         "versions": library_versions(),
         "machine": platform.platform(),
     }
-    write_text(options.out, json.dumps(result, indent=1) + "\n")
+    write_text(options.out, FORMAT.text(result))
     print(f"means differ by {result['difference_percent']:.2f} %; wrote {options.out}")
     if "mean_error_s" in result["prediction"]:
         low, high = result["prediction"]["mean_error_ci95"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 from typing import Any
 
 from tqdm import tqdm
@@ -13,8 +12,11 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.noise import POINTS, TRUTH, NoiseTask, execute, summarise
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import write_text
+from ator_ros.formats import Format
 from ator_ros.simulation.sensors import REALISTIC, REALISTIC_SIGHT
 from ator_ros.tools.command_line import source_of
+
+FORMAT = Format("ator_ros noise", 1, "measurement of the effect of sensors")
 
 
 def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
@@ -31,7 +33,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         "limit_points": POINTS,
         "chains": {chain: _measure(chain, options) for chain in options.chains},
     }
-    write_text(options.out, json.dumps(result, indent=1) + "\n")
+    write_text(options.out, FORMAT.text(result))
     print(_table(result["chains"]))
     print(f"written to {options.out}")
     return 0

@@ -16,6 +16,9 @@ from ator_ros.domains.soccer.quality.slices import draw_slices
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import write_text
+from ator_ros.formats import Format
+
+FORMAT = Format("ator_ros actions", 1, "measurement of actions")
 
 RULED = ("pose", "approach", "dribble")
 
@@ -35,7 +38,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         "robot_digest": SOCCER.robot(options.robot or None).digest(),
         "kinds": rows,
     }
-    write_text(options.out, json.dumps(result, indent=1) + "\n")
+    write_text(options.out, FORMAT.text(result))
     write_text(options.out.with_suffix(".md"), _document(result))
     print(json.dumps(rows, indent=1))
     if options.slices is not None:

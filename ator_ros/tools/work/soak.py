@@ -12,8 +12,11 @@ from typing import Any
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
+from ator_ros.formats import Format
 from ator_ros.tools.work.soak_report import MEANING, Soak, summary
 from ator_ros.tools.work.soak_run import run_soak
+
+FORMAT = Format("ator_ros soak", 1, "report of a soak")
 
 
 def report_of(soak: Soak, options: argparse.Namespace, command: str) -> dict[str, Any]:
@@ -32,7 +35,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 
     def write(soak: Soak) -> None:
         if soak.answers:
-            write_text(options.out, json.dumps(report_of(soak, options, command), indent=1) + "\n")
+            write_text(options.out, FORMAT.text(report_of(soak, options, command)))
 
     try:
         soak = run_soak(options, domain, write=write)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ from ator_ros.formats import Format
 from ator_ros.performance.model_file import load_model
 from ator_ros.report.study_page import study_page
 from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.schema import SchemaError
 from ator_ros.tools import collect, evaluate, gate, train
 from ator_ros.tools.command_line import settled, source_of
 from ator_ros.tools.guard import INTERRUPTED
@@ -32,6 +32,7 @@ from ator_ros.tools.work import train as training
 from ator_ros.tops.library import TopLibrary
 
 FORMAT = Format("ator_ros study", 1, "study")
+SETTINGS = Format("ator_ros study settings", 1, "settings file of a study", unversioned=True)
 POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
 MARGIN_S = "1.0"
 """Headings predicted to take this much longer than the best are not executed by the oracle."""
@@ -59,7 +60,6 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     else:
         evaluation = _evaluated(options, source, chain)
     result = {
-        **FORMAT.head(),
         "command": command,
         "robot": robot.name,
         "robot_digest": robot.digest(),
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         "chain": chain,
         "evaluation": evaluation,
     }
-    write_text(options.out / "study.json", json.dumps(result, indent=1) + "\n")
+    write_text(options.out / "study.json", FORMAT.text(result))
     write_text(options.out / "study.html", study_page(result))
     print(f"wrote {options.out / 'study.json'} and {options.out / 'study.html'}")
     return 0
@@ -82,11 +82,14 @@ def _begin(options: argparse.Namespace, robot: Robot) -> None:
     ours = {"robot_digest": robot.digest(), **{name: getattr(options, name) for name in names}}
     file = options.out / "settings.json"
     if not file.exists():
-        write_text(file, json.dumps(ours, indent=1) + "\n")
+        write_text(file, SETTINGS.text(ours))
         return
-    theirs = read_json(file)
+    try:
+        theirs = SETTINGS.current(read_json(file))
+    except SchemaError as error:
+        raise EvaluationError(f"{file}: {error}: choose another --out") from error
     for name, value in ours.items():
-        found = theirs.get(name) if isinstance(theirs, dict) else None
+        found = theirs.get(name)
         if found != value:
             raise EvaluationError(
                 f"{file}: {name}: expected {value!r} as in the folder's study, got {found!r}: "
