@@ -174,7 +174,7 @@ def changed(path: str, value: object) -> dict[str, Any]:
         (
             "actions.0.remote.goal.0.source",
             "ball",
-            r"goal\[0\].source: expected one of goal, goal.x, .*'ball'",
+            r"goal\[0\]: source: expected one of goal, goal.x, .*'ball'",
         ),
         ("actions.0.remote.goal.0.constant", 0, r"goal\[0\]: source, constant: expected one of the two"),
         ("actions.0.remote.goal.0.field", "a..b", r"goal\[0\]: field: expected names joined by dots"),

@@ -16,6 +16,7 @@ from test_recordings import action_performance, write_records
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import GoalVariable, goal_values, with_values
+from ator_ros.actions.remote import Filling, RemoteCall
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import Domain, DomainError
 from ator_ros.evaluation.errors import EvaluationError
@@ -85,6 +86,14 @@ def test_conditions_name_only_what_the_action_declares() -> None:
     height = GoalVariable("height", "m", 0.0, 1.0)
     spec = dataclasses.replace(SPEC, goal_variables=(CRUISE, height))
     assert dataclasses.replace(DELIVERY, tops=(high,), action_sets={"default": (spec,)}).ranges["height"]
+
+
+def test_a_server_is_told_only_what_the_action_declares() -> None:
+    call = RemoteCall("drive", "some_msgs/action/Drive", (Filling("speed", source="goal.cruise"),))
+    assert with_spec(dataclasses.replace(SPEC, remote=call))
+    wrong = dataclasses.replace(call, goal=(Filling("speed", source="goal.hurry"),))
+    with pytest.raises(DomainError, match=r"its server's goal is filled from, \['hurry'\] are missing"):
+        with_spec(dataclasses.replace(SPEC, remote=wrong))
 
 
 def test_one_name_means_one_thing_in_a_domain() -> None:

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ator_ros.actions.base import Action, ActionError, Goal, Step
+from ator_ros.actions.goal_variables import GOAL_VARIABLES
+from ator_ros.files import is_name
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
 from ator_ros.world.state import World
 
 Scalar = bool | int | float | str
-Source = Literal["goal", "goal.x", "goal.y", "goal.yaw", "goal.speed", "frame"]
+_SOURCES = ("goal", *(f"goal.{name}" for name in GOAL_VARIABLES), "frame")
 """What a field of the server's goal is filled from: the goal's pose, one of its variables, or the frame."""
 _SERVER = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
 _TYPE = re.compile(r"[a-z]\w*/action/[A-Z]\w*")
@@ -34,7 +36,7 @@ class Filling:
     field : str
         The field: names joined by dots. [0] makes the only item of a sequence, as in poses[0].pose.
     source : str or None
-        See `Source`.
+        "goal" (its pose), "goal.NAME" (one of its variables, also one that the action declares), or "frame".
     constant : bool, int, float, str or None
         The value itself.
     frame : str or None
@@ -43,11 +45,11 @@ class Filling:
     Raises
     ------
     ValueError
-        There are two values, or none, or a frame without a pose.
+        There are two values, or none, a source that is none, or a frame without a pose.
     """
 
     field: str
-    source: Source | None = None
+    source: str | None = None
     constant: Scalar | None = None
     frame: str | None = None
 
@@ -56,9 +58,17 @@ class Filling:
         _check_path(self.field)
         both = [name for name in (self.source, self.constant) if name is not None]
         require(len(both) == 1, "source, constant", "one of the two", both)
+        named = self.source in (None, *_SOURCES) or self.goal_variable is not None
+        require(named, "source", f"one of {', '.join(_SOURCES)}, or goal.NAME", self.source)
         require(
             self.frame is None or self.source == "goal", "frame", "none without `source: goal`", self.frame
         )
+
+    @property
+    def goal_variable(self) -> str | None:
+        """The name of the goal variable that fills the field; None where something else does."""
+        start, _, name = (self.source or "").partition(".")
+        return name if start == "goal" and is_name(name) else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,8 +64,12 @@ def _of_features(domain: Domain, names: list[str]) -> Iterator[str]:
 
 
 def _of_goal(domain: Domain, spec: ActionSpec) -> Iterator[str]:
-    """Yield which goal variables conditions name and the action does not have."""
+    """Yield which goal variables conditions or its server's goal name, and the action does not have."""
     known = {*GOAL_VARIABLES, *(variable.name for variable in spec.goal_variables)}
+    fillings = () if spec.remote is None else spec.remote.goal
+    names = {filling.goal_variable for filling in fillings} - {None}
+    if unknown := sorted(str(name) for name in names - known):
+        yield f"expected all that its server's goal is filled from, {unknown} are missing"
     for top in domain.tops:
         unknown = sorted((top.pre.goal_names() | top.post.goal_names()) - known)
         if top.action == spec.name and unknown:

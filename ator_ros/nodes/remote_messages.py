@@ -92,7 +92,8 @@ def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Go
         _require(isinstance(slot, definition.AbstractString), where, "a field for a text", slot)
         return lambda _: frame
     _require(getattr(slot, "typename", "") in _FLOATS, where, "a field for a float", slot)
-    variable = source.removeprefix("goal.")
+    variable = filling.goal_variable
+    assert variable is not None
     return lambda goal: float(goal_values(goal)[variable])
 
 
