@@ -26,12 +26,10 @@ class DeferredActionServer(ActionServer):
     """Hands over accepted goals at once, as executing, and answers when `finish` is called.
 
     rclpy expects one callback per goal that returns the result. A callback that blocks needs a thread, and
-    one that
-    awaits makes rclpy's executor spin without a pause. Here nothing runs between two messages.
+    one that awaits makes rclpy's executor spin without a pause. Here nothing runs between two messages.
 
     Goals beyond `GOALS_PER_SECOND` (after `GOALS_AT_ONCE`) or beyond `MOST_KEPT` in a minute are rejected,
-    since
-    each goal preempts the one before and its result is kept.
+    since each goal preempts the one before and its result is kept.
 
     Attributes
     ----------

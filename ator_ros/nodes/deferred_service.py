@@ -28,8 +28,7 @@ class DeferredService:
 
     rclpy sends what a service's callback returns. Here the callback returns the request, and the method that
     would send it keeps the header instead. DDS may not know a client yet that has just joined: its response
-    is then sent
-    again a few times.
+    is then sent again a few times.
 
     Parameters
     ----------

@@ -69,11 +69,11 @@ class RefinementNode(Node):
 
     Parameters: see `PARAMETERS`; they are read at the start only.
 
-        Services refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came,
-        with the reason. A request that cannot be evaluated is answered with accepted = false, as is one that
-        finds the node busy. Requests are served in turns of a millisecond, so that a long one does not delay
-        the others.
-        At `deadline` the response is the best found until then, and cut_short is true.
+    Service
+        refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
+        reason. A request that cannot be evaluated is answered with accepted = false, as is one that finds the
+        node busy. Requests are served in turns of a millisecond, so that a long one does not delay the
+        others. At `deadline` the response is the best found until then, and cut_short is true.
     Publishes
         refinement_markers (visualization_msgs/MarkerArray): the search, while there is a subscriber.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.

@@ -35,9 +35,8 @@ def run_node(
     """Make a node and spin it until Ctrl-C or SIGTERM, then end with exit code 0.
 
     The node may have a method `stop`, which is called while it can still publish. Unusable parameters and
-    files
-    end the process with one line and exit code 1, unknown arguments with exit code 2. ``--help`` prints the
-    documentation of the node and its `parameters`.
+    files end the process with one line and exit code 1, unknown arguments with exit code 2. ``--help`` prints
+    the documentation of the node and its `parameters`.
     """
     words = list(sys.argv if args is None else args)
     stopped: list[int] = []

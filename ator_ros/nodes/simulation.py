@@ -45,15 +45,14 @@ class SimulationNode(Node):
         after the last command the robot stands, as far as BaseController says.
     Publishes, every tick, as the sensors see it, stamped with the simulated time of what they see
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
-        the topic of each object of the domain (nav_msgs/Odometry): position and velocity,
-        both in the header's frame; nothing while the object is not there.
+        the topic of each object of the domain (nav_msgs/Odometry): position and velocity, both in the
+        header's frame; nothing while the object is not there.
         /clock (rosgraph_msgs/Clock), when `publish_clock`.
     Publishes
         robot_description (std_msgs/String, transient local): URDF.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
-        place_robot, and place_NAME of each object (ator_interfaces): teleport, with a
-        velocity.
+        place_robot, and place_NAME of each object (ator_interfaces): teleport, with a velocity.
         reset (std_srvs/Trigger): a new world; simulated time starts at 0 again.
         pause (std_srvs/SetBool): stop and resume simulated time; a paused world is still published.
 
