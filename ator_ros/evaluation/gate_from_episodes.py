@@ -64,7 +64,7 @@ class CrossFit:
         }
 
     def examples(self, trials: list[Trial], *, seed: int) -> GateExamples:
-        """Return what refinement is expected to bring in each of `trials`, with and without speeds."""
+        """Return the expected gain of refinement in each of `trials`, with and without speeds."""
         rng = np.random.default_rng(seed)
         columns = list(zip(*(row for trial in trials for row in self._of_trial(trial, rng)), strict=True))
         return GateExamples(*(np.array(column) for column in columns))

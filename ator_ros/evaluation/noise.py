@@ -119,7 +119,7 @@ def execute(task: NoiseTask) -> dict[str, ChainRun]:
 
 
 def _observer(condition: SensingCondition, objects: Sequence[str], seed: int) -> Callable[[World], World]:
-    """Return what makes of a true state the one that is believed under `condition`."""
+    """Return the function from a true state to the estimated one under `condition`."""
     config = dataclasses.replace(condition.sensors, objects=dict.fromkeys(objects, condition.sight))
     sensors, sight = Sensors(config, seed), condition.sight
     noise = sight.noise if condition.tracked else 0.0

@@ -58,7 +58,7 @@ class Settings:
     source: ToolsetSource = field(default_factory=ToolsetSource)
 
     def __post_init__(self) -> None:
-        """Name the chain, as results are to tell it."""
+        """Fill in the name of the chain, which results record."""
         if not self.chain:
             first = next(iter(find_domain(self.source.domain).chains))
             object.__setattr__(self, "chain", first)

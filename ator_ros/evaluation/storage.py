@@ -111,7 +111,7 @@ class PartialResults:
 
 
 def write_result(folder: Path, result: Mapping[str, Any], records: Sequence[Record]) -> Path:
-    """Write `evaluation.json`: what `result` holds, and every run under "runs", by columns to be compact."""
+    """Write `evaluation.json`: the contents of `result`, and all runs under "runs", compactly by columns."""
     head = json.dumps({**FORMAT.head(), **result}, indent=1)
     runs = json.dumps(to_columns(records), separators=(",", ":"))
     path = folder / RESULT

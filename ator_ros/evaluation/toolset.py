@@ -114,7 +114,7 @@ def read_rows(tables: Iterable[Path | str]) -> dict[str, pd.DataFrame]:
 
 
 def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the policies that can run with the files there are, and what each of the others lacks."""
+    """Return the policies that the existing files allow, and what each of the others lacks."""
     missing: dict[str, str] = {}
     if not (source.folder() / BASELINES).exists():
         why = f"{source.folder() / BASELINES} is not there; the tool `gate` makes it"
@@ -136,7 +136,7 @@ def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
 
 
 def _files(folder: Path, actions: Iterable[str]) -> dict[str, Path]:
-    """Return the models there are; if there is none, all that should be, for the error."""
+    """Return the existing model files; if there are none, all that are expected, for the error message."""
     files = {action: folder / f"{action}.json" for action in actions}
     return {action: file for action, file in files.items() if file.exists()} or files
 

@@ -44,7 +44,7 @@ class Trial:
 
 
 def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, index: int) -> Trial:
-    """Draw situation `index` of the evaluation with this seed; nothing else has an influence.
+    """Draw situation `index` of the evaluation with this seed; it depends on nothing else.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Measure speeds and learners against what they must be.
+"""Measure speeds and learners against their limits.
 
 The parts: simulation, planning (the longest ticks), refinement (the core's), service, collection (of
 experience), and learners: our model tree beside others on the same rows.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # each takes seconds to import, and no help needs it
 
 
 def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> None:
-    """Add the options that say for whom the work is done: robot, domain, set of actions."""
+    """Add the options that select robot, domain and set of actions."""
     parser.add_argument(
         "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
     )
@@ -40,7 +40,7 @@ def add_models(parser: argparse.ArgumentParser) -> None:
 
 
 def add_factor(parser: argparse.ArgumentParser, default: float) -> None:
-    """Add the option that says how fast the simulation runs."""
+    """Add the option for the speed of the simulation."""
     parser.add_argument(
         "--real-time-factor",
         type=number,
@@ -92,7 +92,7 @@ def settled(
 def check_names(
     parser: argparse.ArgumentParser, option: str, given: Iterable[str], allowed: Iterable[str]
 ) -> None:
-    """End the program as argparse does if one of the names that an option was given is none."""
+    """End the program as argparse does if one of the names given to an option is not allowed."""
     there = list(allowed)
     for name in given:
         if name not in there:
@@ -117,14 +117,14 @@ def source_of(options: argparse.Namespace, **more: Any) -> ToolsetSource:
 
 
 def add_parallel_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say where the work is done: jobs, backend, cluster."""
+    """Add the options for parallel work: jobs, backend, cluster."""
     add_jobs(parser)
     parser.add_argument("--backend", choices=BACKENDS, default="loky", help="default: %(default)s")
     parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
 
 
 def add_jobs(parser: argparse.ArgumentParser) -> None:
-    """Add the option that says how many processes work."""
+    """Add the option for the number of worker processes."""
     parser.add_argument(
         "--jobs", type=jobs, default=-1, metavar="N", help="worker processes (default: -1, one per core)"
     )

@@ -22,7 +22,7 @@ _SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 
 
 def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothing was written") -> int:
-    """Run a command; tell an expected error in one line instead of a traceback.
+    """Run a command; report an expected error in one line instead of a traceback.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
     work : callable
         Returns the exit code.
     interrupted : str
-        What to tell after Ctrl-C, SIGTERM or the end of the terminal.
+        What to report after Ctrl-C, SIGTERM or the end of the terminal.
     """
     write_plainly()
     try:
@@ -48,7 +48,7 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
 
 
 def _expected() -> tuple[type[Exception], ...]:
-    """Return the errors that a command tells in one line; they lie in modules that take long to import."""
+    """Return the errors that are reported in one line; their modules take long to import."""
     from ator_ros.domains.domain import DomainError
     from ator_ros.evaluation.errors import EvaluationError
     from ator_ros.experience.errors import ExperienceError
@@ -65,7 +65,7 @@ def _expected() -> tuple[type[Exception], ...]:
 
 @contextlib.contextmanager
 def told_once(program: str) -> Iterator[None]:
-    """Tell a warning in one line, and of each kind of warning only the first."""
+    """Report each kind of warning once, in one line."""
     kinds: set[type[Warning]] = set()
 
     def tell(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
@@ -80,7 +80,7 @@ def told_once(program: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def stopped_by_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does; what nohup ignores stays ignored."""
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does; what nohup ignores stays ignored."""
     numbers = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_DFL]
     with _handled(dict.fromkeys(numbers, signal.default_int_handler)):
         yield
@@ -88,7 +88,7 @@ def stopped_by_signals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def undisturbed() -> Iterator[None]:
-    """Let no second Ctrl-C or SIGTERM interrupt the short time in which results are written."""
+    """Ignore further Ctrl-C and SIGTERM during the short time in which results are written."""
     with _handled(dict.fromkeys((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), signal.SIG_IGN)):
         yield
 
@@ -107,7 +107,7 @@ def _handled(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
 
 
 def write_plainly() -> None:
-    """Let a terminal that knows ASCII only show other characters in ASCII, instead of ending the command."""
+    """Replace characters that the terminal cannot show by ASCII, instead of ending the command."""
     codecs.register_error(_IN_ASCII, _in_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -13,7 +13,7 @@ _ROOM = 100_000  # bytes of a result whose size is not known beforehand
 
 
 def number(text: str) -> float:
-    """Be a type for argparse: a finite number from 0."""
+    """Read a finite number from 0; a type for argparse."""
     try:
         value = float(text)
     except ValueError:
@@ -24,7 +24,7 @@ def number(text: str) -> float:
 
 
 def jobs(text: str) -> int:
-    """Be a type for argparse: a number of worker processes, -1 for one per core."""
+    """Read a number of worker processes, -1 for one per core; a type for argparse."""
     if text == "-1":
         return -1
     try:
@@ -34,7 +34,7 @@ def jobs(text: str) -> int:
 
 
 def destination(text: str) -> Path:
-    """Be a type for argparse: a file that can be written, as far as that is known beforehand."""
+    """Read the path of a file that, as far as known beforehand, can be written; a type for argparse."""
     path = Path(text)
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     wanted = f"expected a file that can be written, got {text!r}"
@@ -48,7 +48,7 @@ def destination(text: str) -> Path:
 
 
 def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:
-    """Return a type for argparse: a whole number from `least` to `most`, where there is a most."""
+    """Return a type for argparse: a whole number from `least`, and up to `most` if that is given."""
     expected = f"a whole number from {least}" + (f" to {most}" if most is not None else "")
 
     def read(text: str) -> int:

@@ -1,4 +1,4 @@
-"""Our nodes as processes on a ROS domain of their own, which leave nothing behind."""
+"""Our nodes as processes on a ROS domain of their own; all of them are ended with the block."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class NodeProcesses:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=self._environment,
-                # Ctrl-C is for us: the nodes are ended in order.
+                # Ctrl-C goes to this process only, which ends the nodes in order.
                 start_new_session=True,
             )
 
@@ -85,7 +85,7 @@ class NodeProcesses:
                 )
 
     def stop(self) -> None:
-        """End all: the last one started first, as Ctrl-C would, and by force what does not listen."""
+        """End all in reverse order, as Ctrl-C would, and kill those that do not end."""
         running = [process for process in reversed(self._processes.values()) if process.poll() is None]
         for process in running:
             process.send_signal(signal.SIGINT)
@@ -120,7 +120,7 @@ class NodeProcesses:
 
 @contextmanager
 def own_nodes() -> Iterator[NodeProcesses]:
-    """Yield the installed nodes on a domain that nobody else uses, heard on this machine only, as we are.
+    """Yield the installed nodes on an unused domain that, like ours, is visible on this machine only.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def own_nodes() -> Iterator[NodeProcesses]:
 
 
 def node_setting(options: argparse.Namespace) -> dict[str, str]:
-    """Return what the options of `add_setting` and `add_models` say, as `all_nodes` takes it."""
+    """Return the options of `add_setting` and `add_models` as arguments of `all_nodes`."""
     return {name: getattr(options, name) for name in ("models", "robot", "domain") if name in options}
 
 

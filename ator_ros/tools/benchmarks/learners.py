@@ -45,7 +45,7 @@ LIMITS = {
     "times_faster_fit": 5.0,
     "predict_ms": 0.3,
 }
-"""What must be reached: at most; "times_…" at least."""
+"""Limits: greatest values; of "times_…" least values."""
 
 Row = dict[str, Any]
 
@@ -171,12 +171,12 @@ def _rows(
 
 
 def _rounded(value: Any) -> Any:
-    """Keep what a table shows: four digits."""
+    """Round to the four digits that a table shows."""
     return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def document(cases: Mapping[str, Row], load: float) -> str:
-    """Write what `measure` gave as Markdown; `load` is the machine's when it began."""
+    """Write the result of `measure` as Markdown; `load` is that of the machine when it began."""
     lines = [
         "# The model tree beside its peers",
         "",

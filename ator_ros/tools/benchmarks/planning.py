@@ -141,7 +141,7 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
 
 
 def _after(robot: Robot, world: World, command: Command) -> World:
-    """Carry a world on by a tick; a ball in front stays there."""
+    """Return the world a tick later; a ball in front stays there."""
     before, ball = world.robot, ball_of(world)
     speeds = ramped(Command(before.v, before.w), command, _PERIOD, robot.limits)
     moved = before.pose.ahead(speeds.v * _PERIOD)

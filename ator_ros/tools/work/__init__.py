@@ -1,1 +1,1 @@
-"""What the commands do: imported once a command line is understood, because it takes seconds to import."""
+"""The work of the commands, imported only after a command line is parsed, because imports take seconds."""

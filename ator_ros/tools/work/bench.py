@@ -1,4 +1,4 @@
-"""Measure speeds and learners against what they must be.
+"""Measure speeds and learners against their limits.
 
 The parts: simulation, planning (the longest ticks), refinement (the core's), service, collection (of
 experience), and learners: our model tree beside others on the same rows.
@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def met(row: Mapping[str, float]) -> dict[str, bool]:
-    """Return whether a row keeps to its limits; nothing where it has none.
+    """Return whether a row is within its limits; nothing where it has none.
 
     A limit of speed ("times_…") is a least value, the others are greatest ones; "limit_ms" is the median's.
     """

@@ -30,7 +30,7 @@ def run(options: argparse.Namespace, words: Sequence[str]) -> int:
     told = report(estimate)
     lines = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *told)]
     write_text(options.out, "\n".join(lines) + "\n" + yaml.safe_dump(found.sections(), sort_keys=False))
-    load_robot(options.out)  # complains where an estimate is not plausible
+    load_robot(options.out)  # raises ConfigError where an estimate is not plausible
     print("\n".join((*told, f"written to {options.out}")))
     return 0
 
@@ -45,7 +45,7 @@ def described(template: Robot, estimate: BaseEstimate) -> Robot:
 
 
 def report(estimate: BaseEstimate) -> list[str]:
-    """Return what was estimated, in lines for people."""
+    """Return the estimates as readable lines."""
     limits, axes = estimate.limits, (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s"))
     lines = [
         f"latency {estimate.latency:.3f} s: set the parameter `latency` of the executor",

@@ -58,7 +58,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 
 
 def _check(file: Path, result: Mapping[str, Any], source: ToolsetSource) -> None:
-    """Make sure that an evaluation was executed with our robot and models: only these are learned about."""
+    """Make sure that an evaluation used our robot and models: corrections hold for these only."""
     ours, found = source.digests(result["settings"]["chain"]), result.get("digests")
     if not isinstance(found, dict):
         raise EvaluationError(f"{file}: expected the digests of robot and models, got none: evaluate again")

@@ -74,7 +74,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 
 
 def _kept(experience: Experience, file: Path) -> Path:
-    """Write the table to `file`, or else to a folder for temporary files; return where."""
+    """Write the table to `file`, or if that fails to a temporary folder; return the path."""
     try:
         write_experience(file, experience)
         return file

@@ -28,7 +28,7 @@ from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
 FORMAT = Format("ator_ros comparison", 1, "comparison of nodes and tools")
 
 LIMIT_PERCENT = 2.0
-"""How far the mean durations may be apart."""
+"""Greatest allowed difference of the mean durations."""
 _FRAME = "odom"
 
 
@@ -96,7 +96,7 @@ def summary(runs: Sequence[Compared]) -> dict[str, Any]:
 
 
 def prediction_summary(runs: Sequence[Compared]) -> dict[str, Any]:
-    """Compare what the executor predicted of the chains that succeeded with how long they took over ROS."""
+    """Compare the executor's predictions for the chains that succeeded with their durations over ROS."""
     known = [run for run in runs if run.ros < TIME_LIMIT and math.isfinite(run.predicted)]
     rows = [
         {"policies": {"ros": {"duration": run.ros, "predicted": run.predicted, "success": True}}}

@@ -34,7 +34,7 @@ _POLL = 0.005
 
 
 class DemoError(RuntimeError):
-    """Something that the demo needs did not come; the message says what."""
+    """Something that the demo needs is missing; the message says what."""
 
 
 class DemoClient:
@@ -86,7 +86,7 @@ class DemoClient:
         self._until(self._server.server_is_ready, "the action execute_chain")
 
     def place(self, start: World) -> None:
-        """Put robot and ball to where a situation starts, at rest; time stands until a chain is executed."""
+        """Place robot and ball at rest where a situation starts; time is paused until a chain is executed."""
         self._call(self._pause, SetBool.Request(data=True))
         self._call(self._place_ball, PlaceBall.Request(remove=True))
         request = PlaceRobot.Request()
@@ -100,7 +100,7 @@ class DemoClient:
         self._until(lambda: self._pose.distance(start.robot.pose) < _NEAR, "the robot at its start")
 
     def refine(self, start: World, chain: TopChainMessage) -> Any:
-        """Ask for refinement and give the answer.
+        """Ask for refinement and return the answer.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class DemoClient:
         return answer
 
     def execute(self, chain: TopChainMessage, *, refine: bool) -> DemoRun:
-        """Execute a chain, log the path, and tell how it went."""
+        """Execute a chain, log the path, and return how it went."""
         told: list[Any] = []
         goal = ExecuteChain.Goal(chain=chain, refine=refine)
         future = self._within(lambda: self._server.send_goal_async(goal, feedback_callback=told.append))
@@ -133,7 +133,7 @@ class DemoClient:
         raise DemoError(f"{client.srv_name}: {answer.message}")
 
     def _within(self, ask: Callable[[], Future]) -> Future:
-        """Ask in the thread that spins: rclpy's action client loses answers that outrun who asks."""
+        """Ask in the thread that spins: rclpy's action client loses answers that outrun the call."""
         task = self._executor.create_task(ask)
         self._until(task.done, "the thread that spins")
         asked: Future = task.result()

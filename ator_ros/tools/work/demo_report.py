@@ -1,4 +1,4 @@
-"""What the demo has seen, as a table and as a picture (without ROS)."""
+"""The demo's results as a table and as a picture (without ROS)."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _pair(predicted: float, actual: float) -> str:
 
 
 def summary(situations: Sequence[DemoSituation]) -> str:
-    """Return the whole in a sentence, and why what failed did so."""
+    """Return a summary in one sentence, with the reasons of failures."""
     counted = [situation for situation in situations if not math.isnan(situation.gain)]
     naive = math.fsum(situation.naive.total[1] for situation in counted)
     gain = math.fsum(situation.gain for situation in counted)

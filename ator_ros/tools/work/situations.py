@@ -1,4 +1,4 @@
-"""Execution of random situations where a command line says."""
+"""Execution of random situations with the jobs and backend that a command line names."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ator_ros.experience.parallel import cluster
 
 
 def executed(settings: Settings, options: argparse.Namespace, folder: Path) -> list[Record]:
-    """Execute `options.situations` situations where the options say, with a progress bar.
+    """Execute `options.situations` situations with the jobs and backend of the options, and a progress bar.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a soak has seen, and what is said about it."""
+"""The observations of a soak, and the report about them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 NODES = ("simulation", "refinement", "executor")
 SHARE = 0.2
-"""Share of what was seen that counts as its beginning, and as its end."""
+"""Share of the observations that counts as the beginning, and as the end."""
 MEMORY_SHARE, MEMORY_MIB = 0.05, 4.0
 LATER, LATER_MS = 2.0, 10.0
 FAILED_SHARE = 0.1
@@ -57,7 +57,7 @@ class Answer:
 
 @dataclass
 class Soak:
-    """What was seen: chains run, those that failed, hiccups; of each node samples and CPU; answers."""
+    """Observations: number of chains, failures, hiccups; samples and CPU of each node; answers."""
 
     chains: int = 0
     failures: list[str] = field(default_factory=list)
@@ -83,7 +83,7 @@ def sample(pid: int) -> Sample:
 
 
 def summary(soak: Soak, *, real_time: bool = False) -> dict[str, Any]:
-    """Return what was seen, its first fifth beside its last one, and `worse`: what is not as it should be.
+    """Return the observations, the first fifth beside the last one, and `worse`: limits that were exceeded.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def _nodes(soak: Soak) -> tuple[dict[str, Any], list[str]]:
 
 
 def _judge_ticks(soak: Soak, worse: list[str]) -> dict[str, float]:
-    """Return how punctual the commands were, of which each is due at its stamp, by the chain's median."""
+    """Return how punctual the commands were: each is due at its stamp, relative to the chain's median."""
     lateness: list[float] = []
     for chain in soak.answers:
         delays = [answer.told - answer.stamp for answer in chain]

@@ -1,4 +1,4 @@
-"""The chains of a soak: three nodes, a client, and what is seen of them."""
+"""The chains of a soak: three nodes, a client, and the observations."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class SoakRun:
         self.soak = Soak()
 
     def go(self) -> None:
-        """Measure the idle nodes, then run chains; a hiccup of ROS is noted, and the next chain tried."""
+        """Measure the idle nodes, then run chains; after a hiccup of ROS note it and go on with the next."""
         self._client.ready()
         self._idle()
         began, trial = time.monotonic(), 0

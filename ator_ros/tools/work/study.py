@@ -1,4 +1,4 @@
-"""Study a robot with the other tools: each step is one of theirs, done unless its result is there."""
+"""Study a robot with the other tools: each step runs one of them, unless its result is there already."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[lis
 
 
 def possible_chain(domain: Domain, library: TopLibrary, wanted: str, actions: Sequence[str]) -> str | None:
-    """Return the wanted chain, or else the first one of which every action is among `actions`."""
+    """Return the chain that was asked for, or else the first one all of whose actions are among `actions`."""
     for name in (wanted, *domain.chains):
         try:
             trial = random_trial(domain, name, library, seed=0, index=0)

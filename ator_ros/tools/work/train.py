@@ -37,7 +37,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         return 0
     if options.experience or options.fresh:
         with reserved(folder, _MODELS_BYTES):
-            pass  # a full disk is told before the work
+            pass  # a full disk is reported before the work
     if options.experience:
         _train(domain, options, robot, folder, command)
     elif options.fresh:
@@ -102,7 +102,7 @@ def _read(domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str |
 
 
 def _measure_again(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> None:
-    """Measure the models there are on fresh episodes; their trees stay as they are."""
+    """Measure the existing models on fresh episodes; their trees do not change."""
     fresh = _read(domain, options.fresh, robot, options.action_set)
     for action, tests in fresh.frame.groupby("action", sort=False):
         file = folder / model_path(action, fresh.metadata["action_set"])

@@ -22,7 +22,7 @@ from ator_ros.motion.compiled_manoeuvre import (
 from ator_ros.motion.trajectory import DT
 
 DOUBT = 1e-8
-"""m, s or m/s within which the exact look decides."""
+"""Margin in m, s or m/s within which the exact check decides."""
 BACKWARD = -1e-6
 """Speed in m/s below which a robot drives backward."""
 _IMPOSSIBLE, _TOUCHES, _OPEN = 0, 1, 2  # as `screening.Verdict`
@@ -114,7 +114,7 @@ def judge(
 
 @compiled
 def touch(start: End, many: BundleArrays, bounds: Bounds, shape: Outline, ball: Blocked) -> BoolArray:
-    """Return which closed manoeuvres touch an obstacle for certain; see `screening.touching`."""
+    """Return which closed manoeuvres certainly touch an obstacle; see `screening.touching`."""
     touches = np.zeros(len(many.first), dtype=np.bool_)
     pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))
     path = Path(np.empty((0, 3)), np.empty(0))

@@ -13,7 +13,7 @@ from ator_ros.world.state import World
 
 
 class DribbleBall(HoldingAction):
-    """Brings the ball to a pose of the hold: pushes it, forward only, and never turns on the spot."""
+    """Pushes the ball to a pose of the hold: forward only, without turning on the spot."""
 
     name = "dribbleBall"
     verb = "dribbling"

@@ -65,7 +65,7 @@ class GoToPose(PlannedAction):
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def arrive(self, world: World) -> Step:
-        """Return the step at the end of the plan: an approach must have caught the ball."""
+        """Return the last step of the plan; an approach succeeds only if it has caught the ball."""
         step = super().arrive(world)
         if (
             self._approach

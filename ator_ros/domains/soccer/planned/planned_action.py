@@ -108,7 +108,7 @@ class PlannedAction(Action):
         return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {left:.1f} s to go")
 
     def replan(self, world: World, why: str) -> Step:
-        """Plan anew from here, or fail when that does not help any more."""
+        """Plan again from here, or fail if that cannot help any more."""
         if world.time == self._deferred:
             return self._following(world, f"{why}; planning in the next tick")
         self._replans += 1
@@ -119,14 +119,14 @@ class PlannedAction(Action):
         return self._replanned(world, self._tracker, self._search, why)
 
     def left(self, world: World) -> float:
-        """Return how long the plan still takes, in s; NaN before there is one."""
+        """Return the remaining duration of the plan in s; NaN before there is one."""
         return math.nan if self._tracker is None else self._tracker.left(world)
 
     def target(self) -> Pose:
         """Return the pose of the axle at the goal."""
         return self.goal.robot_pose(self.robot)
 
-    # Plans in the making
+    # Planning in slices
 
     def _searched(self, world: World, *, standing: bool) -> Search:
         opening = opening_of(world.robot, self.plan_limits.aw)
@@ -134,7 +134,7 @@ class PlannedAction(Action):
         return Search(world, opening, planning, standing=standing)
 
     def _commit(self, world: World, search: Search, *, waits: bool = False) -> bool:
-        """Search for a slice; where that finds the plan, follow it from now on."""
+        """Search for one slice; if that finds a plan, follow it from now on."""
         manoeuvre = search.advance(world.time)
         if manoeuvre is None:
             return False
@@ -153,14 +153,14 @@ class PlannedAction(Action):
             self._search = None
             if not able:
                 return finished(Status.FAILED, f"{why}; {error}")
-            # A ball that is seen to jump about may block every way for a moment.
+            # A noisy position of the ball may block every way for a moment.
             return self._following(world, f"{why}; keeping to the plan: {error}")
         if able:
             return self._following(world, f"{why}; keeping to the plan while planning")
         return self._paused(world, why)
 
     def _look_on(self, world: World, search: Search) -> Step:
-        """Find out, while the robot keeps to its plan, whether there is another, worth a stop."""
+        """Search, while the robot follows its plan, for another one that is worth a stop."""
         if world.time == self._deferred:
             return self._following(world, "keeping to the plan; planning in the next tick")
         try:
@@ -177,13 +177,13 @@ class PlannedAction(Action):
         return Step(self._tracker.command(world), Status.RUNNING, message)
 
     def _paused(self, world: World, why: str) -> Step:
-        """Stop, to plan from where the robot then stands."""
+        """Stop, then plan from where the robot stands."""
         self._tracker, self._search = None, None
         self._pause = Pause(world, self.plan_limits)
         return Step(self._pause.command(world), Status.RUNNING, f"{why}; planning")
 
     def _plan_on(self, world: World) -> Step:
-        """Stand still, and plan from here for a slice."""
+        """Stand still and plan from here for one slice."""
         search = self._search
         if self._pause.over(world) and world.time != self._deferred:
             if search is None or not search.holds(world) or self.outdated(world):

@@ -1,4 +1,4 @@
-"""Plans the fastest manoeuvre to a goal: which ways to drive its ends are tried, which results allowed."""
+"""Plans the fastest manoeuvre to a goal: which beginnings and ends are tried, which results are allowed."""
 
 from __future__ import annotations
 
@@ -111,5 +111,5 @@ def fastest(
 
 
 def _is_allowed(manoeuvre: Manoeuvre, longest: float, *, forward_only: bool) -> bool:
-    # A drive that closing made too short for its change of speed comes back on its way: no bargain.
+    # A drive that is too short for its change of speed after closing would have to come back: never fastest.
     return (manoeuvre.is_forward() or not forward_only) and manoeuvre.duration <= longest

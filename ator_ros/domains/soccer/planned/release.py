@@ -1,4 +1,4 @@
-"""The end of every run-up: straight on, ever faster, until the ball, let go, rolls between the posts."""
+"""The end of every run-up: accelerate straight ahead, then release the ball to roll between the posts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SLANTS = tuple(math.radians(angle) for angle in (-50.0, -25.0, 0.0, 25.0, 50.0)
 
 
 class Release(NamedTuple):
-    """How the ball is let go; arrays of one shape.
+    """How the ball is released; arrays of one shape.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Release(NamedTuple):
 def release(
     robot: Robot, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray, limits: Limits
 ) -> Release:
-    """Compute when to let go of a ball that is pushed straight at a goal, for many ways to push it.
+    """Compute when to release a ball that is pushed straight at a goal, for many ways to push it.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def may_score(
 
 
 def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
-    """Return some poses of the axle in the world at which a ball pushed at full speed is let go.
+    """Return some poses of the axle in the world at which a ball pushed at full speed is released.
 
     Parameters
     ----------
@@ -148,14 +148,14 @@ def rolling_time(robot: Robot, mouth: Pose, released: Pose, speed: float) -> flo
 
 
 def _rolling_time(robot: Robot, speed: Any, way: Any) -> FloatArray:
-    """Return the time in s in which a ball let go at `speed` (m/s) rolls `way` m."""
+    """Return the time in s in which a ball released at `speed` (m/s) rolls `way` m."""
     deceleration = robot.scene.objects[BALL].rolling_deceleration
     left = np.sqrt(np.maximum(speed * speed - 2.0 * deceleration * way, 0.0))
     return np.asarray((speed - left) / deceleration)
 
 
 def usual_release(robot: Robot) -> float:
-    """Return how far before the goal line, in m, a ball is let go at full speed; negative: behind it."""
+    """Return how far before the goal line, in m, a ball is released at full speed; negative: behind it."""
     speed, radius = robot.holder_for("a shot").limits.v, robot.scene.objects[BALL].radius
     return round(_roll(robot) * speed * speed - radius, 2)
 

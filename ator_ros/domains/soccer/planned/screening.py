@@ -1,6 +1,6 @@
-"""Rules out many manoeuvres at once, before single ones are looked at exactly.
+"""Rules out many manoeuvres at once, before single ones are checked exactly.
 
-Where rounding could matter, a manoeuvre is not ruled out: the exact look decides (see `planner`).
+Where rounding could matter, a manoeuvre is not ruled out: the exact check decides (see `planner`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _LARGEST = 64  # manoeuvres in a portion
 
 
 class Verdict(enum.IntEnum):
-    """What is known of a manoeuvre: not one that is allowed, or one that touches something."""
+    """The verdict on a manoeuvre: it is not allowed, or it touches something, or neither is known."""
 
     IMPOSSIBLE = 0
     TOUCHES = 1
@@ -58,12 +58,12 @@ def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.
 
 
 def look_points(duration: float) -> int:
-    """Return what the exact look at a manoeuvre of `duration` s costs in points; see `planning`."""
+    """Return the cost in points of the exact check of a manoeuvre of `duration` s; see `planning`."""
     return 15 + int(duration / 1.5)
 
 
 def screening_points(durations: FloatArray) -> int:
-    """Return what it costs to screen manoeuvres of some `durations` (s), shape (n,)."""
+    """Return the cost of screening manoeuvres of some `durations` (s), shape (n,)."""
     points = 4.0 + 0.2 * len(durations) + 0.02 * float(durations.sum())
     return int(points if COMPILES else 8.0 * points)
 
@@ -71,7 +71,7 @@ def screening_points(durations: FloatArray) -> int:
 def screened(
     bundle: Bundle, longest: FloatArray, obstacles: Obstacles, robot: Robot, *, forward_only: bool
 ) -> NDArray[np.int8]:
-    """Judge manoeuvres that are still to be closed.
+    """Judge manoeuvres before they are closed.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def screened(
 
 
 def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
-    """Return which closed manoeuvres touch an obstacle for certain; see `clearance.is_clear`."""
+    """Return which closed manoeuvres certainly touch an obstacle; see `clearance.is_clear`."""
     if COMPILES:
         return touch(*_scalars(bundle), *_surroundings(obstacles, robot))
     return touching_at_once(bundle, obstacles, robot)

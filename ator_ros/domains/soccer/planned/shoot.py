@@ -25,7 +25,7 @@ _TRIES = 40  # for each way to release: where the posts block so many, another r
 
 
 class Shoot(HoldingAction):
-    """Runs at the goal with the ball and brakes: the ball rolls on, over the line.
+    """Drives at the goal with the ball and brakes: the ball rolls on over the line.
 
     The goal's position is the middle of the goal's mouth; its yaw and speed are not used, since what
     counts is the ball.

@@ -76,7 +76,7 @@ class Tracker:
         self._preview = 0.8 * period + robot.motor_time_constant
 
     def wait_for_start(self, world: World) -> None:
-        """Let time begin when a robot at rest does: where planning takes long, its first command is late."""
+        """Start the plan's time when a robot at rest starts: after long planning its command is late."""
         if not self._waits:
             return
         patient = world.time - self._made < _LONGEST_WAIT
@@ -87,7 +87,7 @@ class Tracker:
             self._start = self._begun(world)
 
     def _begun(self, world: World) -> float:
-        """Return when (s) a robot that moves began, whole periods ago: states may have been missed."""
+        """Return when (s) a moving robot started, whole periods ago: states may have been missed."""
         most = max(1, round(self.elapsed(world) / self._period))
         if most == 1:
             return self._start
@@ -95,7 +95,7 @@ class Tracker:
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * self._period - _SEEN_LATE)
             change = abs(planned.v - world.robot.v) + self._lever * abs(planned.w - world.robot.w)
-            # Speeds tell most, just after a start; a metre counts as a metre per second.
+            # Just after a start the speed tells most; a metre counts as much as a metre per second.
             return change + planned.pose.distance(world.robot.pose)
 
         return world.time - min(range(1, most + 1), key=error) * self._period
@@ -105,7 +105,7 @@ class Tracker:
         return self.trajectory.duration - self.elapsed(world) - _ROUNDING
 
     def disturbed(self, world: World) -> bool:
-        """Return whether the robot is so far from the plan that following it makes no sense."""
+        """Return whether the robot is too far from the plan to follow it."""
         deviation = self.deviation(world)
         return deviation.distance > DISTURBED_DISTANCE or abs(deviation.heading) > DISTURBED_HEADING
 
@@ -114,7 +114,7 @@ class Tracker:
         return world.time - self._start
 
     def deviation(self, world: World) -> Deviation:
-        """Return the deviation of the robot from the plan at this moment."""
+        """Return the robot's present deviation from the plan."""
         planned = self.trajectory.at(self.elapsed(world)).pose
         seen: Pose = world.robot.pose.relative(planned)
         return Deviation(seen.x, seen.y, seen.yaw)
