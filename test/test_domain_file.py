@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from ator_ros.actions.base import ActionError, Goal, Point
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
@@ -132,6 +133,39 @@ def changed(path: str, value: object) -> dict[str, Any]:
         inner = inner[key]
     inner[last] = value
     return data
+
+
+def test_an_action_on_a_server_declares_goal_variables(tmp_path: Path) -> None:
+    data = copy.deepcopy(TOUR)
+    action, top = data["actions"][0], data["tops"][0]
+    action["goal_variables"] = [{"name": "height", "unit": "m", "low": 0.0, "high": 1.5, "rest": 0.2}]
+    action["remote"]["goal"].append({"field": "lift", "source": "goal.height"})
+    top["pre"].append({"variable": "robot.v", "target": "goal.height", "high": 0.0})
+    domain = find_domain(str(file_of(tmp_path, data)))
+    library = domain.library(load_robot())
+    (height,) = library.goal_variables(library["visit"])
+    assert height == GoalVariable("height", "m", 0.0, 1.5, rest=0.2)
+    assert library.goal(library["visit"], Pose(0.0, 0.0, 0.0)).values == {"height": 0.2}
+    assert "height" in library.ranges
+    assert not library.goal_variables(library["fetch"])
+
+
+@pytest.mark.parametrize(
+    ("action", "variable", "expected"),
+    [
+        (0, {"name": "yaw"}, r"actions\[0\].goal_variables\[0\]: name: expected none of x, y, yaw, speed"),
+        (0, {"high": -1.0}, r"goal_variables\[0\]: height: low, high: expected finite numbers"),
+        (1, {}, r"actions\[1\]: goal_variables: expected none without `remote`"),
+    ],
+)
+def test_goal_variables_that_cannot_be_are_refused(
+    tmp_path: Path, action: int, variable: dict[str, Any], expected: str
+) -> None:
+    data = copy.deepcopy(TOUR)
+    usual = {"name": "height", "unit": "m", "low": 0.0, "high": 1.5}
+    data["actions"][action]["goal_variables"] = [usual | variable]
+    with pytest.raises(DomainError, match=expected):
+        find_domain(str(file_of(tmp_path, data)))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import GOAL_VARIABLES
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.actions.remote import RemoteCall
 from ator_ros.files import is_name
 from ator_ros.robot.description import Robot
@@ -43,15 +43,15 @@ class DeclaredTop:
         require(bool(self.post), "post", "at least one term: success is the post-condition", list(self.post))
         require(0.0 <= self.settles <= 60.0, "settles", "a time in s from 0 to 60", self.settles)
 
-    def check(self, objects: tuple[str, ...]) -> None:
-        """Make sure that the terms name what there is; raises ValueError."""
+    def check(self, objects: tuple[str, ...], action: DeclaredAction) -> None:
+        """Make sure that the terms name what there is, in a goal of `action` too; raises ValueError."""
         variables = (*_ROBOT, *(f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy")))
         for part in ("pre", "post"):
             for number, term in enumerate(getattr(self, part)):
                 where, target = f"{part}[{number}]", term.target
                 _check_variable(f"{where}.variable", term.variable, variables)
-                if isinstance(target, str):
-                    _check_variable(f"{where}.target", target, (*variables, *_GOAL))
+                if isinstance(target, str) and not action.leaves_open(target):
+                    _check_variable(f"{where}.target", target, (*variables, *_GOAL, *action.targets))
                 if isinstance(term, Term):
                     good, least = term.tolerance >= 0.0, "a number that is not negative"
                     require(good, f"{where}.tolerance", least, term.tolerance)
@@ -76,17 +76,30 @@ class LocalAction:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredAction:
-    """An action: of an installed domain, or on an action server."""
+    """An action: of an installed domain, or on an action server, perhaps with goal variables of its own."""
 
     name: str
     local: LocalAction | None = None
     remote: RemoteCall | None = None
+    goal_variables: tuple[GoalVariable, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that it is one of both."""
         _check_name(self.name)
         given = [kind for kind in ("local", "remote") if getattr(self, kind) is not None]
         require(len(given) == 1, "local, remote", "one of the two", given)
+        own = [variable.name for variable in self.goal_variables]
+        alone = self.remote is not None or not own
+        require(alone, "goal_variables", "none without `remote`: a local action has its own", own)
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The declared goal variables as conditions name them."""
+        return tuple(f"goal.{variable.name}" for variable in self.goal_variables)
+
+    def leaves_open(self, target: str) -> bool:
+        """Return whether only the domain of a local action knows if there is this variable of its goals."""
+        return self.local is not None and target.startswith("goal.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,12 +151,12 @@ class DeclaredDomain:
             twice = sorted({name for name in names if names.count(name) > 1})
             require(not twice, part, "each name once", ", ".join(twice))
         require(bool(self.tops), "tops", "at least one", list(self.tops))
-        actions = [action.name for action in self.actions]
+        actions = {action.name: action for action in self.actions}
         objects = tuple(item.name for item in self.objects)
         for number, top in enumerate(self.tops):
             where = f"tops[{number}]"
             require(top.action in actions, f"{where}.action", f"one of {', '.join(actions)}", top.action)
             try:
-                top.check(objects)
+                top.check(objects, actions[top.action])
             except ValueError as error:
                 raise ValueError(f"{where}.{error}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,8 @@ def read_domain(path: Path) -> Domain:
 def _spec(action: DeclaredAction, where: str) -> tuple[ActionSpec, tuple[Feature, ...]]:
     """Return the specification of an action, and the features that its own domain adds for it."""
     if action.local is None:
-        return ActionSpec(action.name, UnreachableAction, _never_simulated, remote=action.remote), ()
+        spec = ActionSpec(action.name, UnreachableAction, _never_simulated, remote=action.remote)
+        return dataclasses.replace(spec, goal_variables=action.goal_variables), ()
     try:
         domain = find_domain(action.local.domain)
         found = domain.actions(action.local.action_set)
