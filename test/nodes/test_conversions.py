@@ -12,14 +12,16 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
-from ator_interfaces.msg import Objective, Situation, TopCall, TopChain
-from ator_ros.actions.goal_variables import GOAL_VARIABLES
+from ator_interfaces.msg import GoalValue, Objective, Situation, TopCall, TopChain
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.domains.soccer.ball import ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import FARTHEST, FASTEST, MessageError, bounds_of
 from ator_ros.robot.description import load_robot
+from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 LIBRARY = SOCCER.library(load_robot())
@@ -84,6 +86,56 @@ def test_a_chain_survives_the_way_through_a_message(steps: list[tuple[str, Pose,
         assert first.open == second.open == {"yaw", "*"}
 
 
+LIFT = GoalVariable("lift", "m", 0.1, 1.5)
+LIFTING = TopLibrary(
+    LIBRARY.robot,
+    "default",
+    tops=LIBRARY.values(),
+    actions=dict.fromkeys(("goToPose", "dribbleBall", "shoot"), Shoot),
+    goal_variables={"goToPose": (LIFT,)},
+)
+
+
+def lifted(**values: float) -> TopChain:
+    given = [GoalValue(name=name, value=value) for name, value in values.items()]
+    return TopChain(calls=[TopCall(top="goToPose", values=given, open=["lift"])])
+
+
+@given(st.floats(LIFT.low, LIFT.high))
+def test_declared_values_survive_the_way_through_a_message(value: float) -> None:
+    chain = conversions.chain_from(lifted(lift=value), LIFTING, frame=FRAME)
+    assert chain.calls[0].goal.values == {"lift": value}
+    again = conversions.chain_of(chain, action_set="default", frame=FRAME)
+    assert conversions.chain_from(again, LIFTING, frame=FRAME) == chain
+
+
+@pytest.mark.parametrize(
+    ("chain", "expected"),
+    [
+        (lifted(), r"chain.calls\[0\].values: expected values of \['lift'\], \['lift'\] are missing"),
+        (lifted(lift=1.6), r"chain.calls\[0\].values: lift: expected a finite number from 0.1 to 1.5 m, got"),
+        (lifted(lift=math.nan), r"values: lift: expected a finite number from 0.1 to 1.5 m, got nan"),
+        (lifted(lift=0.5, force=1.0), r"values: expected names of \['lift'\], each once, got 2 items"),
+        (lifted(force=1.0), r"values: expected names of \['lift'\], each once, got 'force'"),
+        (TopChain(calls=[TopCall(top="dribbleBall", open=["lift"])]), r"open: expected names .*got 'lift'"),
+    ],
+)
+def test_values_that_are_not_those_declared_are_refused(chain: TopChain, expected: str) -> None:
+    with pytest.raises(MessageError, match=expected):
+        conversions.chain_from(chain, LIFTING, frame=FRAME)
+
+
+def test_an_action_that_declares_none_takes_no_values() -> None:
+    with pytest.raises(MessageError, match=r"values: expected names of \[\], each once"):
+        conversions.chain_from(lifted(lift=0.5), LIBRARY, frame=FRAME)
+
+
+def test_values_are_sent_back_unless_they_are_too_many_or_too_long() -> None:
+    assert conversions.echo_of(lifted(force=1.0)).calls
+    assert not conversions.echo_of(lifted(**{f"v{number}": 0.0 for number in range(17)})).calls
+    assert not conversions.echo_of(lifted(**{"v" * 300: 0.0})).calls
+
+
 def test_what_no_robot_on_this_field_can_meet_is_refused() -> None:
     far = conversions.pose_of(Pose(BOUNDS.x + 0.1, 0.0, 0.0))
     ball = msg.ObjectState(name="ball")
@@ -115,6 +167,9 @@ def scrambled(message: Any, draw: st.DrawFn) -> Any:
             setattr(message, name, draw(any_name))
         elif kind == "sequence<string>":
             setattr(message, name, draw(st.lists(any_name, max_size=3)))
+        elif kind == "sequence<ator_interfaces/GoalValue>":
+            values = [scrambled(GoalValue(), draw) for _ in range(draw(st.integers(0, 2)))]
+            setattr(message, name, values)
         elif hasattr(value, "get_fields_and_field_types"):
             scrambled(value, draw)
     return message
