@@ -15,11 +15,13 @@ import numpy as np
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT as DEFAULT
 from ator_ros.domains.presentation import Presentation
+from ator_ros.domains.programs import Program
 from ator_ros.performance.features import GENERAL, Feature
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
+from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
@@ -79,6 +81,12 @@ class Domain:
         Topics of objects; an object without one has the topic of its name, with Odometry.
     features : tuple of Feature
         The features that the domain adds to the general ones.
+    description : Path or None
+        Of the robot and its scene, used where no other is named; None: the one that is shipped.
+    programs : tuple of Program
+        Programs of others that its actions need; tools that start our nodes start them too.
+    time_limit : float
+        Time in s that an action or a chain may take in a simulation without ROS.
 
     Raises
     ------
@@ -98,6 +106,9 @@ class Domain:
     bays: Callable[[Scene], tuple[Bay, ...]] = no_bays
     sources: tuple[ObjectSource, ...] = ()
     features: tuple[Feature, ...] = ()
+    description: Path | None = None
+    programs: tuple[Program, ...] = ()
+    time_limit: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
         """Check that objects and every set of actions are complete."""
@@ -148,13 +159,14 @@ class Domain:
         return models if self.name == DEFAULT else models / self.name
 
     def robot(self, path: Path | str | None = None) -> Robot:
-        """Read a robot's description, the shipped one by default; return it in this domain's scene.
+        """Read a robot's description, by default the domain's own, or the shipped one; return it in this scene.
 
         Raises
         ------
         ConfigError
             The file cannot be used, or its scene does not suit the domain.
         """
+        path = path or self.description
         robot = load_robot(path)
         try:
             return self.equip(robot)

@@ -68,6 +68,7 @@ class Executions:
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
+        self._time_limit = tools.domain.time_limit
         self._runs: dict[tuple[float, ...], ChainRun] = {}
 
     def __call__(self, chain: TopChain) -> ChainRun:
@@ -78,7 +79,9 @@ class Executions:
             for value in (wrap_angle(call.goal.pose.yaw), call.goal.speed)
         )
         if key not in self._runs:
-            self._runs[key] = run_chain(self._robot, self._library, self._trial.world, chain)
+            self._runs[key] = run_chain(
+                self._robot, self._library, self._trial.world, chain, time_limit=self._time_limit
+            )
         return self._runs[key]
 
     @property
