@@ -19,6 +19,7 @@ FLOORS = [
     "schema",
     "compile_cache",
     "compiled",
+    "examples",
     "world",
     "robot",
     "drawing",
@@ -37,7 +38,7 @@ FLOORS = [
     "tools",
 ]
 """Modules and folders of the package, ground floor first; each imports only from itself and those before."""
-WITH_ROS = {"nodes", "tools"}
+WITH_ROS = {"examples", "nodes", "tools"}
 ROS = {
     "action_msgs",
     "ator_interfaces",

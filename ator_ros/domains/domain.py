@@ -198,6 +198,11 @@ class Domain:
             )
         return {spec.name: spec for spec in self.action_sets[action_set]}
 
+    def remote_servers(self, action_set: str = DEFAULT_SET) -> tuple[str, ...]:
+        """Return the names of the action servers of others that the actions of a set need."""
+        remote = (spec.remote for spec in self.actions(action_set).values())
+        return tuple(dict.fromkeys(call.server for call in remote if call is not None))
+
     def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
         """Return the candidate features of an action; the general ones where the domain names none."""
         chosen = {spec.name: spec.features for spec in self.action_sets.get(action_set, ())}

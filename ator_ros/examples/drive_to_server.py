@@ -81,10 +81,10 @@ class DriveToServer(Node):
         )
 
     def _consider(self, request: Any) -> GoalResponse:
-        """Accept a goal that is a pose in the frame of odometry, once there is odometry."""
+        """Accept a goal that is a pose in the frame of odometry."""
         pose, frame = request.goal.pose, request.goal.header.frame_id
         finite = all(map(math.isfinite, (pose.position.x, pose.position.y, _yaw(pose.orientation))))
-        known = self._seen is not None and frame in ("", self._frame)
+        known = not self._frame or frame in ("", self._frame)
         if finite and known:
             return GoalResponse.ACCEPT
         self.get_logger().warning(f"goal rejected: expected a pose in {self._frame or 'the frame of odom'}")

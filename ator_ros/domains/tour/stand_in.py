@@ -11,8 +11,8 @@ from ator_ros.world.state import STOP, Command, World
 class DriveToStandIn(Action):
     """Drives as the server `drive_to_server` does when the executor sends it a goal.
 
-    The executor commands the robot to stand, then sends the goal in a tick without a command; the server answers
-    odometry from the next tick on; and its result is known one tick after its last command.
+    The executor commands the robot to stand, then sends the goal; the server answers the odometry of that tick
+    itself, and its result is known one tick after its last command.
     """
 
     name = "drive_to_stand_in"
@@ -33,7 +33,8 @@ class DriveToStandIn(Action):
         if not self._sent:
             self._sent = self._commanded and world.robot.is_standing
             self._commanded = True
-            return Step(None if self._sent else STOP, Status.RUNNING, "stopping, before the server takes over")
+        if not self._sent:
+            return Step(STOP, Status.RUNNING, "stopping, before the server takes over")
         if self._law.doing is Doing.ARRIVED:
             return finished(Status.SUCCEEDED, "arrived")
         if self._law.doing in (Doing.MISSED, Doing.TOO_LONG):

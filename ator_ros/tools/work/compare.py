@@ -113,7 +113,7 @@ def _runs(options: argparse.Namespace, domain: Domain) -> Iterator[Compared]:
     kinds = itertools.cycle(itertools.product(options.chains, options.policies))
     with (
         all_nodes(options.real_time_factor, **node_setting(options)) as nodes,
-        DemoClient(nodes.domain, nodes.check) as client,
+        DemoClient(nodes.domain, nodes.check, tools.domain.objects) as client,
     ):
         client.ready()
         for index, (name, policy) in zip(range(options.situations), kinds, strict=False):

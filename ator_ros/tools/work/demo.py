@@ -53,7 +53,7 @@ def _play(options: argparse.Namespace, robot: Robot) -> Iterator[DemoSituation]:
     library = SOCCER.library(robot)
     with all_nodes(options.real_time_factor, **node_setting(options)) as nodes:
         print(f"three nodes start on ROS domain {nodes.domain} …", flush=True)
-        with DemoClient(nodes.domain, nodes.check) as client:
+        with DemoClient(nodes.domain, nodes.check, SOCCER.objects) as client:
             client.ready()
             for index in range(options.situations):
                 trial = random_trial(SOCCER, "shoot", library, seed=options.seed, index=index)
