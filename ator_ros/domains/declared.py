@@ -88,8 +88,8 @@ class DeclaredAction:
     local, remote : optional
         One of both.
     stand_in : str or None
-        Of a remote action: the installed action that drives as the server does, for simulations without ROS: an
-        entry point of `STAND_INS`.
+        Of a remote action: the installed action that drives as the server does, for simulations without ROS:
+        an entry point of `STAND_INS`.
     drives : DeclaredDrives or None
         Of a remote action: the drives from which experience is gathered.
     """

@@ -62,7 +62,9 @@ def _check_apart(apart: float) -> None:
     require(0.0 <= apart <= _FARTHEST, "apart", f"a distance in m from 0 to {_FARTHEST:g}", apart)
 
 
-def _drawn(places: Places, rng: np.random.Generator, *, apart: float = 0.0, before: Pose | None = None) -> Pose:
+def _drawn(
+    places: Places, rng: np.random.Generator, *, apart: float = 0.0, before: Pose | None = None
+) -> Pose:
     """Draw a pose of one of the places, at least `apart` m from the pose `before`; raises NoPlaceError."""
     for _ in range(_MOST_DRAWS):
         pose = places[int(rng.integers(len(places)))].drawn(rng)
@@ -156,7 +158,10 @@ class DeclaredChain:
             require(step.top in tops, f"steps[{number}].top", f"one of {', '.join(tops)}", step.top)
 
     def __call__(
-        self, robot: Robot, library: TopLibrary, rng: np.random.Generator  # noqa: ARG002
+        self,
+        robot: Robot,
+        library: TopLibrary,
+        rng: np.random.Generator,  # noqa: ARG002
     ) -> tuple[World, TopChain]:
         """Draw a situation and a chain, as a `ChainSampler` does."""
         before = start = _drawn(self.start, rng)
@@ -167,4 +172,3 @@ class DeclaredChain:
                 top = library[step.top]
                 calls.append(TopCall(top, Goal(before, 0.0, top.point), frozenset(step.open)))
         return World(0.0, RobotState(start)), TopChain(tuple(calls))
-

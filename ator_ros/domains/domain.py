@@ -159,7 +159,7 @@ class Domain:
         return models if self.name == DEFAULT else models / self.name
 
     def robot(self, path: Path | str | None = None) -> Robot:
-        """Read a robot's description, by default the domain's own, or the shipped one; return it in this scene.
+        """Read a robot's description, by default the domain's or the shipped one, for this domain's scene.
 
         Raises
         ------

@@ -98,6 +98,6 @@ def _remote_spec(action: DeclaredAction, where: str) -> ActionSpec:
 
 def _never_driven(_robot: Robot, _rng: np.random.Generator) -> Situation:
     raise DomainError(
-        "an action on a server is observed where the executor runs it: expected `drives` in the domain's file to "
-        "collect it, got none"
+        "an action on a server is observed where the executor runs it: expected `drives` in the domain's "
+        "file to collect it, got none"
     )

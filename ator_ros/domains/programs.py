@@ -45,7 +45,9 @@ def stand_in(name: str) -> ActionFactory:
     """
     found = {entry.name: entry for entry in entry_points(group=STAND_INS)}
     if name not in found:
-        raise NoStandInError(f"expected an entry point of {STAND_INS}, one of {sorted(found)}, got {quoted(name)}")
+        raise NoStandInError(
+            f"expected an entry point of {STAND_INS}, one of {sorted(found)}, got {quoted(name)}"
+        )
     try:
         factory: ActionFactory = found[name].load()
     except Exception as error:  # a module from outside raises anything

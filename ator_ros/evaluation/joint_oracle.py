@@ -1,8 +1,8 @@
 """The oracle of chains whose robot stands between two actions: all open headings jointly, by executing legs.
 
-Where every action starts and ends at rest, what one takes depends on the two poses at its ends alone. So each leg
-is executed once for each pair of headings at its ends, and the best headings of the whole chain follow from these
-times (dynamic programming). The chain with them is then executed as a whole, which alone counts.
+Where every action starts and ends at rest, what one takes depends on the two poses at its ends alone. So each
+leg is executed once for each pair of headings at its ends, and the best headings of the whole chain follow
+from these times (dynamic programming). The chain with them is then executed as a whole, which alone counts.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def predicted_legs(tools: Toolset, trial: Trial, offered: Sequence[FloatArray]) 
 
 
 def promising(legs: Sequence[FloatArray], margin: float | None) -> list[BoolArray]:
-    """Return of each leg which pairs lie on a chain predicted to take at most `margin` s more than the best."""
+    """Return of each leg which pairs lie on a chain predicted to take at most `margin` s above the least."""
     forward = [np.zeros(1)]
     for leg in legs:
         forward.append(np.min(forward[-1][:, None] + leg, axis=0))
@@ -83,13 +83,12 @@ def promising(legs: Sequence[FloatArray], margin: float | None) -> list[BoolArra
     for leg in reversed(legs):
         backward.insert(0, np.min(leg + backward[0][None, :], axis=1))
     bound = math.inf if margin is None else float(np.min(forward[-1])) + margin + 1e-9
-    return [
-        forward[index][:, None] + leg + backward[index + 1][None, :] <= bound for index, leg in enumerate(legs)
-    ]
+    ways = zip(forward, legs, backward[1:], strict=False)
+    return [before[:, None] + leg + after[None, :] <= bound for before, leg, after in ways]
 
 
 def least(legs: Sequence[FloatArray]) -> list[int]:
-    """Return the number of the heading at each step on the chain that takes least, by the times of its legs."""
+    """Return the numbers of the headings, one a step, of the chain whose legs take least."""
     sums, origins = np.zeros(1), []
     for leg in legs:
         ways = sums[:, None] + leg

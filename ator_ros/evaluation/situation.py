@@ -49,8 +49,8 @@ class Settings:
     source : ToolsetSource
         Source of robot, actions, models and gate.
     joint_oracle : bool
-        Whether the oracle searches all open headings jointly, by executing legs (see `joint_oracle`): for chains
-        whose robot stands between two actions.
+        Whether the oracle searches all open headings jointly, by executing legs (see `joint_oracle`): for
+        chains whose robot stands between two actions.
     """
 
     seed: int

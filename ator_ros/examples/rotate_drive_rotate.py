@@ -1,7 +1,7 @@
 """A driver's control law: rotate to the path, follow it, rotate to the goal's heading.
 
-It is written as such drivers are, with tolerances and habits of its own, and knows nothing of ator_ros. It has no
-ROS either: the example server wraps it, and a simulation without ROS can run the same law.
+It is written as such drivers are, with tolerances and habits of its own, and knows nothing of ator_ros. It
+has no ROS either: the example server wraps it, and a simulation without ROS can run the same law.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ class Tuning:
     brake : float
         Deceleration by which the speed near the goal is planned.
     w_path, w_goal, aw : float
-        Turn rates in place: to the path (careful: it looks where it will go) and to the goal's heading; and how
-        fast turning is gained and lost.
+        Turn rates in place: to the path, and, for precision slower, to the goal's heading; and how fast
+        turning is gained and lost.
     rotate_above : float
         Heading error above which it rotates in place before it drives. Below, it curves onto the path.
     aligned : float
         Heading error at which rotating to the path ends.
-    reverse_above, reverse_within : float
-        It drives backward to a goal that lies this far behind it (angle) and no farther away than that (m).
+    reverse_above : float
+        It drives backward to a goal that lies farther aside than this angle.
     lookahead : float
         Of following, m.
     pause : float
@@ -46,15 +46,14 @@ class Tuning:
     v_reverse: float = 0.4
     a: float = 0.5
     brake: float = 0.4
-    w_path: float = 0.9
-    w_goal: float = 1.2
+    w_path: float = 1.2
+    w_goal: float = 0.7
     aw: float = 1.6
     rotate_above: float = 0.7
     aligned: float = 0.12
     reverse_above: float = 2.1
-    reverse_within: float = 2.5
     lookahead: float = 0.6
-    pause: float = 0.3
+    pause: float = 0.6
     xy_tolerance: float = 0.06
     yaw_tolerance: float = 0.08
     settle: float = 0.2
@@ -116,7 +115,7 @@ class RotateDriveRotate:
         self._v = self._w = 0.0
 
     def step(self, seen: Seen) -> tuple[float, float]:
-        """Return the velocity command (m/s, rad/s) that answers an odometry; `doing` says whether it goes on."""
+        """Return the velocities (m/s, rad/s) that answer an odometry; `doing` says whether it goes on."""
         if self._began is None:
             self._begin(seen)
         self.distance = math.hypot(self._goal[0] - seen.x, self._goal[1] - seen.y)
@@ -138,9 +137,7 @@ class RotateDriveRotate:
         if far < self.tuning.xy_tolerance:
             self._do(Doing.ROTATING_TO_GOAL, seen)
             return
-        error = self._bearing(seen)
-        behind = abs(error) > self.tuning.reverse_above and far < self.tuning.reverse_within
-        self._sign = -1.0 if behind else 1.0
+        self._sign = -1.0 if abs(self._bearing(seen)) > self.tuning.reverse_above else 1.0
         if abs(self._bearing(seen)) <= self.tuning.rotate_above:
             self._do(Doing.FOLLOWING, seen)
 

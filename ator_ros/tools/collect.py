@@ -31,8 +31,8 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--over-ros",
         action="store_true",
-        help="drive over ROS, with the domain's action servers, and learn from the executor's records; one drive "
-        "at a time, whatever --jobs says",
+        help="drive over ROS, with the domain's action servers, and learn from the executor's records; one "
+        "drive at a time, whatever --jobs says",
     )
     add_factor(parser, 0.0)
     parser.add_argument("--out", type=_table, default=Path("experience.parquet"), metavar="FILE.parquet")

@@ -54,7 +54,7 @@ class NodeProcesses:
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, parameters: Mapping[str, object], folder: Path | None = None) -> None:
-        """Start the executable `name` with these ROS parameters; of another package where it lies elsewhere."""
+        """Start the executable `name`, in `folder` where it is of another package, with these parameters."""
         arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
         with self._log(name).open("wb") as log:
             self._processes[name] = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""The example server's law as an action in the simulation without ROS, timed as the executor times the server."""
+"""The example server's law as an action in the simulation without ROS, timed as with the executor."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from ator_ros.world.state import STOP, Command, World
 class DriveToStandIn(Action):
     """Drives as the server `drive_to_server` does when the executor sends it a goal.
 
-    The executor commands the robot to stand, then sends the goal; the server answers the odometry of that tick
-    itself, and its result is known one tick after its last command.
+    The executor commands the robot to stand, then sends the goal; the server answers the odometry of that
+    tick itself, and its result is known one tick after its last command.
     """
 
     name = "drive_to_stand_in"

@@ -38,7 +38,8 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     stopped: BaseException | None = None
     room = _EPISODE_BYTES * options.episodes * len(options.actions)
     with reserved(options.out.absolute().parent, room), cluster(options.cluster):
-        episodes = _over_ros(options, domain, robot) if options.over_ros else _simulated(options, domain, robot)
+        drive = _over_ros if options.over_ros else _simulated
+        episodes = drive(options, domain, robot)
         bar = tqdm(episodes, total=options.episodes * len(options.actions), unit="episode", disable=None)
         try:
             frames.extend(bar)

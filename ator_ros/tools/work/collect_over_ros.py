@@ -1,4 +1,4 @@
-"""Experience of remote actions: drives over ROS, each as a chain of one step, taken from the executor's records."""
+"""Experience of remote actions: drives over ROS, each a chain of one step, from the executor's records."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ class Finished:
                 raise ExperienceError(f"{self.path}: expected drives, one a line: {error}") from error
             if lines[:1] != [head]:
                 raise ExperienceError(
-                    f"{self.path}: expected drives of the same seed, robot and domain, got others: choose another "
-                    "--out, or delete that file"
+                    f"{self.path}: expected drives of the same seed, robot and domain, got others: choose "
+                    "another --out, or delete that file"
                 )
             self.rows = {(row["action"], row["episode"]): row for row in found}
         write_text(self.path, "\n".join([*lines, ""]))
@@ -127,6 +127,6 @@ def _driven(
             if record.outcome.code in ENDED and sound(episode := episode_of(record, domain)):
                 return episode_frame(number, episode, domain.objects)
     raise ExperienceError(
-        f"{situation.action}, drive {number}: expected a drive that ends by itself within {_TRIES} tries, the last "
-        f"one ended with {reason!r}"
+        f"{situation.action}, drive {number}: expected a drive that ends by itself within {_TRIES} tries, "
+        f"the last one ended with {reason!r}"
     )

@@ -54,7 +54,9 @@ class DemoClient:
         Real time in s that each thing may take.
     """
 
-    def __init__(self, domain: int, check: Callable[[], None], objects: Sequence[str], patience: float = 120.0) -> None:
+    def __init__(
+        self, domain: int, check: Callable[[], None], objects: Sequence[str], patience: float = 120.0
+    ) -> None:
         self._check, self._patience = check, patience
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
@@ -63,9 +65,7 @@ class DemoClient:
         self._pose = Pose(math.inf, math.inf, 0.0)
         self._node.create_subscription(Odometry, "odom", self._hear, SENSOR_DATA)
         self._place_robot = self._node.create_client(PlaceRobot, "place_robot")
-        self._place_object = {
-            name: self._node.create_client(PlaceBall, f"place_{name}") for name in objects
-        }
+        self._place_object = {name: self._node.create_client(PlaceBall, f"place_{name}") for name in objects}
         self._pause = self._node.create_client(SetBool, "pause")
         self._refine = self._node.create_client(RefineSubgoal, "refine_subgoal")
         self._server = ActionClient(self._node, ExecuteChain, "execute_chain")
@@ -86,7 +86,7 @@ class DemoClient:
         self._path.append((robot.pose.x, robot.pose.y))
 
     def ready(self, servers: Sequence[str] = (), programs: int = 0) -> None:
-        """Wait until all nodes answer, the action servers of others are there, and their programs hear odometry."""
+        """Wait until our nodes and the action servers of others are there, and all programs hear odometry."""
         for what in (self._place_robot, *self._place_object.values(), self._pause, self._refine):
             self._until(what.service_is_ready, f"the service {what.srv_name}")
         self._until(self._server.server_is_ready, "the action execute_chain")
@@ -97,7 +97,7 @@ class DemoClient:
         self._until(lambda: self._node.count_subscribers("odom") >= listening, "listeners of odom")
 
     def place(self, start: World) -> None:
-        """Put robot and objects to where a situation starts, at rest; time stands until a chain is executed."""
+        """Put robot and objects where a situation starts, at rest; time stands until a chain is executed."""
         self._call(self._pause, SetBool.Request(data=True))
         for client in self._place_object.values():
             self._call(client, PlaceBall.Request(remove=True))
