@@ -159,9 +159,9 @@ class DeclaredChain:
 
     def __call__(
         self,
-        robot: Robot,
+        robot: Robot,  # noqa: ARG002
         library: TopLibrary,
-        rng: np.random.Generator,  # noqa: ARG002
+        rng: np.random.Generator,
     ) -> tuple[World, TopChain]:
         """Draw a situation and a chain, as a `ChainSampler` does."""
         before = start = _drawn(self.start, rng)

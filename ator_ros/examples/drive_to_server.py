@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import signal
-import sys
 import threading
 from typing import Any
 
@@ -170,4 +169,4 @@ def main(args: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
