@@ -37,7 +37,7 @@ MEASURING = ("bench", "compare", "soak")
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",
-    r"(PARTS=(bezier|observed|tour) )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
+    r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
     r"paper_models .*": "test_paper_models.py::test_table_tells_accuracy_beside_the_papers_and_the_rules",
     r"study .*": "test_tools_study.py::test_it_says_what_the_actions_and_refinement_are_like",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",

@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.joint_oracle import best_headings, candidates, least, predicted_legs, promising
+from ator_ros.evaluation.joint_oracle import (
+    Tried,
+    best_headings,
+    candidates,
+    least,
+    predicted_legs,
+    promising,
+)
 from ator_ros.evaluation.policies import Toolset
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import FloatArray, wrap_angle
@@ -60,7 +67,7 @@ def total(trial: Trial, chain: TopChain) -> float:
 def test_it_finds_what_trying_every_chain_finds(index: int) -> None:
     drawn = trial(index)
     offered = candidates(drawn, [drawn.chain], 6)
-    chain, _ = best_headings(TOOLS, drawn, [drawn.chain], drive, count=6, margin=None)
+    chain, _ = best_headings(TOOLS, drawn, [Tried(drawn.chain)], drive, count=6, margin=None)
     every = [
         with_headings(drawn.chain, dict(enumerate(map(float, headings))))
         for headings in itertools.product(*offered)
@@ -76,6 +83,20 @@ def test_a_margin_saves_executions_and_keeps_the_best() -> None:
     few_legs = best_headings(TOOLS, drawn, [], drive, count=12, margin=0.2)
     assert few_legs[0] == all_legs[0]
     assert few_legs[1] < 0.4 * all_legs[1]
+
+
+def test_what_was_executed_is_not_executed_again() -> None:
+    drawn = trial(1)
+    poses = [drawn.world.robot.pose, *(call.goal.pose for call in drawn.chain.calls)]
+    times = tuple(turned(*here, *there) for here, there in itertools.pairwise(poses))
+    alone = best_headings(TOOLS, drawn, [Tried(drawn.chain)], drive, count=6, margin=None)
+    known = best_headings(TOOLS, drawn, [Tried(drawn.chain, times)], drive, count=6, margin=None)
+    assert known[0] == alone[0]
+    assert known[1] == alone[1] - len(times)
+    quick = tuple(0.01 for _ in times)  # its times are believed
+    assert best_headings(TOOLS, drawn, [Tried(drawn.chain, quick)], drive, count=6, margin=None)[0] == (
+        with_headings(drawn.chain, {i: c.goal.pose.yaw for i, c in enumerate(drawn.chain.calls) if c.open})
+    )
 
 
 def test_legs_that_fail_are_no_way() -> None:

@@ -9,19 +9,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from ator_ros.evaluation.policies import Toolset
 from ator_ros.evaluation.trials import Trial, with_headings
-from ator_ros.geometry import BoolArray, FloatArray, wrap_angle
+from ator_ros.geometry import BoolArray, FloatArray, wrap_angle, wrap_angles
 from ator_ros.refinement.chain_model import ChainModel
 from ator_ros.refinement.free_variables import FreeVariable
 from ator_ros.refinement.objective import Objective
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.state import RobotState, World
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A chain that was executed, and the durations in s of its actions; fewer where it failed."""
+
+    chain: TopChain
+    actions: tuple[float, ...] = ()
+
 
 Drive = Callable[[World, TopChain], float]
 """Executes a chain of one action from rest; returns its duration in s, infinite where it fails."""
@@ -103,7 +113,7 @@ def least(legs: Sequence[FloatArray]) -> list[int]:
 def best_headings(
     tools: Toolset,
     trial: Trial,
-    chains: Iterable[TopChain],
+    tried: Iterable[Tried],
     drive: Drive,
     *,
     count: int,
@@ -117,30 +127,40 @@ def best_headings(
         Of the learned models, which say what is not worth executing.
     trial : Trial
         The situation.
-    chains : iterable of TopChain
-        What policies have chosen: their headings are among those that are tried.
+    tried : iterable of Tried
+        What policies have chosen and executed: their headings are offered, their legs are not executed again.
     drive : callable
         Executes a leg.
     count, margin
         Headings at each open step, and what is left out (see `promising`); None: nothing.
     """
-    chosen = list(chains)
-    offered = candidates(trial, chosen, count)
+    runs = list(tried)
+    offered = candidates(trial, [run.chain for run in runs], count)
     wanted = promising(predicted_legs(tools, trial, offered), margin)
     poses = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls)]
     legs, executed = [], 0
     for index, (here, _) in enumerate(pairwise(poses)):
         before = offered[index - 1] if index else np.array([here.yaw])
-        times = np.full((len(before), len(offered[index])), math.inf)
-        for row, column in np.argwhere(wanted[index]):
+        times = np.full((len(before), len(offered[index])), math.nan)
+        for run in runs:
+            if len(run.actions) == len(trial.chain.calls):
+                row = _number(before, run.chain.calls[index - 1].goal.pose.yaw) if index else 0
+                column = _number(offered[index], run.chain.calls[index].goal.pose.yaw)
+                times[row, column] = run.actions[index]
+        for row, column in np.argwhere(wanted[index] & np.isnan(times)):
             start = RobotState(here._replace(yaw=float(before[row])))
             call = _at(trial.chain.calls[index], float(offered[index][column]))
             times[row, column] = drive(World(0.0, start, trial.world.objects), TopChain((call,)))
             executed += 1
-        legs.append(times)
+        legs.append(np.where(np.isnan(times), math.inf, times))
     path = least(legs)
     opened = {i: float(offered[i][n]) for i, n in enumerate(path) if "yaw" in trial.chain.calls[i].open}
     return with_headings(trial.chain, opened), executed
+
+
+def _number(headings: FloatArray, yaw: float) -> int:
+    """Return which of the headings is `yaw`."""
+    return int(np.argmin(np.abs(wrap_angles(headings - yaw))))
 
 
 def _at(call: TopCall, yaw: float) -> TopCall:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
-from ator_ros.evaluation.joint_oracle import best_headings
+from ator_ros.evaluation.joint_oracle import Tried, best_headings
 from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
@@ -178,8 +178,9 @@ def _joint_oracle(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chosen: Sequence[TopChain]
 ) -> dict[str, Record]:
     """Execute the chain with the best headings by executed legs; the policies' own chains count too."""
+    tried = [Tried(each, run.actions if run.success else ()) for each in chosen for run in [execute(each)]]
     chain, legs = best_headings(
-        tools, trial, chosen, execute.leg, count=settings.oracle, margin=settings.oracle_margin
+        tools, trial, tried, execute.leg, count=settings.oracle, margin=settings.oracle_margin
     )
     best = min((execute(each) for each in (chain, *chosen)), key=lambda run: run.duration)
     headings = [round(call.goal.pose.yaw, 3) for call in chain.calls]
