@@ -21,6 +21,7 @@ from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_thi
 # busy.
 _EXECUTOR_PATIENCE = 2.0
 _ACTION_TIMEOUT = 30.0  # s, the executor's default
+_UNHURRIED = 1.0  # s that refinement may take, less than the executor's patience
 
 
 class NodeEndedError(RuntimeError):
@@ -157,10 +158,12 @@ def all_nodes(
     named = {**whose, **({"models": models} if models else {})}
     with own_nodes() as nodes:
         nodes.start("simulation", {"real_time_factor": real_time_factor, "command_wait": 1.0, **whose})
-        nodes.start("refinement", named)
+        of_domain = find_domain(domain or DEFAULT)
+        # Chains of remote actions are long, and a robot that stands at each station can wait for the answer.
+        unhurried = {"deadline": _UNHURRIED} if of_domain.programs else {}
+        nodes.start("refinement", {**named, **unhurried})
         patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
         # An action may take what it may in a simulation without ROS, and the executor's default at least.
-        of_domain = find_domain(domain or DEFAULT)
         limits = {"action_timeout": max(_ACTION_TIMEOUT, of_domain.time_limit)}
         nodes.start("executor", {**named, **patience, **limits})
         for program in of_domain.programs:
