@@ -7,13 +7,18 @@ from setuptools import find_packages, setup
 PACKAGE = "ator_ros"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
+    "examples": ("drive_to_server",),
     "nodes": ("simulation", "executor", "refinement"),
     "tools": (
         *("collect", "train", "gate", "calibrate_predictions", "evaluate"),
         *("calibrate", "study", "qualify", "demo", "bench", "soak", "noise", "compare"),
     ),
 }
-DOMAINS = {"soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER"}
+DOMAINS = {
+    "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",
+    "tour": f"{PACKAGE}.domains.tour.domain:TOUR",
+}
+STAND_INS = {"drive_to": f"{PACKAGE}.domains.tour.stand_in:DriveToStandIn"}
 
 
 def data_files() -> list[tuple[str, list[str]]]:
@@ -47,5 +52,6 @@ setup(
             for name in names
         ],
         f"{PACKAGE}.domains": [f"{name} = {value}" for name, value in DOMAINS.items()],
+        f"{PACKAGE}.stand_ins": [f"{name} = {value}" for name, value in STAND_INS.items()],
     },
 )

@@ -37,7 +37,7 @@ MEASURING = ("bench", "compare", "soak")
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",
-    r"(PARTS=(bezier|observed) )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
+    r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
     r"paper_models .*": "test_paper_models.py::test_table_tells_accuracy_beside_the_papers_and_the_rules",
     r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_base_is_described",
     r"study .*": "test_tools_study.py::test_it_says_what_the_actions_and_refinement_are_like",
@@ -58,7 +58,7 @@ BY_TEST = {
     r"\. install/setup\.sh && .*": f"{_ROS}::test_a_workspace_is_built",
     r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
     r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_only_who_asks_",
-    r"ros2 run ator_ros executor .*domain:=tour.yaml.*": "nodes/test_executor_remote_node.py::test_a_chain_",
+    r"ros2 run ator_ros executor .*domain:=stat.*": "nodes/test_executor_remote_node.py::test_a_chain_",
     r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
 }
 """Commands, as regular expressions, and the test that executes them, shrunk or at another place."""

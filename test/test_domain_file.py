@@ -7,13 +7,17 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
+from documentation import ROOT
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.domains.domain import Domain, DomainError, find_domain
+from ator_ros.domains.programs import Program
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.tour.stand_in import DriveToStandIn
 from ator_ros.geometry import Pose
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.robot.description import load_robot
@@ -26,7 +30,7 @@ from ator_ros.world.state import RobotState, World
 
 ROBOT = load_robot()
 TOUR: dict[str, Any] = {
-    "name": "tour",
+    "name": "errands",
     "objects": [{"name": "cart", "topic": "/cart/pose", "type": "PoseStamped", "optional": True}],
     "tops": [
         {
@@ -64,9 +68,20 @@ TOUR: dict[str, Any] = {
 }
 
 
+PLACE = {"x": [-1, 1], "y": [0.5]}
+CHAIN: dict[str, Any] = {"name": "walk", "start": [PLACE], "steps": [{"top": "visit", "goal": [PLACE]}]}
+
+
+class _Plain(yaml.SafeDumper):
+    """Writes no aliases, which are refused."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
 def file_of(folder: Path, data: object) -> Path:
     file = folder / "tour.yaml"
-    file.write_text(data if isinstance(data, str) else yaml.safe_dump(data), encoding="utf-8")
+    file.write_text(data if isinstance(data, str) else yaml.dump(data, Dumper=_Plain), encoding="utf-8")
     return file
 
 
@@ -76,7 +91,7 @@ def tour(tmp_path: Path) -> Domain:
 
 
 def test_a_file_declares_objects_tops_actions_and_variables(tour: Domain) -> None:
-    assert tour.name == "tour"
+    assert tour.name == "errands"
     assert tour.source("cart") == ObjectSource("cart", "/cart/pose", "PoseStamped", optional=True)
     near = tuple(Term(f"robot.{axis}", f"goal.{axis}", 0.25) for axis in "xy")
     visit, fetch = tour.tops
@@ -122,6 +137,38 @@ def test_a_remote_action_cannot_start_without_ros(tour: Domain) -> None:
     action = library.action(library["visit"])
     with pytest.raises(ActionError, match="over ROS only"):
         action.start(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), Goal(Pose(1.0, 0.0, 0.0)))
+
+
+def test_a_file_may_name_a_robot_its_bays_chains_drives_a_stand_in_and_servers(tmp_path: Path) -> None:
+    data = copy.deepcopy(TOUR) | {
+        "robot": "small.yaml",
+        "bays": True,
+        "chains": [CHAIN],
+        "servers": [{"package": "fleet", "executable": "driver"}],
+        "time_limit": 90,
+    }
+    data["actions"][0] |= {"drives": {"start": [PLACE], "goal": [PLACE]}, "stand_in": "drive_to"}
+    sections = yaml.safe_load((ROOT / "config" / "pioneer.yaml").read_text(encoding="utf-8"))
+    sections["robot"]["name"] = "small"
+    (tmp_path / "small.yaml").write_text(yaml.safe_dump(sections), encoding="utf-8")
+    domain = find_domain(str(file_of(tmp_path, data)))
+    robot = domain.robot()
+    assert robot.name == "small"
+    assert len(robot.scene.bays) == 2
+    assert domain.robot(ROOT / "config" / "pioneer.yaml").name == "pioneer_3dx"
+    assert domain.programs == (Program("fleet", "driver"),)
+    assert domain.time_limit == 90.0
+    assert domain.remote_servers() == ("navigate_to_pose",)
+    _, chain = domain.chains["walk"](robot, domain.library(robot), np.random.default_rng(0))
+    assert [(call.top.name, call.goal.pose.y) for call in chain.calls] == [("visit", 0.5)]
+    navigate = domain.actions()["navigate"]
+    assert navigate.factory is DriveToStandIn
+    assert navigate.sample(robot, np.random.default_rng(0)).goal.pose.y == 0.5
+
+
+def test_what_is_not_declared_cannot_be_driven(tour: Domain) -> None:
+    with pytest.raises(DomainError, match="expected `drives` in the domain's file to collect it, got none"):
+        tour.actions()["navigate"].sample(ROBOT, np.random.default_rng(0))
 
 
 def changed(path: str, value: object) -> dict[str, Any]:
@@ -173,7 +220,7 @@ def test_goal_variables_that_cannot_be_are_refused(
     [
         ("name", "my tour", "name: expected a name of letters, digits and _; got 'my tour'"),
         ("name", "soccer", "name: expected none of the installed domains, .*'soccer'"),
-        ("colour", 1, "expected the fields actions, name, objects, tops, variables; unknown colour"),
+        ("colour", 1, "expected the fields actions, .*variables; unknown colour"),
         ("objects.0.type", "Pose", r"objects\[0\].type: expected one of Odometry, PoseStamped.*got 'Pose'"),
         ("objects.0.name", "robot", r"objects\[0\]: name: expected a name .*none of robot.*got 'robot'"),
         ("objects.0.topic", "a b", r"objects\[0\]: topic: expected the name of a topic; got 'a b'"),
@@ -214,6 +261,24 @@ def test_goal_variables_that_cannot_be_are_refused(
         ("actions.0.remote.goal.0.field", "a..b", r"goal\[0\]: field: expected names joined by dots"),
         ("actions.0.remote.timeouts", {"result": 0}, r"timeouts: result: expected a time in s above 0"),
         ("actions.0.remote.success.status", [], r"success: status: expected at least one state"),
+        (
+            "actions.0.stand_in",
+            "walk",
+            r"actions\[0\].stand_in: expected an entry point of ator_ros.stand_ins, one of .*'walk'",
+        ),
+        ("actions.1.stand_in", "drive_to", r"actions\[1\]: stand_in: expected none without `remote`"),
+        ("actions.0.drives", {"start": [], "goal": []}, r"actions\[0\].drives: start: expected at least one"),
+        ("actions.0.drives", {"start": [{"x": [0]}]}, r"drives.start\[0\]: expected the fields .*missing y"),
+        ("chains", [{"name": "a"}], r"chains\[0\]: expected the fields .*; missing start, steps"),
+        ("chains", [CHAIN | {"name": "a b"}], r"chains\[0\]: name: expected a name"),
+        ("chains", [CHAIN, CHAIN], "chains: expected each name once; got 'walk'"),
+        (
+            "chains",
+            [CHAIN | {"steps": [{"top": "fly", "goal": [PLACE]}]}],
+            r"chains\[0\].steps\[0\].top: expected one of visit, fetch; got 'fly'",
+        ),
+        ("servers", [{"package": "a b", "executable": "c"}], r"servers\[0\]: package: expected a name"),
+        ("time_limit", 0, "time_limit: expected a time in s from 0 to 3600"),
         ("variables.0.name", "z", r"variables\[0\].name: expected one of x, y, yaw, speed; got 'z'"),
         ("variables.1.high", 0.1, r"variables\[1\]: high: expected a number above low, 0.1; got 0.1"),
         ("variables.1.low", None, r"variables\[1\]: low, high: expected both or neither"),
@@ -231,7 +296,7 @@ def test_what_is_wrong_is_told_with_its_place(
     ("text", "expected"),
     [
         ("[1, 2]", "expected a table with actions"),
-        ("name: tour", "expected the fields actions, name, objects, tops, variables; missing actions, tops"),
+        ("name: errands", "; missing actions, tops"),
         ("a: &a [1]\nb: *a\n", "expected no alias, got *a"),
         ("name: [", "expected a readable YAML file"),
         ("#" * 200_001, "expected at most 0.2 MB, got more"),

@@ -10,9 +10,12 @@ from typing import Literal
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.actions.remote import RemoteCall
+from ator_ros.domains.declared_situations import DeclaredChain, DeclaredDrives
+from ator_ros.domains.programs import Program
 from ator_ros.files import is_name
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
+from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.conditions import Condition, Statement, Term
 from ator_ros.tops.ranges import USUAL_RANGES, Range
 from ator_ros.tops.top import Top
@@ -76,21 +79,42 @@ class LocalAction:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredAction:
-    """An action: of an installed domain, or on an action server, perhaps with goal variables of its own."""
+    """An action: of an installed domain, or on an action server.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    local, remote : optional
+        One of both.
+    goal_variables : tuple of GoalVariable
+        Of a remote action: goal variables of its own beyond pose and speed.
+    stand_in : str or None
+        Of a remote action: the installed action that drives as the server does, for simulations without ROS:
+        an entry point of `STAND_INS`.
+    drives : DeclaredDrives or None
+        Of a remote action: the drives from which experience is gathered.
+    """
 
     name: str
     local: LocalAction | None = None
     remote: RemoteCall | None = None
     goal_variables: tuple[GoalVariable, ...] = ()
+    stand_in: str | None = None
+    drives: DeclaredDrives | None = None
 
     def __post_init__(self) -> None:
         """Check that it is one of both."""
         _check_name(self.name)
         given = [kind for kind in ("local", "remote") if getattr(self, kind) is not None]
         require(len(given) == 1, "local, remote", "one of the two", given)
-        own = [variable.name for variable in self.goal_variables]
-        alone = self.remote is not None or not own
-        require(alone, "goal_variables", "none without `remote`: a local action has its own", own)
+        self._check_local()
+
+    def _check_local(self) -> None:
+        """Check that a local action declares nothing that its domain says of it."""
+        for part in ("goal_variables", "stand_in", "drives"):
+            alone = not getattr(self, part) or self.remote is not None
+            require(alone, part, "none without `remote`: a local action has its own", getattr(self, part))
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -135,18 +159,24 @@ class DeclaredVariable:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredDomain:
-    """A whole file."""
+    """A whole file; see docs/remote_actions.md."""
 
     name: str
     tops: tuple[DeclaredTop, ...]
     actions: tuple[DeclaredAction, ...]
     objects: tuple[ObjectSource, ...] = ()
     variables: tuple[DeclaredVariable, ...] | None = None
+    chains: tuple[DeclaredChain, ...] = ()
+    robot: str | None = None
+    bays: bool = False
+    servers: tuple[Program, ...] = ()
+    time_limit: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
         """Check that names come once, and that TOPs name actions and objects that there are."""
         _check_name(self.name)
-        for part in ("tops", "actions", "objects", "variables"):
+        require(0.0 < self.time_limit <= 3600.0, "time_limit", "a time in s from 0 to 3600", self.time_limit)
+        for part in ("tops", "actions", "objects", "variables", "chains"):
             names = [entry.name for entry in getattr(self, part) or ()]
             twice = sorted({name for name in names if names.count(name) > 1})
             require(not twice, part, "each name once", ", ".join(twice))
@@ -160,3 +190,8 @@ class DeclaredDomain:
                 top.check(objects, actions[top.action])
             except ValueError as error:
                 raise ValueError(f"{where}.{error}") from error
+        for number, chain in enumerate(self.chains):
+            try:
+                chain.check(tuple(top.name for top in self.tops))
+            except ValueError as error:
+                raise ValueError(f"chains[{number}].{error}") from error

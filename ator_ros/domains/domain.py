@@ -19,11 +19,13 @@ from ator_ros.domains import DEFAULT as DEFAULT
 from ator_ros.domains import DEFAULT_SET as DEFAULT_SET
 from ator_ros.domains.consistency import inconsistencies
 from ator_ros.domains.presentation import Presentation
+from ator_ros.domains.programs import Program
 from ator_ros.performance.features import GENERAL, Feature, goal_feature
 from ator_ros.performance.training import CANDIDATES
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
+from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
@@ -82,6 +84,12 @@ class Domain:
         Topics of objects; an object without one has the topic of its name, with Odometry.
     features : tuple of Feature
         The features that the domain adds to the general ones.
+    description : Path or None
+        Of the robot and its scene, used where no other is named; None: the one that is shipped.
+    programs : tuple of Program
+        Programs of others that its actions need; tools that start our nodes start them too.
+    time_limit : float
+        Time in s that an action or a chain may take in a simulation without ROS.
 
     Raises
     ------
@@ -102,6 +110,9 @@ class Domain:
     bays: Callable[[Scene], tuple[Bay, ...]] = no_bays
     sources: tuple[ObjectSource, ...] = ()
     features: tuple[Feature, ...] = ()
+    description: Path | None = None
+    programs: tuple[Program, ...] = ()
+    time_limit: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
         """Check that its parts agree."""
@@ -132,13 +143,14 @@ class Domain:
         return models if self.name == DEFAULT else models / self.name
 
     def robot(self, path: Path | str | None = None) -> Robot:
-        """Read a robot's description, the shipped one by default; return it in this domain's scene.
+        """Read a robot's description, by default the domain's or the shipped one, for this domain's scene.
 
         Raises
         ------
         ConfigError
             The file cannot be used, or its scene does not suit the domain.
         """
+        path = path or self.description
         robot = load_robot(path)
         try:
             return self.equip(robot)
@@ -169,6 +181,11 @@ class Domain:
                 f"action set of {self.name}: expected one of {sorted(self.action_sets)}, got {action_set!r}"
             )
         return {spec.name: spec for spec in self.action_sets[action_set]}
+
+    def remote_servers(self, action_set: str = DEFAULT_SET) -> tuple[str, ...]:
+        """Return the names of the action servers of others that the actions of a set need."""
+        remote = (spec.remote for spec in self.actions(action_set).values())
+        return tuple(dict.fromkeys(call.server for call in remote if call is not None))
 
     def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
         """Return the candidate features of an action, its goal variables among them.

@@ -26,7 +26,7 @@ class ChainRun:
     Attributes
     ----------
     duration : float
-        In s; `TIME_LIMIT` if the chain failed.
+        In s; the time limit if the chain failed.
     success : bool
         Whether every action succeeded and, by the true state, the last TOP's post-condition holds; where
         sensors are between the true state and the executor, its terms that name objects.
@@ -60,6 +60,7 @@ def run_chain(
     observe: Callable[[World], World] | None = None,
     fetches: int = 0,
     latency: float = 0.0,
+    time_limit: float = TIME_LIMIT,
 ) -> ChainRun:
     """Execute `chain` from `start` in a new simulation.
 
@@ -81,9 +82,11 @@ def run_chain(
         Number of times that a lost object may be fetched again.
     latency : float
         Time in s by which observed states are predicted forward, see `Foresight`.
+    time_limit : float
+        Time in s that the chain may take, and so each of its actions.
     """
     foresight = Foresight(robot, latency)
-    executor = ChainExecutor(library, chain, time_limit=TIME_LIMIT, fetches=fetches)
+    executor = ChainExecutor(library, chain, time_limit=time_limit, fetches=fetches)
     worlds: list[World] = []
 
     def steered(seen: World) -> ChainStep:
@@ -94,16 +97,16 @@ def run_chain(
 
     with Simulation(robot) as simulation:
         place(simulation, start)
-        ticks = round(TIME_LIMIT * CONTROL_RATE) + 1
+        ticks = round(time_limit * CONTROL_RATE) + 1
         done = run(simulation, steered, ticks=ticks, watch=worlds.append, observe=observe)
         status = Status.RUNNING if done is None else done.status
-        message = f"not done after {TIME_LIMIT:g} s" if done is None else done.message
+        message = f"not done after {time_limit:g} s" if done is None else done.message
         actions = tuple(record.duration for record in executor.records)
         executor.break_off(simulation.world(), message)
         ended, last = simulation.time, chain.calls[-1]
         judgement = judge(simulation, last.top, last.goal, status, message, drifts=observe is not None)
     return ChainRun(
-        ended if judgement.success else TIME_LIMIT,
+        ended if judgement.success else time_limit,
         judgement.success,
         judgement.reason,
         actions,

@@ -12,6 +12,7 @@ from typing import Any
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
+from ator_ros.evaluation.joint_oracle import Tried, best_headings
 from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
@@ -19,6 +20,7 @@ from ator_ros.geometry import wrap_angle
 from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import World
 
 Record = dict[str, Any]
 """The result of one situation; see `evaluate_trial`."""
@@ -47,6 +49,9 @@ class Settings:
         Arrival speeds in m/s that the oracle of heading and speed executes for each heading.
     source : ToolsetSource
         Source of robot, actions, models and gate.
+    joint_oracle : bool
+        Whether the oracle searches all open headings jointly, by executing legs (see `joint_oracle`): for
+        chains whose robot stands between two actions.
     """
 
     seed: int
@@ -56,6 +61,7 @@ class Settings:
     oracle_margin: float | None = None
     oracle_speeds: tuple[float, ...] = ()
     source: ToolsetSource = field(default_factory=ToolsetSource)
+    joint_oracle: bool = False
 
     def __post_init__(self) -> None:
         """Fill in the name of the chain, which results record."""
@@ -69,6 +75,7 @@ class Executions:
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
+        self._time_limit = tools.domain.time_limit
         self._runs: dict[tuple[float, ...], ChainRun] = {}
 
     def __call__(self, chain: TopChain) -> ChainRun:
@@ -79,8 +86,15 @@ class Executions:
             for value in (wrap_angle(call.goal.pose.yaw), call.goal.speed, *call.goal.values.values())
         )
         if key not in self._runs:
-            self._runs[key] = run_chain(self._robot, self._library, self._trial.world, chain)
+            self._runs[key] = run_chain(
+                self._robot, self._library, self._trial.world, chain, time_limit=self._time_limit
+            )
         return self._runs[key]
+
+    def leg(self, start: World, chain: TopChain) -> float:
+        """Return the duration in s of a chain from another start; infinite if it fails."""
+        run = run_chain(self._robot, self._library, start, chain, time_limit=self._time_limit)
+        return run.duration if run.success else math.inf
 
     @property
     def count(self) -> int:
@@ -125,7 +139,9 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         refinement = choices[name].refinement if name in choices else None
         if refinement is not None and refinement.features:
             record[key] = {feature: round(value, 5) for feature, value in refinement.features.items()}
-    if settings.oracle:
+    if settings.oracle and settings.joint_oracle:
+        record.update(_joint_oracle(settings, tools, trial, execute, [c.chain for c in choices.values()]))
+    elif settings.oracle:
         record.update(_oracle(settings, tools, trial, execute, naive(tools, trial).chain))
     record["executed"] = execute.count
     return record
@@ -161,6 +177,27 @@ def _predicted(tools: Toolset, trial: Trial, choice: Choice) -> ChainPrediction 
     if refinement is not None:
         return refinement.after if refinement.refined else refinement.before
     return tools.predict(trial.world, choice.chain) if choice.by_models else None
+
+
+def _joint_oracle(
+    settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chosen: Sequence[TopChain]
+) -> dict[str, Record]:
+    """Execute the chain with the best headings by executed legs; the policies' own chains count too."""
+    tried = [Tried(each, run.actions if run.success else ()) for each in chosen for run in [execute(each)]]
+    chain, legs = best_headings(
+        tools, trial, tried, execute.leg, count=settings.oracle, margin=settings.oracle_margin
+    )
+    best = min((execute(each) for each in (chain, *chosen)), key=lambda run: run.duration)
+    headings = [round(call.goal.pose.yaw, 3) for call in chain.calls]
+    return {
+        "oracle": {
+            "headings": headings,
+            "durations": [None],
+            "best": round(best.duration, 3),
+            "success": best.success,
+            "legs": legs,
+        }
+    }
 
 
 def _oracle(

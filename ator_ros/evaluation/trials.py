@@ -28,6 +28,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2015": "the final evaluation of the paper's actions",
         "2026": "the final evaluation",
         "2027": "the evaluation of the observed models",
+        "2030": "the final evaluation of the tour",
         "3107": "further situations that the calibration is learned from",
         "3108": "the final errors of calibrated predictions",
     }

@@ -87,6 +87,7 @@ def collect(
     seed: int,
     jobs: int = 1,
     backend: str = "loky",
+    time_limit: float = TIME_LIMIT,
 ) -> Iterator[pd.DataFrame]:
     """Yield the rows of episode after episode: `episodes` of each action.
 
@@ -104,6 +105,8 @@ def collect(
         Episodes of each action, and the seed of all of them.
     jobs, backend
         As for `run_tasks`.
+    time_limit : float
+        Time in s that each may take.
 
     Raises
     ------
@@ -112,7 +115,7 @@ def collect(
     """
     purposes, numbers = tuple(tops), range(episodes)
     tasks = [
-        EpisodeTask(action, purposes, robot, seed, number, objects)
+        EpisodeTask(action, purposes, robot, seed, number, objects, time_limit)
         for action in actions
         for number in numbers
     ]

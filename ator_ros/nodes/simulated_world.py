@@ -69,7 +69,6 @@ class SimulatedWorld:
             self._simulation.place_object(name, *place)
         self._commanded, self._command = -math.inf, STOP
         self._driven: float | None = None
-        self.answered = self._told = False
         self._changed()
 
     def _changed(self) -> None:
@@ -87,11 +86,7 @@ class SimulatedWorld:
         return self.time - self._commanded < COMMAND_TIMEOUT
 
     def tick(self) -> Stop | None:
-        """Advance by one control tick; tell when the robot has come to stand.
-
-        `answered` is then whether a command had come since the tick before.
-        """
-        self.answered, self._told = self._told, False
+        """Advance by one control tick; tell when the robot has come to stand."""
         self._simulation.tick()
         world = self._simulation.world()
         self.observed = self._sensors.observe(world)
@@ -104,7 +99,7 @@ class SimulatedWorld:
     def command(self, command: Command) -> None:
         """Send the base a velocity command."""
         self._simulation.command(command)
-        self._commanded, self._command, self._told = self.time, command, True
+        self._commanded, self._command = self.time, command
         if command != STOP:
             self._driven = self.time
 

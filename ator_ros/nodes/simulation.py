@@ -56,8 +56,9 @@ class SimulationNode(Node):
         reset (std_srvs/Trigger): a new world; simulated time starts at 0 again.
         pause (std_srvs/SetBool): stop and resume simulated time; a paused world is still published.
 
-    Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for the command that
-    answers the last one, if that one was answered: nobody who steers is left behind on a busy machine.
+    Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for a command, as long as a
+    command holds: nobody who steers is left behind on a busy machine, also where one program hands over to
+    another that takes longer to begin than one tick waits.
     """
 
     def __init__(self) -> None:
@@ -121,7 +122,7 @@ class SimulationNode(Node):
                 times = f"since {stop.stood:.2f} s, last told to move at {stop.last_command:.2f} s"
                 self.get_logger().debug(f"the robot stands {times}")
             self._ticks += 1
-            if self._waits and self._world.answered:
+            if self._waits and self._world.steered:
                 self._deadline = now + self._settings["command_wait"]
         self._publish()
 

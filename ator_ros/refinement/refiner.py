@@ -13,12 +13,7 @@ from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_no
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import (
-    Analysis,
-    FreeVariable,
-    PredictsPerformance,
-    analyse,
-)
+from ator_ros.refinement.free_variables import Analysis, FreeVariable, PredictsPerformance, analyse
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Optimum, searching, unsearched

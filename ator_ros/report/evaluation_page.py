@@ -104,7 +104,8 @@ def _worst(records: Sequence[Record], tools: Toolset, settings: Settings) -> str
         runs = {}
         for name in ("naive", policy):
             chain = POLICIES[name](tools, trial).chain
-            run = run_chain(tools.robot, library, trial.world, chain, keep_path=True)
+            limit = tools.domain.time_limit
+            run = run_chain(tools.robot, library, trial.world, chain, keep_path=True, time_limit=limit)
             runs[name] = {"path": run.path, "heading": chain.calls[0].goal.pose.yaw, "duration": run.duration}
         draw = tools.domain.presentation.draw
         drawn = charts.paths(tools.robot, trial.chain, trial.world, runs, draw)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.presentation import Presentation
 from ator_ros.drawing import svg_text
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.statistics import EQUAL
 from ator_ros.report import charts
 from ator_ros.report.page import cards, figure, paragraph, section, table
-from ator_ros.simulation.run import TIME_LIMIT
 
 #: What each policy chooses; {place} is what the first subgoal of a chain is.
 MEANING: Mapping[str, str] = {
@@ -145,6 +145,12 @@ def policies(summary: Mapping[str, Any], settings: Settings, presentation: Prese
         if isinstance(row, Mapping) and name in words
     ]
     oracle = f" The oracle executed {settings.oracle} headings." if settings.oracle else ""
+    if settings.oracle and settings.joint_oracle:
+        oracle = (
+            f" The oracle executed the legs between {settings.oracle} headings, and those that the policies "
+            "chose, at every open step, and then the chain that takes least by them."
+        )
+    limit = find_domain(settings.source.domain).time_limit
     if settings.oracle_margin is not None:
         oracle += f" It left out headings predicted {settings.oracle_margin:g} s behind its best."
     if settings.oracle_speeds:
@@ -158,7 +164,7 @@ def policies(summary: Mapping[str, Any], settings: Settings, presentation: Prese
         ),
         table(head, rows, ours=ours),
         paragraph(
-            f"Intervals: bootstrap over situations. A failed chain counts {TIME_LIMIT:g} s.{oracle} "
+            f"Intervals: bootstrap over situations. A failed chain counts {limit:g} s.{oracle} "
             "Of oracle: share of the time that the oracle saves against naive.",
             "note",
         ),

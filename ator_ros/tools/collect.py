@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.files import portable_command
-from ator_ros.tools.command_line import add_parallel_options, add_setting, settled
-from ator_ros.tools.guard import guarded
+from ator_ros.tools.command_line import add_factor, add_parallel_options, add_setting, settled
+from ator_ros.tools.guard import RESUMES, guarded
 from ator_ros.tools.option_types import destination, whole
 
 
@@ -21,6 +21,13 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--episodes", type=whole(1), default=1000, help="per action (default: %(default)s)")
     parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
     add_parallel_options(parser)
+    parser.add_argument(
+        "--over-ros",
+        action="store_true",
+        help="drive over ROS, with the domain's action servers, and learn from the executor's records; one "
+        "drive at a time, whatever --jobs says",
+    )
+    add_factor(parser, 0.0)
     parser.add_argument("--out", type=_table, default=Path("experience.parquet"), metavar="FILE.parquet")
     return parser
 
@@ -42,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return work.run(options, domain, portable_command("collect", words))
 
-    return guarded("collect", run)
+    return guarded("collect", run, interrupted=RESUMES if options.over_ros else "nothing was written")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Play the paper's chain (go to the ball, dribble, shoot) naive and refined, over ROS (paper, Figure 1)."""
+"""Play chains of a domain naive and refined, over ROS: by default the last of soccer (paper, Figure 1)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.tools.command_line import add_factor, add_models
+from ator_ros.tools.command_line import add_factor, add_models, add_setting, settled
 from ator_ros.tools.option_types import destination, whole
 
 _LONGEST_DEMO = 200
@@ -20,9 +20,8 @@ def arguments() -> argparse.ArgumentParser:
         "--situations", type=whole(1, _LONGEST_DEMO), default=6, metavar="N", help="default: %(default)s"
     )
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
-    parser.add_argument(
-        "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
-    )
+    add_setting(parser, action_set=False)
+    parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its last)")
     add_factor(parser, 0.0)
     add_models(parser)
     parser.add_argument("--out", type=destination, default=Path("build/demo.png"), metavar="FILE.png")
@@ -31,10 +30,10 @@ def arguments() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    options = arguments().parse_args(argv)
+    options, domain = settled(arguments(), argv, chain=lambda domain: reversed(list(domain.chains)))
     from ator_ros.tools.work import demo as work
 
-    return work.run(options)
+    return work.run(options, domain)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,11 @@ def arguments() -> argparse.ArgumentParser:
         "--oracle", type=whole(), default=0, metavar="K", help="also execute K approach headings each time"
     )
     parser.add_argument(
+        "--oracle-jointly",
+        action="store_true",
+        help="K headings at every open step, jointly: where the robot stands between two actions",
+    )
+    parser.add_argument(
         "--oracle-speeds",
         type=_speed,
         nargs="+",

@@ -13,12 +13,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
+from ator_ros.domains.domain import DEFAULT, find_domain
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
 
 # The executor waits so long, in s, for odometry and refinement: more than on a robot, for machines that are
 # busy.
 _EXECUTOR_PATIENCE = 2.0
+_ACTION_TIMEOUT = 30.0  # s, the executor's default
+_UNHURRIED = 1.0  # s that refinement may take, less than the executor's patience
 
 
 class NodeEndedError(RuntimeError):
@@ -51,12 +54,12 @@ class NodeProcesses:
         self._logs = tempfile.TemporaryDirectory(prefix="ator_ros_")
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self, name: str, parameters: Mapping[str, object]) -> None:
-        """Start the executable `name` with these ROS parameters."""
+    def start(self, name: str, parameters: Mapping[str, object], folder: Path | None = None) -> None:
+        """Start the executable `name`, in `folder` where it is of another package, with these parameters."""
         arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
         with self._log(name).open("wb") as log:
             self._processes[name] = subprocess.Popen(
-                [str(self._folder / name), *(["--ros-args", *arguments] if arguments else [])],
+                [str((folder or self._folder) / name), *(["--ros-args", *arguments] if arguments else [])],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -148,12 +151,22 @@ def node_setting(options: argparse.Namespace) -> dict[str, str]:
 def all_nodes(
     real_time_factor: float, *, models: str = "", robot: str = "", domain: str = ""
 ) -> Iterator[NodeProcesses]:
-    """Start simulation, refinement and executor, with another robot, domain or models where named."""
+    """Start simulation, refinement, executor and the domain's programs, with what else is named."""
+    from ament_index_python.packages import get_package_prefix
+
     whose = {name: value for name, value in (("robot", robot), ("domain", domain)) if value}
     named = {**whose, **({"models": models} if models else {})}
     with own_nodes() as nodes:
         nodes.start("simulation", {"real_time_factor": real_time_factor, "command_wait": 1.0, **whose})
-        nodes.start("refinement", named)
+        of_domain = find_domain(domain or DEFAULT)
+        # Chains of remote actions are long, and a robot that stands at each station can wait for the answer.
+        unhurried = {"deadline": _UNHURRIED} if of_domain.programs else {}
+        nodes.start("refinement", {**named, **unhurried})
         patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
-        nodes.start("executor", {**named, **patience})
+        # An action may take what it may in a simulation without ROS, and the executor's default at least.
+        limits = {"action_timeout": max(_ACTION_TIMEOUT, of_domain.time_limit)}
+        nodes.start("executor", {**named, **patience, **limits})
+        for program in of_domain.programs:
+            folder = Path(get_package_prefix(program.package), "lib", program.package)
+            nodes.start(program.executable, {}, folder)
         yield nodes

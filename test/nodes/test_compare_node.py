@@ -38,7 +38,7 @@ def test_predictions_are_compared_with_what_the_nodes_drove() -> None:
     runs = [
         Compared(10.0, 10.0, 9.8),
         Compared(11.0, 10.0, 11.1),
-        Compared(30.0, 9.0, 9.0),
+        Compared(30.0, 9.0),  # as of a chain that failed
         Compared(8.0, 8.0),
     ]
     told = prediction_summary(runs)  # without the chain that failed, and the one that was not predicted

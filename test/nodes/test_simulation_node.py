@@ -105,6 +105,20 @@ def test_as_fast_as_possible_waits_for_who_steers(host: Host, client: Client) ->
     client.eventually(lambda: is_silent(client), "the simulation waits", patience=9.0)
 
 
+def test_it_waits_again_for_who_is_late_once(host: Host, client: Client) -> None:
+    """As where one program hands over to another; else hundreds of ticks pass until that one begins."""
+    host("simulation", real_time_factor=0.0, command_wait=0.5)
+    client.robot()
+    client.command(v=0.3)
+    client.eventually(lambda: client.robot().v > 0.0, "the robot starts")
+    for _ in range(5):
+        drive_a_tick(client, 0.3)
+    time.sleep(0.1)  # what was published before may still be on its way
+    heard = len(client.robots)
+    time.sleep(0.8)
+    assert 1 <= len(client.robots) - heard <= 2
+
+
 def is_silent(client: Client) -> bool:
     """Return whether no tick comes within half a second, in which hundreds would, were there no waiting."""
     heard = len(client.robots)

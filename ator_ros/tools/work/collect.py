@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
@@ -12,6 +13,7 @@ from tqdm import tqdm
 
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.collect import collect
+from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import BackendError, cluster
 from ator_ros.experience.table import (
     Experience,
@@ -21,6 +23,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import reserved
+from ator_ros.robot.description import Robot
 from ator_ros.tools.guard import INTERRUPTED, undisturbed
 
 _EPISODE_BYTES = 10_000
@@ -31,22 +34,13 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     """Do what the command line asks for; return the exit code."""
     require_pyarrow()
     robot = domain.robot(options.robot or None)
-    actions = [domain.actions(options.action_set)[name] for name in options.actions]
     frames: list[pd.DataFrame] = []
     stopped: BaseException | None = None
-    room = _EPISODE_BYTES * options.episodes * len(actions)
+    room = _EPISODE_BYTES * options.episodes * len(options.actions)
     with reserved(options.out.absolute().parent, room), cluster(options.cluster):
-        episodes = collect(
-            actions,
-            domain.tops,
-            robot,
-            objects=domain.objects,
-            episodes=options.episodes,
-            seed=options.seed,
-            jobs=options.jobs,
-            backend=options.backend,
-        )
-        bar = tqdm(episodes, total=options.episodes * len(actions), unit="episode", disable=None)
+        drive = _over_ros if options.over_ros else _simulated
+        episodes = drive(options, domain, robot)
+        bar = tqdm(episodes, total=options.episodes * len(options.actions), unit="episode", disable=None)
         try:
             frames.extend(bar)
         except (KeyboardInterrupt, BackendError) as error:
@@ -71,6 +65,37 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     if isinstance(stopped, KeyboardInterrupt):
         return INTERRUPTED
     return 0 if stopped is None and file == options.out else 1
+
+
+def _simulated(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator[pd.DataFrame]:
+    return collect(
+        [domain.actions(options.action_set)[name] for name in options.actions],
+        domain.tops,
+        robot,
+        objects=domain.objects,
+        episodes=options.episodes,
+        seed=options.seed,
+        jobs=options.jobs,
+        backend=options.backend,
+        time_limit=domain.time_limit,
+    )
+
+
+def _over_ros(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator[pd.DataFrame]:
+    """Drive over ROS, and go on with the drives that an earlier call has kept."""
+    try:
+        from ator_ros.tools.work.collect_over_ros import Finished, drives
+    except ImportError as error:
+        raise ExperienceError(f"--over-ros: {error}: source your ROS 2 workspace") from error
+    identity = {
+        "seed": options.seed,
+        "robot_digest": robot.digest(),
+        "domain": domain.name,
+        "action_set": options.action_set,
+    }
+    finished = Finished(options.out, identity)
+    yield from drives(options, domain, robot, finished)
+    finished.remove()
 
 
 def _kept(experience: Experience, file: Path) -> Path:

@@ -21,7 +21,6 @@ from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
 from ator_ros.formats import Format
 from ator_ros.nodes.machine import MachineError
-from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
 
@@ -97,7 +96,7 @@ def summary(runs: Sequence[Compared]) -> dict[str, Any]:
 
 def prediction_summary(runs: Sequence[Compared]) -> dict[str, Any]:
     """Compare the executor's predictions for the chains that succeeded with their durations over ROS."""
-    known = [run for run in runs if run.ros < TIME_LIMIT and math.isfinite(run.predicted)]
+    known = [run for run in runs if math.isfinite(run.predicted)]
     rows = [
         {"policies": {"ros": {"duration": run.ros, "predicted": run.predicted, "success": True}}}
         for run in known
@@ -115,21 +114,23 @@ def _runs(options: argparse.Namespace, domain: Domain) -> Iterator[Compared]:
     kinds = itertools.cycle(itertools.product(options.chains, options.policies))
     with (
         all_nodes(options.real_time_factor, **node_setting(options)) as nodes,
-        DemoClient(nodes.domain, nodes.check) as client,
+        DemoClient(nodes.domain, nodes.check, tools.domain.objects) as client,
     ):
-        client.ready()
+        client.ready(domain.remote_servers(options.action_set), len(domain.programs))
         for index, (name, policy) in zip(range(options.situations), kinds, strict=False):
             trial = random_trial(domain, name, library, seed=options.seed, index=index)
             chain = POLICIES[policy](tools, trial).chain
-            run = run_chain(tools.robot, library, trial.world, chain)
+            limit = domain.time_limit
+            run = run_chain(tools.robot, library, trial.world, chain, time_limit=limit)
             ros, predicted = _over_ros(client, Trial(index, trial.world, chain), options.action_set)
-            yield Compared(ros, run.duration, predicted)
+            # A chain that failed counts its limit, as in the tools, and has no prediction to be compared.
+            yield Compared(ros, run.duration, predicted) if ros else Compared(limit, run.duration, math.nan)
 
 
 def _over_ros(client: Any, trial: Trial, action_set: str) -> tuple[float, float]:
-    """Return how long a chain took over ROS, and what the executor predicted, both in s."""
+    """Return how long a chain took over ROS, 0 if it failed, and what the executor predicted, both in s."""
     from ator_ros.nodes.conversions import chain_of
 
     client.place(trial.world)
     run = client.execute(chain_of(trial.chain, action_set=action_set, frame=_FRAME), refine=False)
-    return (float(run.total[1]) if run.success else TIME_LIMIT), float(run.total[0])
+    return (float(run.total[1]) if run.success else 0.0), float(run.total[0])

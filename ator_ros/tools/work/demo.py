@@ -1,13 +1,14 @@
-"""Play the paper's chain (go to the ball, dribble, shoot) naive and refined, over ROS (paper, Figure 1)."""
+"""Play chains of a domain naive and refined, over ROS (paper, Figure 1)."""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import signal
 import sys
 from collections.abc import Iterator
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.nodes.machine import MachineError
 from ator_ros.robot.description import Robot
@@ -18,7 +19,7 @@ from ator_ros.tools.work.demo_report import DemoSituation, save_picture, table
 _FRAME = "odom"
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, domain: Domain) -> int:
     """Do what the command line asks for; return the exit code."""
     write_plainly()
     for number in (signal.SIGINT, signal.SIGTERM):  # also as a background job
@@ -28,11 +29,11 @@ def run(options: argparse.Namespace) -> int:
     except ImportError as error:
         print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
         return 1
-    robot = SOCCER.robot(options.robot or None)
+    robot = domain.robot(options.robot or None)
     played: list[DemoSituation] = []
     code = 0
     try:
-        played.extend(_play(options, robot))
+        played.extend(_play(options, domain, robot))
     except KeyboardInterrupt:
         print("interrupted")
         code = INTERRUPTED
@@ -46,17 +47,20 @@ def run(options: argparse.Namespace) -> int:
     return code
 
 
-def _play(options: argparse.Namespace, robot: Robot) -> Iterator[DemoSituation]:
+def _play(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator[DemoSituation]:
     """Start the nodes and play the situations one by one."""
     from ator_ros.tools.work.demo_client import DemoClient
 
-    library = SOCCER.library(robot)
+    library = domain.library(robot)
+    started = ", ".join(("three nodes", *(program.executable for program in domain.programs)))
     with all_nodes(options.real_time_factor, **node_setting(options)) as nodes:
-        print(f"three nodes start on ROS domain {nodes.domain} …", flush=True)
-        with DemoClient(nodes.domain, nodes.check) as client:
-            client.ready()
+        print(f"{started} start on ROS domain {nodes.domain} …", flush=True)
+        with DemoClient(nodes.domain, nodes.check, domain.objects) as client:
+            client.ready(domain.remote_servers(), len(domain.programs))
             for index in range(options.situations):
-                trial = random_trial(SOCCER, "shoot", library, seed=options.seed, index=index)
+                trial = random_trial(domain, options.chain, library, seed=options.seed, index=index)
+                if "speed" in domain.variables:
+                    trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
                 yield _both(client, trial, f"situation {index + 1} of {options.situations}")
 
 
@@ -66,8 +70,7 @@ def _both(client: object, trial: Trial, name: str) -> DemoSituation:
     from ator_ros.tools.work.demo_client import DemoClient
 
     assert isinstance(client, DemoClient)
-    chain = open_speeds(trial.chain)
-    message = chain_of(chain, action_set="", frame=_FRAME)
+    message = chain_of(trial.chain, action_set="", frame=_FRAME)
     answer = client.refine(trial.world, message)
     client.place(trial.world)
     print(f"{name}: naive ", end="", flush=True)
@@ -76,4 +79,4 @@ def _both(client: object, trial: Trial, name: str) -> DemoSituation:
     print(f"{naive.total[1]:.2f} s, refined ", end="", flush=True)
     refined = client.execute(message, refine=True)
     print(f"{refined.total[1]:.2f} s", flush=True)
-    return DemoSituation(trial.world, chain, naive, refined)
+    return DemoSituation(trial.world, trial.chain, naive, refined)

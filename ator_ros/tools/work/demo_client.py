@@ -1,11 +1,12 @@
-"""The demo's side of ROS: places robot and ball, asks for refinement, sends chains, logs the path."""
+"""A client of our nodes: places robot and objects, asks for refinement, sends chains, logs the path."""
 
 from __future__ import annotations
 
+import functools
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -21,7 +22,6 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import PlaceBall, PlaceRobot, RefineSubgoal
-from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of, robot_from, situation_of
 from ator_ros.nodes.qos import SENSOR_DATA
@@ -30,6 +30,8 @@ from ator_ros.world.state import World
 
 _FRAME = "odom"
 _NEAR = 0.02
+_OUR_LISTENERS = 2
+"""Of odom: the executor, and this client."""
 _POLL = 0.005
 
 
@@ -46,11 +48,15 @@ class DemoClient:
         ROS domain.
     check : callable
         Called while something is waited for; raises when waiting makes no sense.
+    objects : sequence of str
+        The objects that the simulation can place.
     patience : float
         Real time in s that each thing may take.
     """
 
-    def __init__(self, domain: int, check: Callable[[], None], patience: float = 120.0) -> None:
+    def __init__(
+        self, domain: int, check: Callable[[], None], objects: Sequence[str], patience: float = 120.0
+    ) -> None:
         self._check, self._patience = check, patience
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
@@ -59,7 +65,7 @@ class DemoClient:
         self._pose = Pose(math.inf, math.inf, 0.0)
         self._node.create_subscription(Odometry, "odom", self._hear, SENSOR_DATA)
         self._place_robot = self._node.create_client(PlaceRobot, "place_robot")
-        self._place_ball = self._node.create_client(PlaceBall, "place_ball")
+        self._place_object = {name: self._node.create_client(PlaceBall, f"place_{name}") for name in objects}
         self._pause = self._node.create_client(SetBool, "pause")
         self._refine = self._node.create_client(RefineSubgoal, "refine_subgoal")
         self._server = ActionClient(self._node, ExecuteChain, "execute_chain")
@@ -79,24 +85,29 @@ class DemoClient:
         self._pose = robot.pose
         self._path.append((robot.pose.x, robot.pose.y))
 
-    def ready(self) -> None:
-        """Wait until all three nodes answer."""
-        for what in (self._place_robot, self._place_ball, self._pause, self._refine):
+    def ready(self, servers: Sequence[str] = (), programs: int = 0) -> None:
+        """Wait until our nodes and the action servers of others are there, and all programs hear odometry."""
+        for what in (self._place_robot, *self._place_object.values(), self._pause, self._refine):
             self._until(what.service_is_ready, f"the service {what.srv_name}")
         self._until(self._server.server_is_ready, "the action execute_chain")
+        for name in servers:
+            there = functools.partial(self._node.count_services, f"{name}/_action/send_goal")
+            self._until(lambda there=there: there() > 0, f"the action {name}")  # type: ignore[misc]
+        listening = _OUR_LISTENERS + programs
+        self._until(lambda: self._node.count_subscribers("odom") >= listening, "listeners of odom")
 
     def place(self, start: World) -> None:
-        """Place robot and ball at rest where a situation starts; time is paused until a chain is executed."""
+        """Place robot and objects at rest where a situation starts; time is paused until a chain runs."""
         self._call(self._pause, SetBool.Request(data=True))
-        self._call(self._place_ball, PlaceBall.Request(remove=True))
+        for client in self._place_object.values():
+            self._call(client, PlaceBall.Request(remove=True))
         request = PlaceRobot.Request()
         request.pose.pose = pose_of(start.robot.pose)
         self._call(self._place_robot, request)
-        ball = ball_of(start)
-        if ball is not None:
+        for name, there in start.objects.items():
             placement = PlaceBall.Request()
-            placement.position.point.x, placement.position.point.y = ball.x, ball.y
-            self._call(self._place_ball, placement)
+            placement.position.point.x, placement.position.point.y = there.x, there.y
+            self._call(self._place_object[name], placement)
         self._until(lambda: self._pose.distance(start.robot.pose) < _NEAR, "the robot at its start")
 
     def refine(self, start: World, chain: TopChainMessage) -> Any:
@@ -115,6 +126,10 @@ class DemoClient:
 
     def execute(self, chain: TopChainMessage, *, refine: bool) -> DemoRun:
         """Execute a chain, log the path, and return how it went."""
+        return run_from(self.record_of(chain, refine=refine), list(self._path))
+
+    def record_of(self, chain: TopChainMessage, *, refine: bool) -> ChainPerformance:
+        """Execute a chain, log the path, and return the record."""
         told: list[Any] = []
         goal = ExecuteChain.Goal(chain=chain, refine=refine)
         future = self._within(lambda: self._server.send_goal_async(goal, feedback_callback=told.append))
@@ -123,8 +138,8 @@ class DemoClient:
         self._until(lambda: bool(told) or ended.done(), "feedback")
         self._path.clear()
         self._call(self._pause, SetBool.Request(data=False))
-        result = self._answer(ended, "the goal's end").result
-        return run_from(result.record, list(self._path))
+        record: ChainPerformance = self._answer(ended, "the goal's end").result.record
+        return record
 
     def _call(self, client: Any, request: Any) -> Any:
         answer = self._answer(client.call_async(request), f"the service {client.srv_name}")

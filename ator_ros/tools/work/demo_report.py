@@ -10,9 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.domains.soccer.ball import ball_of
-from ator_ros.domains.soccer.field import field_of
-from ator_ros.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure
+from ator_ros.drawing import BLUE, GREEN, GREY, ORANGE, draw_robot, new_figure
 from ator_ros.files import replaced
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -73,7 +71,8 @@ def table(situations: Sequence[DemoSituation]) -> str:
     """Return predicted / actual times in s of each action and chain, a line for each run."""
     if not situations:
         return "no situation was finished"
-    tops = [call.top.name for call in situations[0].chain.calls]
+    longest = max((situation.chain for situation in situations), key=len)
+    tops = [call.top.name for call in longest.calls]
     head = ["", "", *tops, "chain", "gain"]
     rows = [head]
     for number, situation in enumerate(situations, start=1):
@@ -90,9 +89,9 @@ def table(situations: Sequence[DemoSituation]) -> str:
 
 
 def _cells(run: DemoRun, steps: int) -> list[str]:
-    actual = [*run.actual, *[math.nan] * (steps - len(run.actual))]
+    actual = [*run.actual, *[math.nan] * (len(run.predicted) - len(run.actual))]
     cells = [_pair(p, a) for p, a in zip(run.predicted, actual, strict=True)]
-    return [*cells, _pair(*run.total) if run.success else "failed"]
+    return [*cells, *[""] * (steps - len(cells)), _pair(*run.total) if run.success else "failed"]
 
 
 def _pair(predicted: float, actual: float) -> str:
@@ -118,7 +117,7 @@ def summary(situations: Sequence[DemoSituation]) -> str:
 
 
 def save_picture(file: Path, robot: Robot, situations: Sequence[DemoSituation]) -> None:
-    """Write the paths on the field, a panel for each situation, as a PNG file."""
+    """Write the paths in the scene, a panel for each situation, as a PNG file."""
     rows = math.ceil(len(situations) / _COLUMNS)
     figure = new_figure(4.6 * _COLUMNS, 3.4 * rows)
     for number, situation in enumerate(situations, start=1):
@@ -132,12 +131,17 @@ def save_picture(file: Path, robot: Robot, situations: Sequence[DemoSituation]) 
 def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
     x, y = robot.scene.area.length / 2.0, robot.scene.area.width / 2.0
     axes.plot([-x, x, x, -x, -x], [-y, -y, y, y, -y], color=GREY, lw=0.8)
-    post = field_of(robot).goal_width / 2.0
-    axes.plot([x, x], [-post, post], color="black", lw=3.0)
+    for bay in robot.scene.bays:
+        across = np.array([-math.sin(bay.yaw), math.cos(bay.yaw)]) * bay.width / 2.0
+        middle = np.array([bay.x, bay.y])
+        ends = np.stack([middle + across, middle - across])
+        axes.plot(*ends.T, color="black", lw=3.0)
     draw_robot(axes, robot, situation.start.robot.pose, "#333333")
-    ball = ball_of(situation.start)
-    if ball is not None:
-        axes.plot(ball.x, ball.y, "o", color="black", ms=4)
+    for there in situation.start.objects.values():
+        axes.plot(there.x, there.y, "o", color="black", ms=4)
+    for call in situation.chain.calls:
+        colour = "#333333" if call.open else GREEN
+        axes.plot(call.goal.pose.x, call.goal.pose.y, "+", color=colour, ms=7)
     for name, run, colour in (("naive", situation.naive, ORANGE), ("refined", situation.refined, BLUE)):
         time = f"{run.total[1]:.1f} s" if run.success else "failed"
         path = np.array(run.path).reshape(-1, 2)

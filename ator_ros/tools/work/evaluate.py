@@ -38,6 +38,7 @@ def run(options: argparse.Namespace, command: str) -> int:
         oracle_margin=options.oracle_margin,
         oracle_speeds=tuple(options.oracle_speeds),
         source=source,
+        joint_oracle=options.oracle_jointly,
     )
     records = executed(settings, options, options.out)
     result = describe(settings, records, command)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
@@ -20,11 +20,13 @@ class SoakClient(DemoClient):
     Both arrive in this process, so that the times hold what its own thread delays, too.
     """
 
-    def __init__(self, domain: int, check: Callable[[], None], patience: float = 40.0) -> None:
+    def __init__(
+        self, domain: int, check: Callable[[], None], objects: Sequence[str], patience: float = 40.0
+    ) -> None:
         self._stamp = 0.0
         self._came: float | None = None
         self._answers: list[Answer] = []
-        super().__init__(domain, check, patience)
+        super().__init__(domain, check, objects, patience)
         self._node.create_subscription(Twist, "cmd_vel", self._hear_command, COMMANDS)
 
     def _hear(self, message: Odometry) -> None:

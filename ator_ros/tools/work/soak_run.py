@@ -125,7 +125,7 @@ def run_soak(
     from ator_ros.tools.work.soak_client import SoakClient
 
     started = all_nodes(options.real_time_factor, **node_setting(options))
-    with started as nodes, SoakClient(nodes.domain, nodes.check) as client:
+    with started as nodes, SoakClient(nodes.domain, nodes.check, domain.objects) as client:
         made = SoakRun(options=options, domain=domain, nodes=nodes, client=client, write=write)
         try:
             made.go()

@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.domains.domain import Domain
+from ator_ros.domains.domain import Domain, installed_domains
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
 from ator_ros.experience.validation import FARTHEST
@@ -166,7 +166,9 @@ def _situation(words: Sequence[str], names: Sequence[str]) -> dict[str, float]:
 
 
 def _report(domain: Domain, file: Path, robot: Robot, folder: Path) -> None:
-    found = sorted(filter(is_model, folder.rglob("*.json")))
+    others = set(installed_domains()) - {domain.name}  # their models lie in folders of their names
+    files = (path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others)
+    found = sorted(filter(is_model, files))
     models = [load_model(path, robot, domain.known_features) for path in found]
     models = [model for model in models if model.metadata["accuracy"]]
     table = accuracy_table(models, domain.presentation.published)

@@ -1,0 +1,8 @@
+"""The domain `tour`: what config/tour/tour.yaml declares."""
+
+from __future__ import annotations
+
+from ator_ros.domains.domain_file import declared_domain
+from ator_ros.resources import resource_path
+
+TOUR = declared_domain(resource_path("config", "tour", "tour.yaml"))

@@ -1,0 +1,44 @@
+"""The example server's law as an action in the simulation without ROS, timed as with the executor."""
+
+from __future__ import annotations
+
+from ator_ros.actions.base import Action, Goal, Status, Step, finished
+from ator_ros.examples.rotate_drive_rotate import Doing, RotateDriveRotate, Seen
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import STOP, Command, World
+
+
+class DriveToStandIn(Action):
+    """Drives as the server `drive_to_server` does when the executor sends it a goal.
+
+    The executor commands the robot to stand, then sends the goal; the server answers the odometry of that
+    tick itself, and its result is known one tick after its last command.
+    """
+
+    name = "drive_to_stand_in"
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._law: RotateDriveRotate | None = None
+        self._commanded = self._sent = False
+
+    def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
+        """Commit to `goal`."""
+        pose = goal.robot_pose(self.robot)
+        self._law = RotateDriveRotate((pose.x, pose.y, pose.yaw))
+
+    def step(self, world: World) -> Step:
+        """Return the command of the server, or what the executor does before and after."""
+        assert self._law is not None
+        if not self._sent:
+            self._sent = self._commanded and world.robot.is_standing
+            self._commanded = True
+        if not self._sent:
+            return Step(STOP, Status.RUNNING, "stopping, before the server takes over")
+        if self._law.doing is Doing.ARRIVED:
+            return finished(Status.SUCCEEDED, "arrived")
+        if self._law.doing in (Doing.MISSED, Doing.TOO_LONG):
+            return finished(Status.FAILED, f"the server {self._law.doing.value}")
+        robot = world.robot
+        command = self._law.step(Seen(world.time, *robot.pose, robot.v, robot.w))
+        return Step(Command(*command), Status.RUNNING, self._law.doing.value)

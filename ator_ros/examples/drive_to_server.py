@@ -1,0 +1,172 @@
+"""An action server that drives a differential base to a pose, written as such servers are.
+
+It knows nothing of TOPs, chains or models, and imports nothing of ator_ros but its own control law. It steers
+when odometry comes, by odometry's stamps, so that it works in simulated time too: a loop on a timer of its
+own would steer a simulation that runs twenty times faster than real time once in twenty ticks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import signal
+import threading
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from ator_interfaces.action import DriveTo
+from ator_ros.examples.rotate_drive_rotate import ENDED, Doing, RotateDriveRotate, Seen, Tuning
+
+_THREADS = 3
+_FEEDBACK_PERIOD = 0.5
+_CODES = {Doing.MISSED: DriveTo.Result.MISSED, Doing.TOO_LONG: DriveTo.Result.TOO_LONG}
+
+
+class _Drive:
+    """A goal under way."""
+
+    def __init__(self, handle: ServerGoalHandle, tuning: Tuning) -> None:
+        self.handle = handle
+        pose = handle.request.goal.pose
+        self.law = RotateDriveRotate((pose.position.x, pose.position.y, _yaw(pose.orientation)), tuning)
+        self.ended = threading.Event()
+        self.superseded = False
+        self.told = -math.inf
+
+
+class DriveToServer(Node):
+    """Drives to one goal at a time; a newer one takes over.
+
+    Parameters: those of `Tuning`, read at the start.
+
+    Action server
+        drive_to (ator_interfaces/DriveTo).
+    Subscribes to
+        odom (nav_msgs/Odometry).
+    Publishes
+        cmd_vel (geometry_msgs/Twist): while it has a goal, one for each odometry.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("drive_to_server")
+        given = {
+            field.name: self.declare_parameter(field.name, field.default).value
+            for field in dataclasses.fields(Tuning)
+        }
+        self._tuning = Tuning(**given)
+        self._lock = threading.Lock()
+        self._seen: Seen | None = None
+        self._frame = ""
+        self._drive: _Drive | None = None
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._commands = self.create_publisher(Twist, "cmd_vel", 1)
+        self.create_subscription(Odometry, "odom", self._take_odom, newest)
+        self._server = ActionServer(
+            self,
+            DriveTo,
+            "drive_to",
+            self._execute,
+            goal_callback=self._consider,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def _consider(self, request: Any) -> GoalResponse:
+        """Accept a goal that is a pose in the frame of odometry."""
+        pose, frame = request.goal.pose, request.goal.header.frame_id
+        finite = all(map(math.isfinite, (pose.position.x, pose.position.y, _yaw(pose.orientation))))
+        known = not self._frame or frame in ("", self._frame)
+        if finite and known:
+            return GoalResponse.ACCEPT
+        self.get_logger().warning(f"goal rejected: expected a pose in {self._frame or 'the frame of odom'}")
+        return GoalResponse.REJECT
+
+    def _execute(self, handle: ServerGoalHandle) -> Any:
+        """Drive, beginning with the odometry that there is, until the drive has ended."""
+        drive = _Drive(handle, self._tuning)
+        with self._lock:
+            former, self._drive = self._drive, drive
+            if former is not None:
+                former.superseded = True
+                former.ended.set()
+            self._steer()
+        while not drive.ended.wait(0.1) and rclpy.ok():
+            pass  # a context that was shut down must not leave the thread behind
+        return self._result(drive)
+
+    def _take_odom(self, message: Odometry) -> None:
+        pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
+        yaw = _yaw(pose.orientation)
+        time = stamp.sec + 1e-9 * stamp.nanosec
+        with self._lock:
+            self._frame = message.header.frame_id
+            self._seen = Seen(time, pose.position.x, pose.position.y, yaw, twist.linear.x, twist.angular.z)
+            self._steer()
+
+    def _steer(self) -> None:
+        """Answer the newest odometry; the lock is held."""
+        drive, seen = self._drive, self._seen
+        if drive is None or seen is None:
+            return
+        v, w = (0.0, 0.0) if drive.handle.is_cancel_requested else drive.law.step(seen)
+        if drive.handle.is_cancel_requested or drive.law.doing in ENDED:
+            self._drive = None
+            drive.ended.set()  # the result sets out before the last command
+        command = Twist()
+        command.linear.x, command.angular.z = v, w
+        self._commands.publish(command)
+        if seen.time - drive.told >= _FEEDBACK_PERIOD and self._drive is not None:
+            drive.told = seen.time
+            phase = drive.law.doing.value
+            drive.handle.publish_feedback(
+                DriveTo.Feedback(distance_remaining=drive.law.distance, phase=phase)
+            )
+
+    def _result(self, drive: _Drive) -> Any:
+        """Put the goal into its final state and return its result."""
+        doing = drive.law.doing
+        if drive.superseded:
+            drive.handle.abort()
+            return DriveTo.Result(error_code=DriveTo.Result.SUPERSEDED, error_msg="a newer goal took over")
+        if drive.handle.is_cancel_requested:
+            drive.handle.canceled()
+            return DriveTo.Result(error_code=DriveTo.Result.CANCELED, error_msg="canceled")
+        if doing is Doing.ARRIVED:
+            drive.handle.succeed()
+            return DriveTo.Result(error_code=DriveTo.Result.NONE)
+        drive.handle.abort()
+        return DriveTo.Result(error_code=_CODES.get(doing, DriveTo.Result.CANCELED), error_msg=doing.value)
+
+
+def _yaw(q: Any) -> float:
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the server until Ctrl-C or SIGTERM."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    rclpy.init(args=args)
+    node = DriveToServer()
+    executor = MultiThreadedExecutor(num_threads=_THREADS)
+    executor.add_node(node)
+    try:
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        executor.shutdown(timeout_sec=1.0)
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,226 @@
+"""A driver's control law: rotate to the path, follow it, rotate to the goal's heading.
+
+It is written as such drivers are, with tolerances and habits of its own, and knows nothing of ator_ros. It
+has no ROS either: the example server wraps it, and a simulation without ROS can run the same law.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What an integrator would tune; SI units, radians.
+
+    Attributes
+    ----------
+    v, v_reverse, a : float
+        Speeds forward and backward, and how fast speed is gained.
+    brake : float
+        Deceleration by which the speed near the goal is planned.
+    w_path, w_goal, aw : float
+        Turn rates in place: to the path, and, for precision slower, to the goal's heading; and how fast
+        turning is gained and lost.
+    rotate_above : float
+        Heading error above which it rotates in place before it drives. Below, it curves onto the path.
+    aligned : float
+        Heading error at which rotating to the path ends.
+    reverse_above : float
+        It drives backward to a goal that lies farther aside than this angle.
+    lookahead : float
+        Of following, m.
+    pause : float
+        Time for which it stands after rotating to the path, to look at it again.
+    xy_tolerance, yaw_tolerance : float
+        When it has arrived; once near enough it does not look at the place again.
+    settle : float
+        Time for which it must have stood at the goal's heading.
+    time_limit : float
+        After that it gives up.
+    """
+
+    v: float = 0.7
+    v_reverse: float = 0.4
+    a: float = 0.5
+    brake: float = 0.4
+    w_path: float = 1.2
+    w_goal: float = 0.7
+    aw: float = 1.6
+    rotate_above: float = 0.7
+    aligned: float = 0.12
+    reverse_above: float = 2.1
+    lookahead: float = 0.6
+    pause: float = 0.6
+    xy_tolerance: float = 0.06
+    yaw_tolerance: float = 0.08
+    settle: float = 0.2
+    time_limit: float = 60.0
+
+
+class Doing(enum.Enum):
+    """What it does at present."""
+
+    ROTATING_TO_PATH = "rotating to the path"
+    LOOKING = "looking at the path"
+    FOLLOWING = "following the path"
+    ROTATING_TO_GOAL = "rotating to the goal's heading"
+    SETTLING = "settling"
+    ARRIVED = "arrived"
+    MISSED = "missed the goal"
+    TOO_LONG = "took too long"
+
+
+ENDED = (Doing.ARRIVED, Doing.MISSED, Doing.TOO_LONG)
+_LOST = 3.0  # xy tolerances beside the goal at the end of the path
+_TURN_GAIN, _FOLLOW_GAIN = 3.0, 2.0
+_SLOWEST = 0.06  # m/s
+_STANDS = (0.02, 0.04)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One odometry: time in s, pose (m, rad), velocities (m/s, rad/s)."""
+
+    time: float
+    x: float
+    y: float
+    yaw: float
+    v: float = 0.0
+    w: float = 0.0
+
+
+class RotateDriveRotate:
+    """Drives to one goal; one instance for each.
+
+    Parameters
+    ----------
+    goal : tuple of float
+        x, y (m) and yaw (rad).
+    tuning : Tuning, optional
+        Speeds, tolerances, habits.
+    """
+
+    def __init__(self, goal: tuple[float, float, float], tuning: Tuning | None = None) -> None:
+        self.tuning = tuning or Tuning()
+        self.doing = Doing.ROTATING_TO_PATH
+        self.distance = math.inf
+        self._goal = goal
+        self._began: float | None = None
+        self._since = self._last = 0.0
+        self._start = (0.0, 0.0)
+        self._sign = 1.0
+        self._v = self._w = 0.0
+
+    def step(self, seen: Seen) -> tuple[float, float]:
+        """Return the velocities (m/s, rad/s) that answer an odometry; `doing` says whether it goes on."""
+        if self._began is None:
+            self._begin(seen)
+        self.distance = math.hypot(self._goal[0] - seen.x, self._goal[1] - seen.y)
+        if seen.time - (self._began or 0.0) > self.tuning.time_limit:
+            self._do(Doing.TOO_LONG, seen)
+        v, w = self._wanted(seen)
+        dt, self._last = max(0.0, seen.time - self._last), seen.time
+        self._v = _toward(self._v, v, self.tuning.a * dt, slowing=math.inf)
+        self._w = _toward(self._w, w, self.tuning.aw * dt, slowing=self.tuning.aw * dt)
+        if self.doing in ENDED:
+            self._v = self._w = 0.0
+        return self._v, self._w
+
+    def _begin(self, seen: Seen) -> None:
+        """Decide which way to drive, and whether to rotate in place first."""
+        self._began = self._last = seen.time
+        self._start = (seen.x, seen.y)
+        far = math.hypot(self._goal[0] - seen.x, self._goal[1] - seen.y)
+        if far < self.tuning.xy_tolerance:
+            self._do(Doing.ROTATING_TO_GOAL, seen)
+            return
+        self._sign = -1.0 if abs(self._bearing(seen)) > self.tuning.reverse_above else 1.0
+        if abs(self._bearing(seen)) <= self.tuning.rotate_above:
+            self._do(Doing.FOLLOWING, seen)
+
+    def _wanted(self, seen: Seen) -> tuple[float, float]:
+        """Return the velocities to go for, the limits of their change left aside."""
+        tuning = self.tuning
+        if self.doing is Doing.ROTATING_TO_PATH:
+            error = self._bearing(seen)
+            if abs(error) > tuning.aligned:
+                return 0.0, self._turning(error, tuning.w_path)
+            self._do(Doing.LOOKING, seen)
+        if self.doing is Doing.LOOKING:
+            if seen.time - self._since < tuning.pause:
+                return 0.0, 0.0
+            self._do(Doing.FOLLOWING, seen)
+        if self.doing is Doing.FOLLOWING:
+            left = self._left(seen)
+            if self.distance > tuning.xy_tolerance and left > 0.0:
+                return self._following(seen, left)
+            missed = self.distance > _LOST * tuning.xy_tolerance
+            self._do(Doing.MISSED if missed else Doing.ROTATING_TO_GOAL, seen)
+        if self.doing in (Doing.ROTATING_TO_GOAL, Doing.SETTLING):
+            return self._at_goal(seen)
+        return 0.0, 0.0
+
+    def _at_goal(self, seen: Seen) -> tuple[float, float]:
+        error = _wrapped(self._goal[2] - seen.yaw)
+        if self.doing is Doing.ROTATING_TO_GOAL:
+            if abs(error) > self.tuning.yaw_tolerance:
+                return 0.0, self._turning(error, self.tuning.w_goal)
+            self._do(Doing.SETTLING, seen)
+        if abs(seen.v) > _STANDS[0] or abs(seen.w) > _STANDS[1]:
+            self._since = seen.time
+        if seen.time - self._since >= self.tuning.settle:
+            stands_right = abs(error) <= 2.0 * self.tuning.yaw_tolerance
+            self._do(Doing.ARRIVED if stands_right else Doing.ROTATING_TO_GOAL, seen)
+        return 0.0, 0.0
+
+    def _following(self, seen: Seen, left: float) -> tuple[float, float]:
+        """Head for a point on the path ahead; slower where it has to turn much, and near the goal."""
+        tuning, (x, y) = self.tuning, self._ahead(left)
+        error = self._heading_error(seen, x, y)
+        most = tuning.v if self._sign > 0.0 else tuning.v_reverse
+        speed = most * max(0.15, math.cos(error)) if abs(error) < math.pi / 2.0 else 0.0
+        speed = max(_SLOWEST, min(speed, math.sqrt(2.0 * tuning.brake * left)))
+        turn = max(-tuning.w_path, min(tuning.w_path, _FOLLOW_GAIN * error))
+        return self._sign * speed, turn
+
+    def _ahead(self, left: float) -> tuple[float, float]:
+        """Return the point of the path, a straight line, that lies `lookahead` before where the robot is."""
+        (x0, y0), (x1, y1, _) = self._start, self._goal
+        length = math.hypot(x1 - x0, y1 - y0)
+        share = (max(0.0, left - self.tuning.lookahead)) / length
+        return x1 - share * (x1 - x0), y1 - share * (y1 - y0)
+
+    def _left(self, seen: Seen) -> float:
+        """Return how much of the path is left in m, seen along it."""
+        (x0, y0), (x1, y1, _) = self._start, self._goal
+        length = math.hypot(x1 - x0, y1 - y0)
+        return ((x1 - seen.x) * (x1 - x0) + (y1 - seen.y) * (y1 - y0)) / length
+
+    def _bearing(self, seen: Seen) -> float:
+        """Return by how much to turn until the goal lies ahead, or behind where it drives backward."""
+        return self._heading_error(seen, self._goal[0], self._goal[1])
+
+    def _heading_error(self, seen: Seen, x: float, y: float) -> float:
+        flipped = 0.0 if self._sign > 0.0 else math.pi
+        return _wrapped(math.atan2(y - seen.y, x - seen.x) + flipped - seen.yaw)
+
+    def _turning(self, error: float, most: float) -> float:
+        """Return a turn rate from which it can stop at the error 0."""
+        rate = min(most, _TURN_GAIN * abs(error), math.sqrt(2.0 * 0.8 * self.tuning.aw * abs(error)))
+        return math.copysign(rate, error)
+
+    def _do(self, what: Doing, seen: Seen) -> None:
+        self.doing, self._since = what, seen.time
+
+
+def _toward(value: float, target: float, most: float, *, slowing: float) -> float:
+    """Return `value` moved toward `target`: by at most `most`, or `slowing` where its size falls."""
+    step = slowing if abs(target) < abs(value) and target * value >= 0.0 else most
+    return value + max(-step, min(step, target - value))
+
+
+def _wrapped(angle: float) -> float:
+    return math.remainder(angle, math.tau)

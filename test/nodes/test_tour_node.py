@@ -1,0 +1,88 @@
+"""The domain `tour` over ROS: its server drives, and a drive takes as long as without ROS."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+from pathlib import Path
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.experience.collect import collect
+from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.table import read_experience
+from ator_ros.tools.work.collect_over_ros import Finished, drives
+
+BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
+TOUR = find_domain("tour")
+PATIENCE = 240.0
+SEED = 7
+
+
+def run(*words: object, patience: float = PATIENCE) -> subprocess.CompletedProcess[str]:
+    command = list(map(str, words))
+    return subprocess.run(command, capture_output=True, text=True, timeout=patience, check=False)
+
+
+@pytest.mark.node
+def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
+    file, drives = tmp_path / "drives.parquet", 3
+    ended = run(
+        *(BIN / "collect", "--domain", "tour", "--over-ros", "--episodes", drives),
+        *("--seed", SEED, "--out", file),
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert not file.with_suffix(".drives.jsonl").exists()
+    table = read_experience(file)
+    assert table.metadata["domain"] == "tour"
+    assert list(table.frame["reason"]) == ["drive_to succeeded"] * drives
+    simulated = collect(
+        TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=drives, seed=SEED
+    )
+    for (_, driven), frame in zip(table.frame.iterrows(), simulated, strict=True):
+        alone = frame.iloc[0]
+        assert tuple(driven[["xg", "yg", "yawg"]]) == pytest.approx(tuple(alone[["xg", "yg", "yawg"]]))
+        assert tuple(driven[["x", "y", "yaw"]]) == pytest.approx(tuple(alone[["x", "y", "yaw"]]), abs=1e-3)
+        assert driven["duration"] == pytest.approx(alone["duration"], rel=0.03)
+
+
+@pytest.mark.node
+@pytest.mark.long
+def test_the_demo_plays_a_tour(tmp_path: Path) -> None:
+    ended = run(BIN / "demo", "--domain", "tour", "--situations", 1, "--out", tmp_path / "tour.png")
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert "three nodes, drive_to_server start on ROS domain" in ended.stdout
+    assert "1 of 1 situations succeeded both ways; refinement saved" in ended.stdout
+
+
+# What is finished is not driven again
+
+
+def finished(table: Path, seed: int = SEED) -> Finished:
+    return Finished(table, {"seed": seed, "domain": "tour"})
+
+
+def test_finished_drives_are_kept_and_come_first(tmp_path: Path) -> None:
+    file = tmp_path / "drives.parquet"
+    frames = list(
+        collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED)
+    )
+    first = finished(file)
+    for frame in frames:
+        first.add(frame)
+    with first.path.open("a", encoding="utf-8") as text:
+        text.write('{"action": "drive_to", "epi')  # as by a power failure
+    options = argparse.Namespace(actions=["drive_to"], episodes=2)
+    again = list(drives(options, TOUR, TOUR.robot(), finished(file)))  # starts no node
+    assert [frame.iloc[0].to_dict() for frame in again] == [frame.iloc[0].to_dict() for frame in frames]
+    finished(file).remove()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_drives_of_another_seed_are_not_gone_on_with(tmp_path: Path) -> None:
+    file = tmp_path / "drives.parquet"
+    finished(file)
+    with pytest.raises(ExperienceError, match=r"drives.drives.jsonl: expected drives of the same seed"):
+        finished(file, seed=SEED + 1)

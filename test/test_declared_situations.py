@@ -1,0 +1,88 @@
+"""Situations and chains that a domain's file declares."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import pickle
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from ator_ros.domains.declared_situations import (
+    DeclaredChain,
+    DeclaredDrives,
+    DeclaredPlace,
+    DeclaredStep,
+    DrivesOf,
+    NoPlaceError,
+)
+from ator_ros.domains.domain import find_domain
+
+TOUR = find_domain("tour")
+ROBOT = TOUR.robot()
+LIBRARY = TOUR.library(ROBOT)
+HALL = (DeclaredPlace((-2.0, 2.0), (-1.0, 1.0)),)
+DOCK = DeclaredPlace((3.0,), (0.5,), (1.5,))
+
+
+def test_a_place_is_drawn_evenly_from_its_ranges() -> None:
+    rng = np.random.default_rng(1)
+    poses = np.array([HALL[0].drawn(rng) for _ in range(2000)])
+    assert np.all(np.abs(poses) <= (2.0, 1.0, math.pi))
+    assert np.allclose(poses.mean(axis=0), 0.0, atol=0.15)
+    assert np.allclose(poses.std(axis=0), np.array((2.0, 1.0, math.pi)) / math.sqrt(3.0), rtol=0.05)
+    assert DOCK.drawn(rng) == (3.0, 0.5, 1.5)
+
+
+def test_drives_keep_their_distance_and_are_the_same_for_the_same_seed() -> None:
+    sample = DrivesOf("drive_to", DeclaredDrives(HALL, HALL, apart=1.5))
+    first = [sample(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
+    copied = pickle.loads(pickle.dumps(sample))  # noqa: S301 (as a worker process gets it)
+    again = [copied(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
+    assert first == again
+    assert min(one.robot.pose.distance(one.goal.pose) for one in first) >= 1.5
+    assert {one.action for one in first} == {"drive_to"}
+
+
+def test_places_that_are_too_near_are_told() -> None:
+    sample = DrivesOf("drive_to", DeclaredDrives((DOCK,), (DOCK,), apart=0.1))
+    with pytest.raises(NoPlaceError, match=r"apart: expected places 0.1 m from the one before"):
+        sample(ROBOT, np.random.default_rng(0))
+
+
+def test_a_tour_has_four_to_six_stations_of_which_two_are_bound() -> None:
+    rng = np.random.default_rng(3)
+    lengths: Counter[int] = Counter()
+    for _ in range(200):
+        world, chain = TOUR.chains["tour"](ROBOT, LIBRARY, rng)
+        lengths[len(chain)] += 1
+        bound = [call for call in chain.calls if not call.open]
+        assert len(bound) == 2
+        assert chain.calls[-1] is bound[-1]
+        assert all(call.open in ({"yaw"}, frozenset()) for call in chain.calls)
+        assert {(call.goal.pose.x, call.goal.pose.y) for call in bound} <= {(-3.0, 3.2), (3.5, -3.2)}
+        places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
+        assert min(a.distance(b) for a, b in itertools.pairwise(places)) >= 1.5
+        assert not chain.violations(world, ROBOT)
+    assert set(lengths) == {4, 5, 6}
+
+
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (lambda: DeclaredPlace((1.0, 0.0), (0.0,)), "x: expected .*least, greatest"),
+        (lambda: DeclaredPlace((), (0.0,)), "x: expected"),
+        (lambda: DeclaredPlace((0.0,), (0.0, 2000.0)), "y: expected .* none beyond 1000"),
+        (lambda: DeclaredPlace((0.0,), (0.0,), (7.0,)), "yaw: expected .* none beyond 6.28"),
+        (lambda: DeclaredDrives((), HALL), "start: expected at least one place"),
+        (lambda: DeclaredDrives(HALL, HALL, -1.0), "apart: expected a distance"),
+        (lambda: DeclaredStep("visit", HALL, times=(3, 2)), "times: expected"),
+        (lambda: DeclaredChain("tour", HALL, ()), "steps: expected 1 to 32"),
+        (lambda: DeclaredChain("a tour", HALL, (DeclaredStep("visit", HALL),)), "name: expected a name"),
+    ],
+)
+def test_what_cannot_be_drawn_from_is_refused(make: object, expected: str) -> None:
+    with pytest.raises(ValueError, match=f"^{expected}"):
+        make()  # type: ignore[operator]

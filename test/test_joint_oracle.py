@@ -1,0 +1,131 @@
+"""The oracle that searches all open headings of a chain jointly."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.joint_oracle import (
+    Tried,
+    best_headings,
+    candidates,
+    least,
+    predicted_legs,
+    promising,
+)
+from ator_ros.evaluation.policies import Toolset
+from ator_ros.evaluation.trials import Trial, random_trial, with_headings
+from ator_ros.geometry import FloatArray, wrap_angle
+from ator_ros.refinement.gate import OpenGate
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import World
+
+DOMAIN = find_domain("tour")
+ROBOT = DOMAIN.robot()
+LIBRARY = DOMAIN.library(ROBOT)
+
+
+def turned(x: float, y: float, yaw: float, xg: float, yg: float, yawg: float) -> float:
+    """Return how long a base takes that turns back faster than it turns away."""
+    way = math.atan2(yg - y, xg - x)
+    return math.hypot(xg - x, yg - y) + abs(wrap_angle(way - yaw)) + 0.4 * abs(wrap_angle(yawg - way)) ** 1.5
+
+
+class Model:
+    """Predicts these times, and adds what it is given to those with a heading on the left."""
+
+    used_variables = frozenset({"x", "y", "yaw", "xg", "yg", "yawg"})
+
+    def predict(self, direct: dict[str, FloatArray], measures: tuple[str, ...] = ()) -> SimpleNamespace:
+        names = ("x", "y", "yaw", "xg", "yg", "yawg")
+        columns = np.broadcast_arrays(*(np.atleast_1d(direct[name]) for name in names))
+        return SimpleNamespace(duration=np.array([turned(*row) for row in zip(*columns, strict=True)]))
+
+
+TOOLS = Toolset(DOMAIN, ROBOT, {"learned": {"drive_to": Model()}}, OpenGate())
+
+
+def trial(index: int) -> Trial:
+    return random_trial(DOMAIN, "tour", LIBRARY, seed=5, index=index)
+
+
+def drive(start: World, chain: TopChain) -> float:
+    return turned(*start.robot.pose, *chain.calls[0].goal.pose)
+
+
+def total(trial: Trial, chain: TopChain) -> float:
+    poses = [trial.world.robot.pose, *(call.goal.pose for call in chain.calls)]
+    return sum(turned(*here, *there) for here, there in itertools.pairwise(poses))
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_it_finds_what_trying_every_chain_finds(index: int) -> None:
+    drawn = trial(index)
+    offered = candidates(drawn, [drawn.chain], 6)
+    chain, _ = best_headings(TOOLS, drawn, [Tried(drawn.chain)], drive, count=6, margin=None)
+    every = [
+        with_headings(drawn.chain, dict(enumerate(map(float, headings))))
+        for headings in itertools.product(*offered)
+    ]
+    assert total(drawn, chain) == pytest.approx(min(total(drawn, each) for each in every))
+    pairs = zip(chain.calls, drawn.chain.calls, strict=True)
+    assert all(call.goal == plan.goal for call, plan in pairs if not plan.open)
+
+
+def test_a_margin_saves_executions_and_keeps_the_best() -> None:
+    drawn = trial(1)
+    all_legs = best_headings(TOOLS, drawn, [], drive, count=12, margin=None)
+    few_legs = best_headings(TOOLS, drawn, [], drive, count=12, margin=0.2)
+    assert few_legs[0] == all_legs[0]
+    assert few_legs[1] < 0.4 * all_legs[1]
+
+
+def test_what_was_executed_is_not_executed_again() -> None:
+    drawn = trial(1)
+    poses = [drawn.world.robot.pose, *(call.goal.pose for call in drawn.chain.calls)]
+    times = tuple(turned(*here, *there) for here, there in itertools.pairwise(poses))
+    alone = best_headings(TOOLS, drawn, [Tried(drawn.chain)], drive, count=6, margin=None)
+    known = best_headings(TOOLS, drawn, [Tried(drawn.chain, times)], drive, count=6, margin=None)
+    assert known[0] == alone[0]
+    assert known[1] == alone[1] - len(times)
+    quick = tuple(0.01 for _ in times)  # its times are believed
+    assert best_headings(TOOLS, drawn, [Tried(drawn.chain, quick)], drive, count=6, margin=None)[0] == (
+        with_headings(drawn.chain, {i: c.goal.pose.yaw for i, c in enumerate(drawn.chain.calls) if c.open})
+    )
+
+
+def test_legs_that_fail_are_no_way() -> None:
+    drawn = trial(0)
+    best, _ = best_headings(TOOLS, drawn, [], drive, count=6, margin=None)
+    opened = next(index for index, call in enumerate(drawn.chain.calls) if call.open)
+    failing = best.calls[opened].goal.pose
+
+    def careful(start: World, chain: TopChain) -> float:
+        return math.inf if chain.calls[0].goal.pose == failing else drive(start, chain)
+
+    other, _ = best_headings(TOOLS, drawn, [], careful, count=6, margin=None)
+    assert other.calls[opened].goal.pose != failing
+    assert total(drawn, other) > total(drawn, best)
+
+
+def test_what_is_promising_contains_the_least_way() -> None:
+    drawn = trial(2)
+    legs = predicted_legs(TOOLS, drawn, candidates(drawn, [], 8))
+    ways = promising(legs, 0.0)
+    path = [0, *least(legs)]
+    assert all(way[before, after] for way, before, after in zip(ways, path, path[1:], strict=False))
+    assert sum(int(way.sum()) for way in ways) < sum(way.size for way in ways) / 4
+
+
+def test_headings_of_policies_are_tried_once() -> None:
+    drawn = trial(0)
+    index = next(index for index, call in enumerate(drawn.chain.calls) if call.open)
+    chosen = with_headings(drawn.chain, {index: 0.123})
+    offered = candidates(drawn, [chosen, chosen], 4)
+    assert sorted(offered[index]) == pytest.approx(sorted([0.123, 0.0, math.pi / 2, -math.pi, -math.pi / 2]))
+    assert all(len(each) == 1 for each, call in zip(offered, drawn.chain.calls, strict=True) if not call.open)
