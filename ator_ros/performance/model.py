@@ -84,6 +84,12 @@ class PerformanceModel:
         return derived_from(self.features[name] for name in names)
 
     @cached_property
+    def experience(self) -> Mapping[str, tuple[float, float]]:
+        """Least and greatest value of direct variables at the starts that it was learned from, if known."""
+        ranges = self.metadata.get("training", {}).get("starts", {})
+        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+
+    @cached_property
     def ideal_time(self) -> Feature | None:
         """The ideal time among the features that predict the duration; None if there is none."""
         named = map(self.features.__getitem__, self.trees["duration"].names)

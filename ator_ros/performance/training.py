@@ -138,6 +138,13 @@ def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
     return {name: rows[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
 
 
+def start_ranges(rows: pd.DataFrame) -> dict[str, list[float]]:
+    """Return the least and the greatest value of the direct variables at the starts of episodes."""
+    starts = rows[rows["t"] == 0.0]
+    names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
+    return {name: [float(starts[name].min()), float(starts[name].max())] for name in names}
+
+
 def digest(rows: pd.DataFrame) -> str:
     """Return a short digest of the rows that a model was learned from."""
     numbers = rows[[*DIRECT_VARIABLES, "t", "time_to_go", "success"]].to_numpy(dtype=float)
