@@ -140,7 +140,15 @@ class Refiner:
     def _calibrated(self, world: World, answer: Refinement, objective: Objective) -> Refinement:
         """Return the answer with what its predictions are expected to miss added."""
         predicted = [(answer.original, answer.before), (answer.best, answer.after)]
-        before, after = self._calibration.corrected(predicted, world, self.models, self.robot, objective)
+        turned = {variable.subgoal for variable in answer.free if variable.name == "yaw"}
+        before, after = self._calibration.corrected(
+            predicted,
+            world,
+            self.models,
+            self.robot,
+            objective,
+            chosen=[index in turned for index in range(len(answer.original.calls))],
+        )
         return dataclasses.replace(answer, before=before, after=after)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
