@@ -155,6 +155,17 @@ class TestFreePlace:
         assert place["speed"].domain.high == 0.8, "random starts never quite reach the end of a range"
         assert answer.chain.calls[1].goal.pose.x <= 2.5
 
+    def test_ways_shorter_than_any_tried_are_not_searched(self) -> None:
+        known = models()
+        known["dribbleBall"].experience = {"way": (1.2, 6.0)}  # type: ignore[attr-defined]
+        here = world(x=1.0, ball=(2.2, 0.3))
+        chain = TopChain((call("goToBall", 2.2, 0.3, 0.0, BOTH), *shot(x=2.2, y=-0.5).calls[1:]))
+        ways = []
+        for refiner in (self.refiner, Refiner(ROBOT, known, ranges=LIBRARY.ranges)):
+            there = refiner.refine(here, chain).chain.calls[1].goal.pose
+            ways.append(math.hypot(there.x - 2.2, there.y - 0.3))
+        assert ways[0] < 1.2 <= ways[1]
+
 
 def test_sampled_search_comes_close_to_the_least_cost() -> None:
     """Six free variables, three of them angles, a bowl whose bottom is known."""

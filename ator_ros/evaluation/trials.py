@@ -26,7 +26,8 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2015": "the final evaluation of the paper's actions",
         "2026": "the final evaluation",
         "2027": "the evaluation of the observed models",
-        "2028": "the evaluation of open places",
+        "2028": "open places, looked at while what limits them was made",
+        "2029": "the evaluation of open places",
         "3107": "further situations that the calibration is learned from",
         "3108": "the final errors of calibrated predictions",
     }

@@ -85,7 +85,10 @@ class PerformanceModel:
 
     @cached_property
     def experience(self) -> Mapping[str, tuple[float, float]]:
-        """Least and greatest value of direct variables at the starts that it was learned from, if known."""
+        """Least and greatest value of direct variables and of `way` at the starts that it was learned from.
+
+        Empty where that is not known; see `ator_ros.performance.training.start_ranges`.
+        """
         ranges = self.metadata.get("training", {}).get("starts", {})
         return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
 

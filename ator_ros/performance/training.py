@@ -138,11 +138,21 @@ def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
     return {name: rows[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
 
 
-def start_ranges(rows: pd.DataFrame) -> dict[str, list[float]]:
-    """Return the least and the greatest value of the direct variables at the starts of episodes."""
+def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
+    """Return the least and the greatest value of the direct variables at the starts of episodes.
+
+    Beside them is that of `way`: the distance in m from the point of the robot that the goal is meant for,
+    axle or hold, to the goal's place.
+    """
     starts = rows[rows["t"] == 0.0]
+    back = robot.hold * starts["hold"] if robot.holder is not None else 0.0
+    way = np.hypot(
+        starts["xg"] - starts["x"] - back * np.cos(starts["yaw"]),
+        starts["yg"] - starts["y"] - back * np.sin(starts["yaw"]),
+    )
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
-    return {name: [float(starts[name].min()), float(starts[name].max())] for name in names}
+    columns = {**{name: starts[name] for name in names}, "way": way}
+    return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
 
 
 def digest(rows: pd.DataFrame) -> str:

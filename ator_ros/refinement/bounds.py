@@ -18,7 +18,7 @@ from ator_ros.refinement.free_variables import (
     PredictsPerformance,
     goal_variable,
 )
-from ator_ros.refinement.regions import Regions
+from ator_ros.refinement.regions import Regions, experience_of
 from ator_ros.refinement.sampled import spread_points
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import Range
@@ -51,7 +51,7 @@ def _experienced(
     variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
 ) -> FreeVariable:
     action = chain.calls[variable.subgoal].top.action
-    known: Mapping[str, tuple[float, float]] = getattr(models.get(action), "experience", {})
+    known = experience_of(models.get(action))
     if variable.domain.periodic or goal_variable(variable.name) not in known:
         return variable
     low, high = known[goal_variable(variable.name)]

@@ -200,7 +200,7 @@ class Refiner:
             As in `analyse`.
         """
         analysis = within_experience(self.analyse(world, chain), chain, self.models)
-        regions = Regions(world, chain, self.robot, names_of(chain, analysis.free))
+        regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
         analysis = within_regions(analysis, regions, chain)
         return analysis, regions.narrowed_to(names_of(chain, analysis.free))
 

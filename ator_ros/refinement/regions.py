@@ -2,14 +2,16 @@
 
 A condition that puts a place within a distance of another, or a variable into a range, binds no goal
 variable. It bounds those that decide on it: of all candidates only those are searched with which the next
-step may begin, with room for what the step before may miss its goal by.
+step may begin, with room for what the step before may miss its goal by. Ways that are shorter or longer than
+any that an action's model was learned from are not searched, either.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,14 +21,27 @@ from ator_ros.refinement.projection import columns_after, goal_columns
 from ator_ros.refinement.sampled import Allowed
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain, projected
-from ator_ros.tops.conditions import Region, Term, lookup
-from ator_ros.tops.relations import Relation
+from ator_ros.tops.conditions import Condition, Region, Term, lookup
+from ator_ros.tops.relations import Distance, Relation
 from ator_ros.tops.state import goal_variables, state_of
-from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
 _PLACE = frozenset("xy")
 Bound = Relation | Region
+
+
+class _Rule(NamedTuple):
+    """A bound of a subgoal's candidates.
+
+    `whose` it is, the `room` to keep, the `goal` that it speaks of (None for the subgoal's own), and whether
+    it is about the state `before` the step.
+    """
+
+    whose: str
+    bound: Bound
+    room: float = 0.0
+    goal: Mapping[str, float] | None = None
+    before: bool = False
 
 
 class Regions:
@@ -38,10 +53,19 @@ class Regions:
         The request.
     names : sequence of tuple of str, one per subgoal
         The free variables.
+    models : mapping, optional
+        Action name to performance model, which knows what ways were tried; an action may lack one.
     """
 
-    def __init__(self, world: World, chain: TopChain, robot: Robot, names: Sequence[tuple[str, ...]]) -> None:
-        self._request = world, chain, robot
+    def __init__(
+        self,
+        world: World,
+        chain: TopChain,
+        robot: Robot,
+        names: Sequence[tuple[str, ...]],
+        models: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
+        self._world, self._chain, self._models = world, chain, models
         self._robot, self._names, self._calls = robot, names, chain.calls
         self._states: list[Mapping[str, float]] = []
         for call in chain.calls if _may_bound(chain, names) else ():
@@ -51,7 +75,11 @@ class Regions:
 
     def narrowed_to(self, names: Sequence[tuple[str, ...]]) -> Regions:
         """Return the same where only `names` are free."""
-        return self if names == self._names else Regions(*self._request, names)
+        return (
+            self
+            if names == self._names
+            else Regions(self._world, self._chain, self._robot, names, self._models)
+        )
 
     def allowing(self) -> Allowed | None:
         """Return what limits the candidates of the chain's subgoals; None where nothing does."""
@@ -67,7 +95,7 @@ class Regions:
     def limits(self, index: int) -> tuple[str, ...]:
         """Return in words what bounds the candidates of a subgoal."""
         bounds = self._bounds[index] if self._bounds else ()
-        return tuple(f"{whose}: {_words(bound)}" for whose, bound, *_ in bounds)
+        return tuple(f"{rule.whose}: {_words(rule.bound)}" for rule in bounds)
 
     def bounds(self, index: int) -> bool:
         """Return whether anything bounds the candidates of a subgoal."""
@@ -78,38 +106,50 @@ class Regions:
         good = np.ones(len(values), dtype=bool)
         if not self.bounds(index):
             return good
-        state, goal = self._after(index, values)
-        for _, bound, margin, goal_of_next in self._bounds[index]:
-            clearance = _clearance(bound, state, goal if goal_of_next is None else goal_of_next)
-            good &= np.asarray(clearance >= margin)
+        after, own = self._after(index, values)
+        for rule in self._bounds[index]:
+            good &= np.asarray(self._clearance(rule, index, after, own) >= rule.room)
         return good
 
-    def _bounds_of(self, index: int) -> list[tuple[str, Bound, float, Mapping[str, float] | None]]:
-        """Return the bounds that the free variables of a subgoal decide on.
+    def _clearance(self, rule: _Rule, index: int, after: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
+        state = self._states[index] if rule.before else after
+        return _clearance(rule.bound, state, own if rule.goal is None else rule.goal)
 
-        Each with whose it is, the room to keep, and the goal that it speaks of; None for the subgoal's own.
-        """
-        call, names = self._calls[index], self._names[index]
-        if not names:
+    def _bounds_of(self, index: int) -> list[_Rule]:
+        """Return the bounds that the free variables of a subgoal decide on."""
+        if not self._names[index]:
             return []
-        found: list[tuple[str, Bound, float, Mapping[str, float] | None]] = [
-            (f"post-condition of step {index + 1} ({call.top.name})", bound, 0.0, None)
-            for bound in _bounds_in(call.top, post=True)
-        ]
-        if index + 1 < len(self._calls):
-            following, room = self._calls[index + 1], _missed_by(call)
-            whose = f"pre-condition of step {index + 2} ({following.top.name})"
-            goal = goal_variables(following.goal)
-            free = _PLACE & set(self._names[index + 1])
-            found += [
-                (whose, bound, room if _is_place(bound) else 0.0, goal)
-                for bound in _bounds_in(following.top, post=False)
-                if not (free and _names_goal(bound))
-            ]
+        rules = [*self._own_rules(index), *self._rules_of_next(index)]
         # What does not change with the candidates is no bound of theirs.
-        probe = np.stack([np.zeros(len(names)), np.ones(len(names))])
-        state, own = self._after(index, probe)
-        return [item for item in found if np.ndim(_clearance(item[1], state, item[3] or own)) > 0]
+        probe = np.stack([np.zeros(len(self._names[index])), np.ones(len(self._names[index]))])
+        after, own = self._after(index, probe)
+        return [rule for rule in rules if np.ndim(self._clearance(rule, index, after, own)) > 0]
+
+    def _own_rules(self, index: int) -> Iterator[_Rule]:
+        """Yield the rules of the step that leads to a subgoal."""
+        call = self._calls[index]
+        step = f"of step {index + 1} ({call.top.name})"
+        yield from (_Rule(f"post-condition {step}", bound) for bound in _bounds_in(call.top.post))
+        if index and _PLACE & set(self._names[index - 1]):
+            return  # where it starts is not known yet
+        for bound in _bounds_in(call.top.pre):
+            yield _Rule(f"pre-condition {step}", bound, before=True)
+        way = experience_of(self._models.get(call.top.action)).get("way")
+        if way is not None:
+            start = "hold" if call.goal.point is Point.HOLD else "robot"
+            yield _Rule(f"experience of {call.top.action}", Distance(start, "goal", *way), before=True)
+
+    def _rules_of_next(self, index: int) -> Iterator[_Rule]:
+        """Yield the rules of the step that begins at a subgoal."""
+        if index + 1 == len(self._calls):
+            return
+        call, following = self._calls[index], self._calls[index + 1]
+        whose = f"pre-condition of step {index + 2} ({following.top.name})"
+        room, goal = _missed_by(call), goal_variables(following.goal)
+        free = _PLACE & set(self._names[index + 1])
+        for bound in _bounds_in(following.top.pre):
+            if not (free and _names_goal(bound)):
+                yield _Rule(whose, bound, room if _is_place(bound) else 0.0, goal)
 
     def _after(self, index: int, values: FloatArray) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return state and goal variables after a step whose goal has these free values (n, k)."""
@@ -138,10 +178,13 @@ class Regions:
 
 
 def _may_bound(chain: TopChain, names: Sequence[tuple[str, ...]]) -> bool:
-    """Return whether a condition beside a subgoal with free variables has any bounds: few have."""
+    """Return whether anything may bound a subgoal's candidates: a free place, or a condition beside it."""
     pairs = zip(names, chain.calls, [*chain.calls[1:], None], strict=True)
     return any(
-        _bounds_in(call.top, post=True) or (after is not None and _bounds_in(after.top, post=False))
+        _PLACE & set(free)
+        or _bounds_in(call.top.pre)
+        or _bounds_in(call.top.post)
+        or (after is not None and _bounds_in(after.top.pre))
         for free, call, after in pairs
         if free
     )
@@ -154,8 +197,13 @@ def _placed(term: Term | Region, target: Any) -> Any:
     return target + (np.copysign(offset, target) if outward else offset) if offset else target
 
 
-def _bounds_in(top: Top, *, post: bool) -> list[Bound]:
-    condition = top.post if post else top.pre
+def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
+    """Return the ranges that a performance model was learned from, as far as it knows them."""
+    known: Mapping[str, tuple[float, float]] = getattr(model, "experience", {})
+    return known
+
+
+def _bounds_in(condition: Condition) -> list[Bound]:
     ranges = [term for term in condition.terms if isinstance(term, Region) and term.bounds]
     return [*condition.relations, *ranges]
 

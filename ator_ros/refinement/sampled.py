@@ -28,8 +28,8 @@ ALONE = 400
 """The same where the neighbours are fixed."""
 MOST_BESIDE = 48
 """First candidates of a subgoal with more than two free variables beside another such one."""
-SHRINKS = 0.8
-BOXES = (1,) * 14
+SHRINKS = 0.85
+BOXES = (1,) * 20
 """Boxes around the best candidates, round by round."""
 _TRIES = 40  # points that are looked at for each candidate wanted
 _POINTS = 1 << 13

@@ -71,7 +71,7 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
             "digest": digest(examples),
             "episodes": int(examples["episode"].nunique()),
             "examples": len(examples),
-            "starts": start_ranges(examples),
+            "starts": start_ranges(examples, robot),
             "train_command": command,
         }
         metadata = {
