@@ -166,6 +166,21 @@ class TestFreePlace:
             ways.append(math.hypot(there.x - 2.2, there.y - 0.3))
         assert ways[0] < 1.2 <= ways[1]
 
+    @pytest.mark.parametrize("slices", [2, 6, 12, 25])
+    def test_at_its_deadline_the_search_returns_the_best_so_far(self, slices: int) -> None:
+        work, done = self.refiner.refining(world(), shot()), None
+        next(work)
+        for number in range(1000):
+            try:
+                work.send(number >= slices)
+            except StopIteration as end:
+                done = end.value
+                break
+        assert done is not None
+        assert not done.complete
+        assert done.after.cost <= done.before.cost
+        assert done.chain.violations(world(), ROBOT) == []
+
 
 def test_sampled_search_comes_close_to_the_least_cost() -> None:
     """Six free variables, three of them angles, a bowl whose bottom is known."""
