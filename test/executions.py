@@ -29,7 +29,7 @@ FORWARD = chain(("goToPose", Pose(1.0, 0.0, 0.0)))
 FORWARD_LEFT = chain(("goToPose", Pose(1.0, 1.0, 0.0)))
 
 
-def execution(plan: TopChain, *, refine: bool = False, fetches: int = 0) -> Execution:
+def execution(plan: TopChain, *others: TopChain, refine: bool = False, fetches: int = 0) -> Execution:
     return Execution(
         LIBRARY,
         plan,
@@ -39,6 +39,7 @@ def execution(plan: TopChain, *, refine: bool = False, fetches: int = 0) -> Exec
         deadlines=Deadlines(),
         fence=Fence.around(ROBOT),
         fetches=fetches,
+        alternatives=others,
     )
 
 

@@ -191,3 +191,42 @@ def test_nothing_remains_of_a_goal_that_has_ended() -> None:
     run.tick(world(), 100.0)
     run.end(Ending.CANCELED, "canceled by the client")
     assert run.predicted_remaining(1.0) == 0.0
+
+
+DRIBBLE = chain(("dribbleBall", Pose(1.0, 0.0, 0.0)))
+AWAY = world(ball=ObjectState(2.0, 2.0))
+
+
+class TestAlternatives:
+    def test_without_refinement_the_first_valid_plan_is_executed(self) -> None:
+        run = execution(DRIBBLE, FORWARD, FORWARD_LEFT)
+        run.tick(AWAY, 100.0)
+        assert run.chain == FORWARD
+        assert run.ending is None
+
+    def test_without_a_valid_plan_all_reasons_are_told(self) -> None:
+        run = execution(DRIBBLE, DRIBBLE)
+        run.tick(AWAY, 100.0)
+        assert run.ending is Ending.REFUSED
+        assert run.reason.count(" | ") == 1
+
+    def test_refinement_chooses_among_them_and_may_change_only_what_that_one_opens(self) -> None:
+        opened = chain(("goToPose", Pose(1.0, 1.0, 0.0)), opened=frozenset({"yaw"}))
+        turned = chain(("goToPose", Pose(1.0, 1.0, 0.5)), opened=frozenset({"yaw"}))
+        run = execution(FORWARD, opened, refine=True)
+        run.tick(world(), 100.0)
+        run.refined_to(turned, True, "better", chosen=1)
+        assert run.chain == turned
+        assert run.refinement == "alternative 1 is chosen: better"
+        other = execution(FORWARD, opened, refine=True)
+        other.tick(world(), 100.0)
+        other.refined_to(FORWARD_LEFT, True, "nonsense", chosen=0)
+        assert other.chain == FORWARD
+        assert "x of step 1" in other.refinement or "y of step 1" in other.refinement
+
+    def test_a_choice_that_was_never_offered_is_refused(self) -> None:
+        run = execution(FORWARD, refine=True)
+        run.tick(world(), 100.0)
+        run.refined_to(FORWARD, True, "nonsense", chosen=3)
+        assert run.chain == FORWARD
+        assert "expected one of 1 chains to be chosen, got number 3" in run.refinement

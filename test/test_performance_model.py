@@ -11,7 +11,7 @@ from ator_ros.performance.accuracy import accuracy, bootstrap_ci95, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import derived_from
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.training import Training, TrainingError, digest, direct_of, train
+from ator_ros.performance.training import Training, TrainingError, digest, direct_of, start_ranges, train
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
@@ -126,3 +126,11 @@ def test_bootstrap_interval_of_a_mean_is_about_two_standard_errors() -> None:
     values = np.random.default_rng(0).normal(0.0, 1.0, 400)
     low, high = bootstrap_ci95(values, lambda x: x.mean(axis=1))
     assert high - low == pytest.approx(4 * values.std() / 20, rel=0.1)
+
+
+def test_the_ranges_of_the_starts_are_kept_for_the_search() -> None:
+    ranges = start_ranges(ROWS, ROBOT)
+    starts = ROWS[ROWS["t"] == 0.0]
+    assert ranges["xg"] == [starts["xg"].min(), starts["xg"].max()]
+    assert {"yaw", "yawg", "hold"} & set(ranges) == set()
+    assert 0.0 <= ranges["way"][0] <= ranges["way"][1] < 20.0

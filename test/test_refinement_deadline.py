@@ -24,12 +24,13 @@ from refinement_fakes import (
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement import search as search_module
+from ator_ros.refinement import paths as paths_module
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.chain_model import REPORTED, predict_chain
+from ator_ros.refinement.paths import BLOCK
 from ator_ros.refinement.projection import chain_situations
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
-from ator_ros.refinement.search import BLOCK, search, searching
+from ator_ros.refinement.search import search, searching
 from ator_ros.refinement.slices import Result, Slices
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import Range
@@ -99,9 +100,9 @@ def long_chain() -> TopChain:
 
 
 def test_blocks_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search_module, "BLOCK", 10**9)
+    monkeypatch.setattr(paths_module, "BLOCK", 10**9)
     whole = search(waves, AXES, GIVEN)
-    monkeypatch.setattr(search_module, "BLOCK", 7)
+    monkeypatch.setattr(paths_module, "BLOCK", 7)
     parts = search(waves, AXES, GIVEN)
     assert whole.cost == parts.cost
     for one, other in zip(whole.curves, parts.curves, strict=True):

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from refinement_fakes import ALL, ANGLE, LIBRARY, NOTHING, ROBOT, models
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.geometry import Pose
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
@@ -31,7 +32,7 @@ WORLDS = st.builds(
     World,
     NUMBERS,
     st.builds(RobotState, POSES, NUMBERS, NUMBERS),
-    st.none() | st.builds(ObjectState, NUMBERS, NUMBERS),
+    st.just({}) | st.builds(lambda there: {BALL: there}, st.builds(ObjectState, NUMBERS, NUMBERS)),
 )
 WEIGHTS = st.dictionaries(st.sampled_from(["duration", "success", "accuracy", "beauty"]), NUMBERS)
 REFINER = Refiner(ROBOT, models())

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.trials import Trial, open_speeds, with_headings
+from ator_ros.evaluation.trials import Trial, open_places, open_speeds, with_headings
 from ator_ros.geometry import Pose
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.calibration import Calibration
@@ -103,7 +103,14 @@ def _bearings(places: Sequence[Pose]) -> dict[int, float]:
     return {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in pairs}
 
 
-def refining(models: str = "learned", *, gated: bool = False, speed: bool = False) -> Policy:
+def as_planned(chain: TopChain) -> TopChain:
+    """Return the chain with what the plan opens."""
+    return chain
+
+
+def refining(
+    models: str = "learned", *, gated: bool = False, opened: Callable[[TopChain], TopChain] = as_planned
+) -> Policy:
     """Return the policy that refines the naive chain.
 
     Parameters
@@ -112,13 +119,13 @@ def refining(models: str = "learned", *, gated: bool = False, speed: bool = Fals
         Name of the set of models in the toolset.
     gated : bool
         Whether the gate decides if the chain is refined.
-    speed : bool
-        Whether arrival speeds are refined, too.
+    opened : callable
+        Returns the plan with more opened: arrival speeds, or places.
     """
 
     def choose(tools: Toolset, trial: Trial) -> Choice:
         start = naive(tools, trial).chain
-        chain = reopened(start, open_speeds(trial.chain) if speed else trial.chain)
+        chain = reopened(start, opened(trial.chain))
         refinement = tools.refiner(models, gated=gated).refine(trial.world, chain)
         return Choice(refinement.chain, refinement)
 
@@ -153,11 +160,12 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "face_goal": face_goal,
         "refined": refining(),
         "gated": refining(gated=True),
-        "refined_speed": refining(speed=True),
-        "gated_speed": refining(gated=True, speed=True),
+        "refined_speed": refining(opened=open_speeds),
+        "gated_speed": refining(gated=True, opened=open_speeds),
+        "refined_free": refining(opened=open_places),
         **{name: refining(name) for name in MODEL_SETS},
-        "ideal_time_speed": refining("ideal_time", speed=True),
+        "ideal_time_speed": refining("ideal_time", opened=open_speeds),
         OBSERVED: refining(OBSERVED, gated=True),
-        f"{OBSERVED}_speed": refining(OBSERVED, gated=True, speed=True),
+        f"{OBSERVED}_speed": refining(OBSERVED, gated=True, opened=open_speeds),
     }
 )

@@ -28,6 +28,8 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2015": "the final evaluation of the paper's actions",
         "2026": "the final evaluation",
         "2027": "the evaluation of the observed models",
+        "2028": "open places, looked at while what limits them was made",
+        "2029": "the evaluation of open places",
         "2030": "the final evaluation of the tour",
         "3107": "further situations that the calibration is learned from",
         "3108": "the final errors of calibrated predictions",
@@ -76,6 +78,18 @@ def open_speeds(chain: TopChain) -> TopChain:
     *intermediate, last = chain.calls
     opened = (dataclasses.replace(call, open=call.open | {"speed"}) for call in intermediate)
     return TopChain((*opened, last))
+
+
+def open_places(chain: TopChain) -> TopChain:
+    """Return the chain with speeds open, and all of a subgoal where the next step may begin in a region."""
+    following = [*chain.calls[1:], None]
+    calls = [
+        dataclasses.replace(call, open=call.open | {"x", "y", "yaw", "speed"})
+        if after is not None and after.top.pre.relations
+        else call
+        for call, after in zip(open_speeds(chain).calls, following, strict=True)
+    ]
+    return TopChain(tuple(calls))
 
 
 def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:

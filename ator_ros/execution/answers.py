@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+
 from ator_ros.execution.phases import Phase
 from ator_ros.execution.progress import Progress
 from ator_ros.execution.refining import Question, Refining, refined_chain
@@ -25,12 +28,20 @@ class Answers:
         The goal's phase.
     library : TopLibrary
         The robot, and the ranges of goal variables.
+    plans : sequence of TopChain
+        The chains of the goal, of which an answer may choose any before the start; the first is the question.
     """
 
     def __init__(
-        self, refining: Refining, progress: Progress, course: GoalCourse, library: TopLibrary
+        self,
+        refining: Refining,
+        progress: Progress,
+        course: GoalCourse,
+        library: TopLibrary,
+        plans: Sequence[TopChain],
     ) -> None:
         self._refining, self._progress, self._course, self._library = refining, progress, course, library
+        self._plans = plans
         self._answer: tuple[TopChain, str] | None = None
 
     @property
@@ -39,7 +50,7 @@ class Answers:
         asking = self._course.phase in (Phase.REFINING, Phase.EXECUTING)
         return self._refining.question if asking else None
 
-    def take(self, chain: TopChain, refined: bool, reason: str) -> None:
+    def take(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
         """Accept the answer to `question`; while the robot drives, `apply` applies it in the next tick.
 
         An unrefined answer may differ from the question: naive values replace its placeholders.
@@ -47,7 +58,7 @@ class Answers:
         if self.question is None:
             return
         if not self._progress.begun:
-            self._start_with(chain, refined, reason)
+            self._start_with(chain, refined, reason, chosen)
         elif refined:
             self._answer = chain, reason
         else:  # the chain being executed has no placeholders left
@@ -78,13 +89,18 @@ class Answers:
         else:
             self.refuse("there is no way from here to the refined subgoal")
 
-    def _start_with(self, chain: TopChain, refined: bool, reason: str) -> None:
+    def _start_with(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
         progress, question = self._progress, self.question
         assert progress.start is not None
         assert question is not None
-        planned = progress.chain
+        if chosen >= len(self._plans):
+            self.refuse(f"expected one of {len(self._plans)} chains to be chosen, got number {chosen}")
+            return
+        planned = self._plans[chosen]
+        asked = dataclasses.replace(question, chain=planned)
+        reason = f"alternative {chosen} is chosen: {reason}" if chosen else reason
         try:
-            progress.chain = refined_chain(planned, question, chain, progress.start, self._library)
+            progress.chain = refined_chain(planned, asked, chain, progress.start, self._library)
         except InvalidChainError as error:
             self.refuse(f"its answer cannot be used: {error}")
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from ator_ros.actions.base import Status
 from ator_ros.execution.answers import Answers
@@ -40,6 +41,9 @@ class Execution:
         Predictions of chains, times after which waiting ends, area in which the robot may drive.
     fetches : int
         Number of times that a lost object may be fetched again.
+    alternatives : sequence of TopChain
+        Other chains for the same end: refinement may choose one of them, and without it the first valid
+        plan is executed.
     """
 
     def __init__(
@@ -53,12 +57,14 @@ class Execution:
         deadlines: Deadlines,
         fence: Fence,
         fetches: int = 0,
+        alternatives: Sequence[TopChain] = (),
     ) -> None:
         self.reason = Phase.WAITING.value
         self._robot, self._deadlines, self._refining = library.robot, deadlines, refining
         self._course = GoalCourse()
         self._progress = Progress(library, predictor, chain, time_limit=deadlines.action, fetches=fetches)
-        self._answers = Answers(refining, self._progress, self._course, library)
+        self._plans = (chain, *alternatives)
+        self._answers = Answers(refining, self._progress, self._course, library, self._plans)
         self._guards = Guards(fence, library.robot, deadlines.longest_gap)
         self._seen: World | None = None
         self._accepted, self._heard = now, math.inf
@@ -183,9 +189,9 @@ class Execution:
             self.end(Ending.INPUT_LOST, reason)
             self._course.take(Signal.SILENT)
 
-    def refined_to(self, chain: TopChain, refined: bool, reason: str) -> None:
+    def refined_to(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
         """Accept the answer to `question`; see `Answers.take`."""
-        self._answers.take(chain, refined, reason)
+        self._answers.take(chain, refined, reason, chosen=chosen)
 
     def unrefined(self, why: str) -> None:
         """Go on with the chain as it is because `question` has no valid answer."""
@@ -223,15 +229,25 @@ class Execution:
         if unknown is not None:
             self.reason = f"waiting for the {unknown[0]}"
             return False
-        violations = self.chain.violations(world, self._robot)
-        if violations:
-            self.end(Ending.REFUSED, f"no valid plan: {'; '.join(violations)}")
+        if not self._plan(world):
             return False
         self._course.take(Signal.ASKED if self._refining.wanted else Signal.READY)
         if self._refining.wanted:
             self._refining.ask(world, self.chain, now)
         self.reason = self.phase.value
         return not self._refining.wanted
+
+    def _plan(self, world: World) -> bool:
+        """Take the first plan that is valid from `world`; end without one."""
+        reasons = []
+        for plan in self._plans:
+            violations = plan.violations(world, self._robot)
+            if not violations:
+                self._progress.chain = plan
+                return True
+            reasons.append("; ".join(violations))
+        self.end(Ending.REFUSED, f"no valid plan: {' | '.join(reasons)}")
+        return False
 
     def _give_up_waiting(self) -> None:
         limit = f"expected one within {self._deadlines.start:g} s of the goal, got none"

@@ -6,7 +6,7 @@ Every function that reads a message raises MessageError, with `where` naming the
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -28,6 +28,8 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 DEFAULT_ACTION_SET = "default"
+MOST_ALTERNATIVES = 7
+"""Other chains that a request may have."""
 MOST_OBJECTS = 16
 """Objects that a situation may hold."""
 
@@ -179,7 +181,7 @@ def situation_of(world: World, *, frame: str) -> msg.Situation:
 # Chains
 
 
-def action_set_from(chain: msg.TopChain, *, allowed: Mapping[str, Any], where: str = "chain") -> str:
+def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str = "chain") -> str:
     """Read the name of a chain's action set, of those in `allowed`; empty means the default."""
     return checks.name(chain.action_set or DEFAULT_ACTION_SET, f"{where}.action_set", allowed=allowed)
 
@@ -210,6 +212,25 @@ def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: s
     checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     calls = [_call_from(call, library, frame, f"{where}.calls[{i}]") for i, call in enumerate(chain.calls)]
     return TopChain(tuple(calls))
+
+
+def alternatives_from(
+    chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str
+) -> list[TopChain | str]:
+    """Read the alternatives of a chain: each as a chain, or why it cannot be used."""
+    checks.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)
+    return [
+        _alternative_from(chain, library, frame, f"alternatives[{number}]")
+        for number, chain in enumerate(chains)
+    ]
+
+
+def _alternative_from(chain: msg.TopChain, library: TopLibrary, frame: str, where: str) -> TopChain | str:
+    try:
+        action_set_from(chain, allowed=(library.action_set,), where=where)
+        return chain_from(chain, library, frame=frame, where=where)
+    except MessageError as error:
+        return str(error)
 
 
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:

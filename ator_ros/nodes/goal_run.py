@@ -70,7 +70,9 @@ class GoalRun:
     ) -> None:
         goal = handle.request
         chain = conversions.chain_from(goal.chain, library, frame=frame)
-        _stay_inside(fence, chain, library)
+        others = _alternatives(goal, library, frame)
+        for plan in (chain, *others):
+            _stay_inside(fence, plan, library)
         if goal.refine:
             conversions.objective_from(goal.objective)
         self.handle = handle
@@ -83,6 +85,7 @@ class GoalRun:
             deadlines=deadlines,
             fence=fence,
             fetches=goal.fetches,
+            alternatives=others,
         )
         self._library, self._refinement, self._frame, self._fence = library, refinement, frame, fence
         self._chain_id = id_of(handle)
@@ -155,10 +158,13 @@ class GoalRun:
         if question is None or self._request is not None or not self._refinement.service_is_ready():
             return
         goal = self.handle.request
-        request = RefineSubgoal.Request(chain=goal.chain, objective=goal.objective)
+        request = RefineSubgoal.Request(
+            chain=goal.chain, objective=goal.objective, alternatives=goal.alternatives
+        )
         if self.execution.phase is not Phase.REFINING:  # the chain has changed since it came
             action_set = self._library.action_set
             request.chain = conversions.chain_of(question.chain, action_set=action_set, frame=self._frame)
+            request.alternatives = []
             request.as_given = True  # to be better than what is driven
         request.situation = conversions.situation_of(question.world, frame=self._frame)
         self._asked, self._request = question, self._refinement.call_async(request)
@@ -180,7 +186,7 @@ class GoalRun:
         except MessageError as error:
             self.execution.unrefined(str(error))
         else:
-            self.execution.refined_to(chain, answer.refined, reason)
+            self.execution.refined_to(chain, answer.refined, reason, chosen=answer.chosen)
 
     # The end
 
@@ -204,6 +210,15 @@ class GoalRun:
             frame=self._frame,
         )
         return ExecuteChain.Result(outcome=record.outcome, record=record)
+
+
+def _alternatives(goal: ExecuteChain.Goal, library: TopLibrary, frame: str) -> list[TopChain]:
+    """Read the alternatives of a goal; raises MessageError where one cannot be read."""
+    read = conversions.alternatives_from(goal.alternatives, library, frame=frame)
+    for each in read:
+        if isinstance(each, str):
+            raise MessageError(each)
+    return [each for each in read if not isinstance(each, str)]
 
 
 def _stay_inside(fence: Fence, chain: TopChain, library: TopLibrary) -> None:

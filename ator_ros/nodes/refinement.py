@@ -33,7 +33,7 @@ from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
 from ator_ros.performance.model_file import model_path
-from ator_ros.refinement.answer import Refinement
+from ator_ros.refinement.alternatives import Selection, choosing
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.gate_file import load_gate
@@ -132,7 +132,7 @@ class RefinementNode(Node):
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         finish = functools.partial(self._answer, answer)
-        if self._turns.add(self._serve(request), finish, size=len(request.chain.calls)):
+        if self._turns.add(self._serve(request), finish, size=_size_of(request)):
             return
         self._busy += 1
         most = self._settings["most_requests"]
@@ -180,24 +180,24 @@ class RefinementNode(Node):
         began, frame = time.perf_counter(), self._settings["frame"]
         try:
             action_set = conversions.action_set_from(request.chain, allowed=self._libraries)
-            refinement = yield from self._refine(request, action_set)
+            choice = yield from self._refine(request, action_set)
         except (MessageError, RefinementError) as error:
             self._refused, self._last_refusal = self._refused + 1, str(error)
             self.get_logger().warning(f"refused: {error}", throttle_duration_sec=_WARNING_PERIOD)
             response = refused(str(error), conversions.echo_of(request.chain))
         else:
             self._answered += 1
-            self._cut_short += not refinement.complete
+            self._cut_short += not choice.refinement.complete
             yield
             wanted = request.want_curve
-            response = answer_of(refinement, action_set=action_set, frame=frame, want_curve=wanted)
+            response = answer_of(choice, request, action_set=action_set, frame=frame, want_curve=wanted)
             if self._markers.get_subscription_count():
                 yield
-                self._markers.publish(markers_of(refinement, frame=frame))
+                self._markers.publish(markers_of(choice.refinement, frame=frame))
         self._last_time = response.computation_time = time.perf_counter() - began
         return response
 
-    def _refine(self, request: RefineSubgoal.Request, action_set: str) -> Slices[Refinement]:
+    def _refine(self, request: RefineSubgoal.Request, action_set: str) -> Slices[Selection]:
         if action_set not in self._refiners:
             raise RefinementError(f"action set {action_set}: {self._models[action_set].absent}")
         library, refiner = self._libraries[action_set], self._refiners[action_set]
@@ -221,25 +221,27 @@ class RefinementNode(Node):
         )
 
 
+def _size_of(request: RefineSubgoal.Request) -> int:
+    return sum(len(chain.calls) for chain in (request.chain, *request.alternatives))
+
+
 def refining_of(
     request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary, *, frame: str
-) -> Slices[Refinement]:
-    """Refine the chain of a request, in slices.
+) -> Slices[Selection]:
+    """Refine the chain of a request and its alternatives, in slices, and choose the best.
 
     Raises
     ------
     MessageError, RefinementError
-        The request cannot be read, or the chain is no valid plan from its situation.
+        The request cannot be read, or none of its chains is a valid plan from its situation.
     """
     world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
     chain = conversions.chain_from(request.chain, library, frame=frame)
+    others = conversions.alternatives_from(request.alternatives, library, frame=frame)
     objective = conversions.objective_from(request.objective)
     yield
-    violations = chain.violations(world, library.robot)
-    if violations:
-        raise RefinementError(f"no valid plan: {'; '.join(violations)}")
-    yield
-    return (yield from refiner.refining(world, chain, objective, placeholders=not request.as_given))
+    placeholders = not request.as_given
+    return (yield from choosing(refiner, world, (chain, *others), objective, placeholders=placeholders))
 
 
 def main(args: list[str] | None = None) -> None:

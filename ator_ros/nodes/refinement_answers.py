@@ -10,13 +10,14 @@ from geometry_msgs.msg import Point as PointMessage
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ator_interfaces.msg import FreeVariable, NotFree, Performance, SearchCurve
+from ator_interfaces.msg import Alternative, FreeVariable, NotFree, Performance, SearchCurve
 from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values, with_values
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import chain_of, performance_of, pose_of
+from ator_ros.nodes.conversions import chain_of, echo_of, performance_of, pose_of
+from ator_ros.refinement.alternatives import Judged, Selection
 from ator_ros.refinement.answer import Refinement, SubgoalCurve
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import TopChain
@@ -28,9 +29,40 @@ _GREEN = ColorRGBA(r=0.1, g=0.8, b=0.2, a=1.0)
 
 
 def answer_of(
-    refinement: Refinement, *, action_set: str, frame: str, want_curve: bool
+    choice: Selection, request: RefineSubgoal.Request, *, action_set: str, frame: str, want_curve: bool
 ) -> RefineSubgoal.Response:
     """Return the response to a request that was evaluated."""
+    response = _response_of(choice.refinement, action_set=action_set, frame=frame, want_curve=want_curve)
+    if request.alternatives:
+        response.chosen = choice.number
+        sent = (request.chain, *request.alternatives)
+        response.alternatives = [
+            _alternative(judged, chain, action_set=action_set, frame=frame)
+            for judged, chain in zip(choice.judged, sent, strict=True)
+        ]
+    return response
+
+
+def _alternative(judged: Judged, sent: TopChainMessage, *, action_set: str, frame: str) -> Alternative:
+    """Return what became of one of several chains, which was `sent`."""
+    found, prediction = judged.refinement, judged.prediction
+    if found is None or prediction is None:
+        return Alternative(
+            reason=judged.reason, chain=echo_of(sent), predicted=performance_of(), cost=math.nan
+        )
+    return Alternative(
+        accepted=True,
+        complete=found.complete,
+        reason=judged.reason,
+        chain=chain_of(found.chain, action_set=action_set, frame=frame),
+        predicted=chain_performance_of(prediction),
+        cost=prediction.cost,
+    )
+
+
+def _response_of(
+    refinement: Refinement, *, action_set: str, frame: str, want_curve: bool
+) -> RefineSubgoal.Response:
     before, after = refinement.before, refinement.after
     return RefineSubgoal.Response(
         accepted=True,
@@ -90,6 +122,9 @@ def _free_variables(refinement: Refinement) -> list[FreeVariable]:
             name=variable.name,
             before=value(refinement.original, variable.subgoal, variable.name),
             after=value(refinement.best, variable.subgoal, variable.name),
+            low=variable.domain.low,
+            high=variable.domain.high,
+            limits=list(variable.limits),
         )
         for variable in refinement.free
     ]

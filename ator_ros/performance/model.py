@@ -90,6 +90,15 @@ class PerformanceModel:
         return declared_by(self.features[name] for name in names)
 
     @cached_property
+    def experience(self) -> Mapping[str, tuple[float, float]]:
+        """Least and greatest value of direct variables and of `way` at the starts that it was learned from.
+
+        Empty where that is not known; see `ator_ros.performance.training.start_ranges`.
+        """
+        ranges = self.metadata.get("training", {}).get("starts", {})
+        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+
+    @cached_property
     def ideal_time(self) -> Feature | None:
         """The ideal time among the features that predict the duration; None if there is none."""
         named = map(self.features.__getitem__, self.trees["duration"].names)

@@ -166,6 +166,23 @@ def _direct_names(rows: pd.DataFrame) -> list[str]:
     return [*DIRECT_VARIABLES, *(name for name in declared if rows[name].notna().any())]
 
 
+def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
+    """Return the least and the greatest value of the direct variables at the starts of episodes.
+
+    Beside them is that of `way`: the distance in m from the point of the robot that the goal is meant for,
+    axle or hold, to the goal's place.
+    """
+    starts = rows[rows["t"] == 0.0]
+    back = robot.hold * starts["hold"] if robot.holder is not None else 0.0
+    way = np.hypot(
+        starts["xg"] - starts["x"] - back * np.cos(starts["yaw"]),
+        starts["yg"] - starts["y"] - back * np.sin(starts["yaw"]),
+    )
+    names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
+    columns = {**{name: starts[name] for name in names}, "way": way}
+    return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
+
+
 def digest(rows: pd.DataFrame) -> str:
     """Return a short digest of the rows that a model was learned from."""
     numbers = rows[[*_direct_names(rows), "t", "time_to_go", "success"]].to_numpy(dtype=float)

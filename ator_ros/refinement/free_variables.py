@@ -32,11 +32,15 @@ class PredictsPerformance(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FreeVariable:
-    """One free variable: of which subgoal of the chain (counted from 0), its name, and its range."""
+    """One free variable: of which subgoal of the chain (counted from 0), its name, and its range.
+
+    `limits` tells what bounds the range beyond that of such variables: regions, and the models' experience.
+    """
 
     subgoal: int
     name: str
     domain: Range
+    limits: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from collections.abc import Mapping, Sequence
 
-from ator_ros.actions.goal_variables import direct_name, goal_values, with_values
-from ator_ros.geometry import FloatArray
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
+from ator_ros.refinement.bounds import names_of, within_experience, within_regions
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import Analysis, FreeVariable, PredictsPerformance, analyse
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
+from ator_ros.refinement.naive import fastest_alone, replaced
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.search import Optimum, searching, unsearched
+from ator_ros.refinement.paths import Optimum
+from ator_ros.refinement.regions import Regions
+from ator_ros.refinement.search import searching, unsearched
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -100,10 +102,12 @@ class Refiner:
         When time is up, placeholders for which no naive value has been searched keep their values.
         """
         objective = objective if objective is not None else Objective()
-        analysis = self.analyse(world, chain)
+        analysis, regions = self.bounded(world, chain)
         memory: Memory = {}
         if placeholders:
-            chain = yield from self._fastest_alone(world, chain, analysis.free, memory)
+            chain = yield from fastest_alone(
+                world, chain, analysis.free, regions, models=self.models, robot=self.robot, memory=memory
+            )
         late = yield
         model = self._model(world, chain, analysis.free, objective, memory)
         if not analysis.free:
@@ -114,7 +118,9 @@ class Refiner:
             before = after = yield from model.predicting(model.given)
             optimum = unsearched(model.given, before.cost)
         else:
-            optimum = yield from searching(model.step_cost, _axes(chain, analysis.free), model.given)
+            optimum = yield from searching(
+                model.step_cost, _axes(chain, analysis.free), model.given, regions.allowing()
+            )
             before = yield from model.predicting(model.given)
             after = yield from model.predicting(optimum.values)
         yield
@@ -129,7 +135,15 @@ class Refiner:
     def _calibrated(self, world: World, answer: Refinement, objective: Objective) -> Refinement:
         """Return the answer with what its predictions are expected to miss added."""
         predicted = [(answer.original, answer.before), (answer.best, answer.after)]
-        before, after = self._calibration.corrected(predicted, world, self.models, self.robot, objective)
+        turned = {variable.subgoal for variable in answer.free if variable.name == "yaw"}
+        before, after = self._calibration.corrected(
+            predicted,
+            world,
+            self.models,
+            self.robot,
+            objective,
+            chosen=[index in turned for index in range(len(answer.original.calls))],
+        )
         return dataclasses.replace(answer, before=before, after=after)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
@@ -143,36 +157,12 @@ class Refiner:
         RefinementError
             As in `refine`.
         """
-        return completed(self._fastest_alone(world, chain, self.analyse(world, chain).free, {}))
-
-    def _fastest_alone(
-        self,
-        world: World,
-        chain: TopChain,
-        free: Sequence[FreeVariable],
-        memory: Memory,
-    ) -> Slices[TopChain]:
-        resting = [variable for variable in free if variable.domain.rest is not None]
-        for variable in resting:
-            chain = _replaced(chain, variable.subgoal, {variable.name: variable.domain.rest or 0.0})
-        searched = [v for v in free if v.domain.rest is None and self._is_used(chain, v)]
-        for index in sorted({variable.subgoal for variable in searched}):
-            alone = [variable for variable in searched if variable.subgoal == index]
-            late = yield
-            if late:
-                break
-            model = self._model(world, TopChain(chain.calls[: index + 1]), alone, Objective(), memory)
-            cost = functools.partial(_cost_of_step, model, index)
-            optimum = yield from searching(cost, [[variable.domain for variable in alone]])
-            if not math.isfinite(optimum.cost):
-                raise RefinementError(f"subgoal {index + 1}: expected a finite prediction, got none")
-            chain = _replaced(chain, index, dict(zip(model.names[index], optimum.values[0], strict=True)))
-        return chain
-
-    def _is_used(self, chain: TopChain, variable: FreeVariable) -> bool:
-        """Return whether the model of the action that leads to a subgoal uses its variable."""
-        model = self.models[chain.calls[variable.subgoal].top.action]
-        return direct_name(variable.name) in model.used_variables
+        analysis, regions = self.bounded(world, chain)
+        return completed(
+            fastest_alone(
+                world, chain, analysis.free, regions, models=self.models, robot=self.robot, memory={}
+            )
+        )
 
     def analyse(self, world: World, chain: TopChain) -> Analysis:
         """Return the free variables of `chain`, and those that it opens in vain.
@@ -195,6 +185,19 @@ class Refiner:
                         f"expected a finite number, got {value}"
                     )
         return analyse(chain, self.models, self.robot, self._ranges)
+
+    def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
+        """Return the analysis of `chain` with its variables bounded by regions and experience, and these.
+
+        Raises
+        ------
+        RefinementError
+            As in `analyse`.
+        """
+        analysis = within_experience(self.analyse(world, chain), chain, self.models)
+        regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
+        analysis = within_regions(analysis, regions, chain)
+        return analysis, regions.narrowed_to(names_of(chain, analysis.free))
 
     def _model(
         self,
@@ -221,12 +224,16 @@ class Refiner:
         best = chain
         for index, names in enumerate(model.names):
             if names:
-                best = _replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
+                best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
         features = gate_features(world, chain, best, before, after)
         pays, reason = self.gate.decide(features)
-        changed = pays and best != chain
-        if pays and not changed:
+        limited = any(variable.limits for variable in analysis.free)
+        invalid = best.violations(world, self.robot) if limited else []
+        changed = pays and best != chain and not invalid
+        if pays and best == chain:
             reason = "the chain is the best already"
+        elif invalid:
+            reason = f"the best chain found is no valid plan: {'; '.join(invalid)}"
         if not optimum.complete:
             reason = f"{reason}; {_CUT_SHORT}"
         lacking = self._without_model(chain)
@@ -273,16 +280,8 @@ def _curves(model: ChainModel, optimum: Optimum) -> tuple[SubgoalCurve, ...]:
     )
 
 
-def _replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:
-    return chain.with_goal(index, with_values(chain.calls[index].goal, values))
-
-
 def _axes(chain: TopChain, free: Sequence[FreeVariable]) -> list[list[Range]]:
     return [
         [variable.domain for variable in free if variable.subgoal == index]
         for index in range(len(chain.calls))
     ]
-
-
-def _cost_of_step(model: ChainModel, index: int, _: int, before: FloatArray, after: FloatArray) -> FloatArray:
-    return model.step_cost(index, before, after)

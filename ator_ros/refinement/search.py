@@ -1,28 +1,23 @@
 """The search for the best subgoals of a whole chain (paper, section 4.3, for any number of variables).
 
-The cost of a chain is a sum of terms, each of two neighbouring subgoals only. On a grid of candidates for
-every subgoal, dynamic programming therefore finds the least sum exactly, with every term of every pair
-evaluated once and vectorised. The grid is exhaustive where one variable is free; otherwise it is coarse first
-and then refined around the best candidates.
-
-When time is up, the subgoals that follow keep what they had: the programming ends with one candidate for each
-of them, and the result is the best for what was searched.
+Dynamic programming finds the best chain through a grid of candidates for every subgoal. The grid is
+exhaustive where one variable is free; otherwise it is coarse first and then refined around the best
+candidates. Where a subgoal has more than two free variables, or its candidates are bounded by a region,
+candidates are spread evenly instead (`ator_ros.refinement.sampled`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
+from ator_ros.refinement.paths import Optimum, SearchCurve, StepCost, best_apart, least_path
+from ator_ros.refinement.sampled import Allowed, into_domains, sampling
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.tops.ranges import Range
-
-StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
-"""Returns the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
 
 SINGLE = 120
 """Candidates for one free variable on its own: 3 degrees of an angle. Nothing finer is searched then."""
@@ -34,48 +29,8 @@ LEAST_STEPS = 4
 ZOOM_STEPS = (7, 5, 3)
 """Steps of a window in each direction, for one, two, and more free variables."""
 ZOOM_WINDOWS = 2
-BLOCK = 384
-"""Pairs of candidates whose costs are computed at once: about a millisecond, the length of a slice."""
-
-
-@dataclass(frozen=True, slots=True)
-class SearchCurve:
-    """What was searched at one subgoal.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n, k)
-        Candidates: values of the subgoal's k free variables.
-    totals : ndarray, shape (n,)
-        Least cost of the whole chain through each candidate.
-    """
-
-    values: FloatArray
-    totals: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Optimum:
-    """Best values of each subgoal's free variables, shapes (k,), the cost there, the first grid's curves.
-
-    It is not `complete` where time was up before everything was searched.
-    """
-
-    values: tuple[FloatArray, ...]
-    cost: float
-    curves: tuple[SearchCurve, ...]
-    complete: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class _Path:
-    """The best path through candidates: those considered, the values chosen, the least cost through each."""
-
-    candidates: Sequence[FloatArray]
-    values: list[FloatArray]
-    cost: float
-    totals: list[FloatArray]
-    complete: bool
+MOST_ON_GRID = 2
+"""Free variables of a subgoal that are searched on a grid."""
 
 
 def search(
@@ -98,16 +53,22 @@ def search(
 
 
 def searching(
-    step_cost: StepCost, axes: Sequence[Sequence[Range]], given: Sequence[FloatArray] | None = None
+    step_cost: StepCost,
+    axes: Sequence[Sequence[Range]],
+    given: Sequence[FloatArray] | None = None,
+    allowed: Allowed | None = None,
 ) -> Slices[Optimum]:
     """Search as `search` does, in slices; when time is up, subgoals not yet searched keep what is `given`.
 
-    Without given values, all of the first grid is searched nevertheless.
+    Without given values, all of the first candidates are searched nevertheless. Candidates are limited to
+    what is `allowed`; what is given is searched in any case.
     """
+    if allowed is not None or max(map(len, axes)) > MOST_ON_GRID:
+        return (yield from sampling(step_cost, axes, given, allowed))
     grids, steps = _first_grids(tuple(map(tuple, axes)))
     known = list(given) if given is not None else []
     candidates = [_with(g, v) for g, v in zip(grids, known, strict=True)] if known else grids
-    first = yield from _least_path(step_cost, candidates, known)
+    first = yield from least_path(step_cost, candidates, known)
     curves = tuple(
         SearchCurve(grid, total[: len(grid)]) if searched is offered else SearchCurve(searched, total)
         for grid, offered, searched, total in zip(
@@ -121,10 +82,10 @@ def searching(
         first.values, candidates, first.totals, steps, axes, strict=True
     ):
         yield
-        best = _best_apart(offered, total, step) if domains else []
+        best = best_apart(offered, total, step, most=ZOOM_WINDOWS) if domains else []
         zoomed = [_window(centre, step, domains) for centre in best]
         windows.append(np.vstack([value, *zoomed]) if domains else offered)
-    second = yield from _least_path(step_cost, windows, first.values)
+    second = yield from least_path(step_cost, windows, first.values)
     return Optimum(tuple(second.values), second.cost, curves, second.complete)
 
 
@@ -176,82 +137,5 @@ def _window(centre: FloatArray, step: FloatArray, domains: Sequence[Range]) -> F
     """Return candidates, shape (n, k), that divide the steps of the first grid around `centre`."""
     count = ZOOM_STEPS[min(len(domains), len(ZOOM_STEPS)) - 1]
     window = _product([c + s * np.linspace(-1.0, 1.0, count) for c, s in zip(centre, step, strict=True)])
-    for column, domain in enumerate(domains):
-        if domain.periodic:
-            width = domain.high - domain.low
-            window[:, column] = (window[:, column] - domain.low) % width + domain.low
-        else:
-            window[:, column] = np.clip(window[:, column], domain.low, domain.high)
+    into_domains(window, domains)
     return window
-
-
-def _best_apart(candidates: FloatArray, totals: FloatArray, step: FloatArray) -> list[FloatArray]:
-    """Return the best candidates, at most ZOOM_WINDOWS, of which no two lie in one window."""
-    chosen: list[FloatArray] = []
-    left = totals.copy()
-    for _ in range(min(ZOOM_WINDOWS, len(candidates))):
-        index = int(np.argmin(left))
-        if not np.isfinite(left[index]):
-            break
-        chosen.append(candidates[index])
-        near = np.all(np.abs(candidates - candidates[index]) < 2.5 * step, axis=1)
-        left[near] = np.inf
-    return chosen
-
-
-def _least_path(
-    step_cost: StepCost, candidates: Sequence[FloatArray], given: Sequence[FloatArray]
-) -> Slices[_Path]:
-    """Find the best candidate of each subgoal; when time is up, only the `given` one of those that follow."""
-    searched: list[FloatArray] = []
-    costs: list[FloatArray] = []
-    forward: list[FloatArray] = []
-    origins = []
-    before, complete = np.zeros((1, 0)), True
-    for index, offered in enumerate(candidates):
-        after = offered if complete else given[index][None, :]
-        cost = yield from _pairwise(step_cost, index, before, after, cut=complete and bool(given))
-        if len(cost) < len(before):
-            complete, after = False, given[index][None, :]
-            cost = yield from _pairwise(step_cost, index, before, after, cut=False)
-        sums = forward[-1][:, None] + cost if forward else cost
-        origins.append(np.argmin(sums, axis=0))
-        forward.append(sums[origins[-1], np.arange(sums.shape[1])])
-        costs.append(cost)
-        searched.append(after)
-        before = after
-    backward = [np.zeros(len(before))]
-    for cost in reversed(costs[1:]):
-        yield
-        backward.insert(0, np.min(cost + backward[0][None, :], axis=1))
-    row = int(np.argmin(forward[-1]))
-    total, path = float(forward[-1][row]), [row]
-    for origin in reversed(origins[1:]):
-        path.insert(0, int(origin[path[0]]))
-    values = [c[i] for c, i in zip(searched, path, strict=True)]
-    totals = [f + b for f, b in zip(forward, backward, strict=True)]
-    return _Path(searched, values, total, totals, complete)
-
-
-def _pairwise(
-    step_cost: StepCost, index: int, before: FloatArray, after: FloatArray, *, cut: bool
-) -> Slices[FloatArray]:
-    """Compute the cost of a step, shape (n, m), for every pair of n candidates before and m after it.
-
-    Where that may be `cut` short, there are fewer rows if time is up.
-    """
-    n, m = len(before), len(after)
-    size = max(1, BLOCK // m)
-    blocks = [np.zeros((0, m))]
-    for first in range(0, n, size):
-        late = yield
-        if late and cut:
-            break
-        part = before[first : first + size]
-        if n > 1 and m > 1:
-            rows = step_cost(index, np.repeat(part, m, axis=0), np.tile(after, (len(part), 1)))
-        else:
-            rows = step_cost(index, part, after)
-        every = len(rows) == len(part) * m
-        blocks.append(rows.reshape(len(part), m) if every else np.full((len(part), m), rows[0]))
-    return np.concatenate(blocks)

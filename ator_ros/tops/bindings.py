@@ -3,7 +3,7 @@
 A condition binds a goal variable where it relates what the variable determines to something else: a step
 that starts with an object's x near goal.x has its x where the object lies. A condition that holds for every
 value of the variable, as robot.yaw near goal.yaw does after a drive, states what the step achieves and binds
-nothing.
+nothing. Nor does a range about a number, or a relation between places: they bound what may be chosen.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ator_ros.actions.base import Point
-from ator_ros.tops.conditions import Condition, Statement
+from ator_ros.tops.conditions import Condition, Region, Statement
 from ator_ros.tops.top import Top
 
 Variable = tuple[int, str]
@@ -49,6 +49,8 @@ def bindings(tops: tuple[Top, ...]) -> Mapping[Variable, str]:
 def _collect(found: dict[Variable, str], condition: Condition, state: _State, step: int, whose: str) -> None:
     """Add what `condition` binds in `state`; the first reason counts."""
     for term in condition.terms:
+        if isinstance(term, Region) and term.bounds:
+            continue
         value, target = _value(term.variable, state, step), _value(term.target, state, step)
         if value.text != target.text:
             for variable in value.depends | target.depends:

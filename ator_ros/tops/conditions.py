@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ator_ros.geometry import wrap_angle
+from ator_ros.tops.relations import Relation, excess_of, violation_of
 from ator_ros.tops.state import State
 
 _NO_OBJECTS = frozenset({"robot", "hold", "goal"})
@@ -98,6 +99,11 @@ class Region:
         """Whether the variable lies at its target: the range is finite and contains it."""
         return -math.inf < self.low <= 0.0 <= self.high < math.inf
 
+    @property
+    def bounds(self) -> bool:
+        """Whether it bounds the variable by numbers, and relates it to nothing else."""
+        return not isinstance(self.target, str)
+
     def excess(self, state: State, goal: Mapping[str, float]) -> float | None:
         """Return how far the variable is out of the range, 0 within; None where one of the two is unknown."""
         difference = self._outward(_difference(self, state, goal), state, goal)
@@ -135,9 +141,10 @@ Statement = Term | Region
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """A region of the state space: all terms hold."""
+    """A region of the state space: all terms and relations hold."""
 
     terms: tuple[Statement, ...] = ()
+    relations: tuple[Relation, ...] = ()
 
     def goal_names(self) -> frozenset[str]:
         """Return the goal variables (x, y, yaw, speed) that this condition names as targets."""
@@ -149,20 +156,25 @@ class Condition:
         names = (
             name for term in self.terms for name in (term.variable, term.target) if isinstance(name, str)
         )
-        return frozenset(name.partition(".")[0] for name in names) - _NO_OBJECTS
+        places = (place for relation in self.relations for place in relation.places)
+        return frozenset((*(name.partition(".")[0] for name in names), *places)) - _NO_OBJECTS
 
     def about_objects(self) -> Condition:
-        """Return the terms that name an object."""
-        return Condition(tuple(term for term in self.terms if Condition((term,)).objects()))
+        """Return the terms and relations that name an object."""
+        terms = (term for term in self.terms if Condition((term,)).objects())
+        relations = (item for item in self.relations if Condition(relations=(item,)).objects())
+        return Condition(tuple(terms), tuple(relations))
 
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
         """Return in words which terms do not hold; an empty list means that the condition holds."""
-        violations = (term.violation(state, goal) for term in self.terms)
+        violations = [term.violation(state, goal) for term in self.terms]
+        violations += [violation_of(relation, state, goal) for relation in self.relations]
         return [violation for violation in violations if violation is not None]
 
     def shortfall(self, state: State, goal: Mapping[str, float]) -> float:
         """Return the greatest excess over all terms, 0 if all hold; infinite if a variable is unknown."""
         excesses = [term.excess(state, goal) for term in self.terms]
+        excesses += [excess_of(relation, state, goal) for relation in self.relations]
         return max((math.inf if excess is None else excess for excess in excesses), default=0.0)
 
     def apply(self, state: State, goal: Mapping[str, float]) -> dict[str, float]:

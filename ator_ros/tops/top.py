@@ -39,10 +39,14 @@ class Top:
     @property
     def needs_holder(self) -> bool:
         """Whether its goal or its conditions are about the robot's hold."""
-        return self.point is Point.HOLD or any(
-            str(side).startswith("hold.")
-            for term in (*self.pre.terms, *self.post.terms)
-            for side in (term.variable, term.target)
+        return (
+            self.point is Point.HOLD
+            or any(
+                str(side).startswith("hold.")
+                for term in (*self.pre.terms, *self.post.terms)
+                for side in (term.variable, term.target)
+            )
+            or any("hold" in relation.places for relation in (*self.pre.relations, *self.post.relations))
         )
 
     def lacks(self, robot: Robot) -> str | None:

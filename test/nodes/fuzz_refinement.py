@@ -125,13 +125,13 @@ def place_ball(request: RefineSubgoal.Request) -> None:
 def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary) -> str:
     """Do what the node does with a request; give "answered" or "refused"."""
     try:
-        refinement = completed(refining_of(request, refiner, library, frame=FRAME))
+        choice = completed(refining_of(request, refiner, library, frame=FRAME))
     except (MessageError, RefinementError) as error:
         return f"refused: {kind_of(str(error))}"
-    answer = answer_of(refinement, action_set="default", frame=FRAME, want_curve=request.want_curve)
+    answer = answer_of(choice, request, action_set="default", frame=FRAME, want_curve=request.want_curve)
     plan, chain = (conversions.chain_from(c, library, frame=FRAME) for c in (request.chain, answer.chain))
     allowed_changes(plan, chain, library.robot, library.ranges)  # as the executor sees to it
-    return "refined" if refinement.refined else "left alone"
+    return "refined" if choice.refinement.refined else "left alone"
 
 
 def kind_of(error: str) -> str:

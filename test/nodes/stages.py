@@ -17,7 +17,7 @@ CHAIN = [
 ]
 SHOT = [
     call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
-    call("dribbleBall", Pose(0.8, 0.0, 0.0)),
+    call("dribbleBall", Pose(1.6, 0.0, 0.0)),
     call("shoot", Pose(4.0, 0.0, 0.0)),
 ]
 Stage = Callable[[Arena, Visit], Sent]

@@ -47,7 +47,7 @@ def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
     calibration = load_calibration_if_any(ROOT / "models")
     refiner = Refiner(ROBOT, models, gate, ranges=SOCCER.variables, calibration=calibration)
     found = completed(refining_of(request, refiner, LIBRARY, frame="odom"))
-    return answer_of(found, action_set="default", frame="odom", want_curve=False)
+    return answer_of(found, request, action_set="default", frame="odom", want_curve=False)
 
 
 def durations(field: str) -> list[str]:

@@ -8,7 +8,7 @@ import pytest
 from chain_client import call
 from refinement_fakes import LIBRARY, ROBOT, models
 
-from ator_interfaces.msg import ObjectState, TopCall
+from ator_interfaces.msg import ObjectState, TopCall, TopChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
@@ -31,13 +31,13 @@ def request(*calls: TopCall) -> RefineSubgoal.Request:
 def answered(asked: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Response:
     known = {action: model for action, model in models().items() if action not in without}
     found = completed(refining_of(asked, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom"))
-    return answer_of(found, action_set="default", frame="odom", want_curve=False)
+    return answer_of(found, asked, action_set="default", frame="odom", want_curve=False)
 
 
 def test_a_step_without_a_model_is_named_and_the_others_are_refined() -> None:
     asked = request(
         call("goToBall", Pose(0.0, 0.0, 2.0), opened=("yaw",)),
-        call("dribbleBall", Pose(0.0, 2.0, 2.0), opened=("yaw",)),
+        call("dribbleBall", Pose(2.0, 1.0, 2.0), opened=("yaw",)),
         call("shoot", Pose(4.0, 0.0, 0.0)),
     )
     asked.as_given = True
@@ -76,3 +76,63 @@ def test_what_is_no_plan_from_the_situation_is_refused(calls: list[TopCall], rea
     with pytest.raises(RefinementError) as caught:
         answered(request(*calls))
     assert str(caught.value).startswith(reason)
+
+
+class TestAlternatives:
+    """Several chains for the same end: far round, straight, and a shot from where none is allowed."""
+
+    far = (
+        call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
+        call("dribbleBall", Pose(2.2, 1.5, 0.0), opened=("yaw",)),
+        call("shoot", Pose(4.0, 0.0, 0.0)),
+    )
+    near = (far[0], call("dribbleBall", Pose(2.0, 0.0, 0.0), opened=("yaw",)), far[2])
+    at_once = (far[0], far[2])
+
+    def asked(self, *chains: tuple[TopCall, ...]) -> RefineSubgoal.Request:
+        first, *others = chains
+        asked = request(*first)
+        asked.alternatives = [TopChain(calls=list(chain)) for chain in others]
+        return asked
+
+    def test_the_best_is_chosen_and_all_are_listed_with_their_predictions(self) -> None:
+        answer = answered(self.asked(self.far, self.at_once, self.near))
+        assert answer.chosen == 2
+        assert [each.accepted for each in answer.alternatives] == [True, False, True]
+        alone = [answered(self.asked(chain)) for chain in (self.far, self.near)]
+        assert answer.chain == alone[1].chain
+        assert answer.alternatives[0].cost == min(alone[0].cost_before, alone[0].cost_after)
+        assert answer.alternatives[2].cost < answer.alternatives[0].cost
+        assert answer.alternatives[2].predicted.duration == pytest.approx(answer.after.duration)
+        assert "pre-condition of step 2 (shoot)" in answer.alternatives[1].reason
+        assert answer.alternatives[1].chain.calls[1].top == "shoot"
+
+    def test_the_chain_of_the_request_may_be_the_one_that_is_skipped(self) -> None:
+        answer = answered(self.asked(self.at_once, self.far))
+        assert (answer.accepted, answer.chosen) == (True, 1)
+        assert [each.accepted for each in answer.alternatives] == [False, True]
+
+    def test_without_any_valid_plan_all_reasons_are_told(self) -> None:
+        strange = (call("goToMoon", Pose(0.0, 0.0, 0.0)),)
+        with pytest.raises(RefinementError) as caught:
+            answered(self.asked(self.at_once, self.at_once, strange))
+        assert "alternative 1: no valid plan: " in str(caught.value)
+        assert "alternative 2: alternatives[1].calls[0].top: " in str(caught.value)
+
+    def test_an_alternative_of_another_action_set_is_skipped(self) -> None:
+        asked = self.asked(self.far, self.near)
+        asked.alternatives[0].action_set = "bezier"
+        answer = answered(asked)
+        assert answer.chosen == 0
+        assert "alternatives[0].action_set" in answer.alternatives[1].reason
+
+    def test_one_chain_has_no_list(self) -> None:
+        answer = answered(self.asked(self.far))
+        assert (len(answer.alternatives), answer.chosen) == (0, 0)
+
+    def test_a_free_place_tells_its_bounds(self) -> None:
+        carry = call("dribbleBall", Pose(2.2, 1.5, 0.0), opened=("x", "y", "yaw", "speed"))
+        answer = answered(self.asked((self.far[0], carry, self.far[2])))
+        [x] = [each for each in answer.free if (each.subgoal, each.name) == (1, "x")]
+        assert 1.2 < x.low < x.after < x.high < 4.0
+        assert "pre-condition of step 3 (shoot): distance from ball to goal 0.74 to 2.66 m" in x.limits

@@ -54,9 +54,9 @@ def short_request(index: int) -> RefineSubgoal.Request:
 
 
 def served(refiner: Refiner, request: RefineSubgoal.Request) -> Slices[RefineSubgoal.Response]:
-    refinement = yield from refining_of(request, refiner, LIBRARY, frame="odom")
+    choice = yield from refining_of(request, refiner, LIBRARY, frame="odom")
     yield
-    return answer_of(refinement, action_set="default", frame="odom", want_curve=False)
+    return answer_of(choice, request, action_set="default", frame="odom", want_curve=False)
 
 
 def delays(refiner: Refiner, worst: int, count: int) -> list[float]:

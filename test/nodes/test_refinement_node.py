@@ -85,6 +85,7 @@ def test_an_open_angle_is_compared_with_the_fastest_approach(asker: Client) -> N
 
 def test_an_open_variable_that_no_model_uses_keeps_its_value(asker: Client) -> None:
     request = request_of_the_paper()
+    request.chain.calls[1] = call("dribbleBall", Pose(2.0, 1.0, 1.5))
     request.chain.calls.append(call("shoot", Pose(4.0, 0.0, 0.0), opened=("yaw",)))
     response = refine(asker, request)
     assert response.accepted, response.reason

@@ -1,6 +1,7 @@
 """How long the core refinement of a chain takes: search, predictions and gate, without ROS.
 
 Each request of a round is another random situation, so that no cache of the processor flatters the numbers.
+Times are those of the processor, which is what an idle machine takes: one thread computes.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
-from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
+from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.tools.benchmarks.requests import long_chain
+from ator_ros.tops.library import TopLibrary
 
 SEED = 801
 WARM_UP = 20
@@ -24,12 +27,17 @@ CASES: dict[str, tuple[int, Callable[[Trial], Any]]] = {
     "2 steps, heading and speed": (0, lambda trial: open_speeds(trial.chain)),
     "3 steps, two headings": (1, lambda trial: trial.chain),
     "3 steps, two headings and speeds": (1, lambda trial: open_speeds(trial.chain)),
+    "3 steps, place, headings and speeds": (1, lambda trial: open_places(trial.chain)),
 }
 """By name: the number of the default domain's chain, and what is left open in it."""
+LENGTHS = (2, 4, 8, 16, 32)
+"""Steps of the chains that show how the time grows."""
 
 
 def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]:
     """Return for each case the median and the 99th percentile in ms, and the limit where there is one.
+
+    Beside them are the times of chains of LENGTHS.
 
     The cases are measured in turn, `rounds` times. On a machine that is shared with others the slowest round
     tells of them, so the quietest one counts; the slowest median is told beside it.
@@ -53,7 +61,25 @@ def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]
     for _ in range(rounds):
         for name, chains in naive.items():
             times[name].append(_times(refiner, chains))
-    return {name: _row(name, times[name]) for name in CASES}
+    return {name: _row(name, times[name]) for name in CASES} | _growth(refiner, library, max(rounds, 1))
+
+
+def _growth(refiner: Refiner, library: TopLibrary, rounds: int) -> dict[str, dict[str, float]]:
+    """Return the time in ms, per step and in all, of chains of LENGTHS with open headings and speeds."""
+    chains = {length: long_chain(library, length) for length in LENGTHS}
+    times: dict[int, list[float]] = {length: [] for length in LENGTHS}
+    for _ in range(rounds):
+        for length, (world, chain) in chains.items():
+            began = time.process_time()
+            refiner.refine(world, chain)
+            times[length].append(1000.0 * (time.process_time() - began))
+    return {
+        f"{length} steps, headings and speeds": {
+            "least_ms": round(min(each), 3),
+            "least_ms_per_step": round(min(each) / length, 3),
+        }
+        for length, each in times.items()
+    }
 
 
 def _row(name: str, rounds: Sequence[Sequence[float]]) -> dict[str, float]:
@@ -70,7 +96,7 @@ def _times(refiner: Refiner, requests: Sequence[tuple[Trial, Any]]) -> list[floa
     """Return the time in ms of each request after the warm-up."""
     times = []
     for trial, chain in requests:
-        began = time.perf_counter()
+        began = time.process_time()
         refiner.refine(trial.world, chain)
-        times.append(1000.0 * (time.perf_counter() - began))
+        times.append(1000.0 * (time.process_time() - began))
     return times[WARM_UP:]

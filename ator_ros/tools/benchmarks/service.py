@@ -29,8 +29,9 @@ from ator_ros.nodes import conversions
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.nodes.running import run_node
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement.answer import Refinement
+from ator_ros.refinement.alternatives import Selection, choosing
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.slices import completed
 from ator_ros.tools.benchmarks.requests import worst_request
 from ator_ros.tools.processes import own_nodes
 
@@ -58,15 +59,15 @@ def _messages_alone() -> Answer:
     robot = DOMAIN.robot()
     library, models = DOMAIN.library(robot), load_models(robot, DOMAIN.known_features)
     refiner = Refiner(robot, models, ranges=DOMAIN.ranges)
-    known: list[Refinement] = []
+    known: list[Selection] = []
 
     def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
         world = conversions.world_from(request.situation, frame=_FRAME)
         chain = conversions.chain_from(request.chain, library, frame=_FRAME)
         objective = conversions.objective_from(request.objective)
         if not known:
-            known.append(refiner.refine(world, chain, objective))
-        return answer_of(known[0], action_set=library.action_set, frame=_FRAME, want_curve=False)
+            known.append(completed(choosing(refiner, world, [chain], objective)))
+        return answer_of(known[0], request, action_set=library.action_set, frame=_FRAME, want_curve=False)
 
     return answer
 

@@ -1,0 +1,103 @@
+"""What bounds the free variables of a chain beyond their ranges: the regions of conditions, and experience.
+
+A performance model knows what was tried. Where its starts and goals end well inside a range, what lies beyond
+is not searched.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ator_ros.actions.goal_variables import direct_name
+from ator_ros.refinement.free_variables import Analysis, FreeVariable, NotFree, PredictsPerformance
+from ator_ros.refinement.regions import Regions, experience_of
+from ator_ros.refinement.sampled import spread_points
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.ranges import Range
+
+NEGLIGIBLE = 0.02
+"""Share of a range that a bound must take away to count: random starts never reach the ends of theirs."""
+_POINTS = 2048
+_ROOM = 0.05
+"""Share by which the extent of the points that a region allows is widened on each side."""
+
+
+def names_of(chain: TopChain, free: Sequence[FreeVariable]) -> list[tuple[str, ...]]:
+    """Return the names of the free variables of each subgoal."""
+    return [
+        tuple(variable.name for variable in free if variable.subgoal == index)
+        for index in range(len(chain.calls))
+    ]
+
+
+def within_experience(
+    analysis: Analysis, chain: TopChain, models: Mapping[str, PredictsPerformance]
+) -> Analysis:
+    """Return `analysis` with the ranges narrowed to the goals that the models were learned with."""
+    return dataclasses.replace(
+        analysis, free=tuple(_experienced(variable, chain, models) for variable in analysis.free)
+    )
+
+
+def _experienced(
+    variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
+) -> FreeVariable:
+    action = chain.calls[variable.subgoal].top.action
+    known = experience_of(models.get(action))
+    if variable.domain.periodic or direct_name(variable.name) not in known:
+        return variable
+    low, high = known[direct_name(variable.name)]
+    said = f"experience of {action}: {direct_name(variable.name)} from {low:.2f} to {high:.2f}"
+    return _narrowed(variable, low, high, (said,))
+
+
+def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Analysis:
+    """Return `analysis` with the ranges narrowed to where regions have candidates.
+
+    Where a region allows none, the variables of the subgoal are not free.
+    """
+    free: list[FreeVariable] = []
+    not_free = list(analysis.not_free)
+    for index in range(len(chain.calls)):
+        variables = [variable for variable in analysis.free if variable.subgoal == index]
+        if not variables or not regions.bounds(index):
+            free += variables
+            continue
+        limits = regions.limits(index)
+        points = _points([variable.domain for variable in variables])
+        points = points[regions.allowed(index, points)]
+        if not len(points):
+            why = f"without an allowed value: {'; '.join(limits)}"
+            not_free += [NotFree(index, variable.name, why) for variable in variables]
+            continue
+        for variable, column in zip(variables, points.T, strict=True):
+            room = _ROOM * float(np.ptp(column))
+            narrowed = variable
+            if not variable.domain.periodic:
+                narrowed = _narrowed(variable, float(column.min()) - room, float(column.max()) + room, limits)
+            free.append(narrowed)
+    return Analysis(tuple(free), tuple(not_free))
+
+
+def _points(domains: Sequence[Range]) -> np.ndarray:
+    low = np.array([domain.low for domain in domains])
+    high = np.array([domain.high for domain in domains])
+    return np.asarray(low + (high - low) * spread_points(len(domains), 0, _POINTS))
+
+
+def _narrowed(variable: FreeVariable, low: float, high: float, limits: tuple[str, ...]) -> FreeVariable:
+    """Return the variable with its range cut to `low` to `high`, if that takes away what counts."""
+    domain = variable.domain
+    width = domain.high - domain.low
+    low, high = max(low, domain.low), min(high, domain.high)
+    cut = max(low - domain.low, domain.high - high)
+    if cut <= NEGLIGIBLE * width or low >= high:
+        return variable
+    return dataclasses.replace(
+        variable,
+        domain=dataclasses.replace(domain, low=low, high=high),
+        limits=variable.limits + limits,
+    )

@@ -1,0 +1,139 @@
+"""The best chain through candidates of every subgoal: dynamic programming (paper, section 4.3).
+
+The cost of a chain is a sum of terms, each of two neighbouring subgoals only. Among candidates for every
+subgoal, dynamic programming therefore finds the least sum exactly, with every term of every pair evaluated
+once and vectorised.
+
+When time is up, the subgoals that follow keep what they had: the programming ends with one candidate for each
+of them, and the result is the best for what was searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.refinement.slices import Slices
+
+StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
+"""Returns the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
+
+BLOCK = 384
+"""Pairs of candidates whose costs are computed at once: about a millisecond, the length of a slice."""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchCurve:
+    """What was searched at one subgoal.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, k)
+        Candidates: values of the subgoal's k free variables.
+    totals : ndarray, shape (n,)
+        Least cost of the whole chain through each candidate.
+    """
+
+    values: FloatArray
+    totals: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Optimum:
+    """Best values of each subgoal's free variables, shapes (k,), the cost there, the first grid's curves.
+
+    It is not `complete` where time was up before everything was searched.
+    """
+
+    values: tuple[FloatArray, ...]
+    cost: float
+    curves: tuple[SearchCurve, ...]
+    complete: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class BestPath:
+    """The best path through candidates: those considered, the values chosen, the least cost through each."""
+
+    candidates: Sequence[FloatArray]
+    values: list[FloatArray]
+    cost: float
+    totals: list[FloatArray]
+    complete: bool
+
+
+def best_apart(
+    candidates: FloatArray, totals: FloatArray, step: FloatArray, *, most: int
+) -> list[FloatArray]:
+    """Return at most `most` of the best candidates, no two within 2.5 `step` (k,) of each other."""
+    chosen: list[FloatArray] = []
+    left = totals.copy()
+    for _ in range(min(most, len(candidates))):
+        index = int(np.argmin(left))
+        if not np.isfinite(left[index]):
+            break
+        chosen.append(candidates[index])
+        near = np.all(np.abs(candidates - candidates[index]) < 2.5 * step, axis=1)
+        left[near] = np.inf
+    return chosen
+
+
+def least_path(
+    step_cost: StepCost, candidates: Sequence[FloatArray], given: Sequence[FloatArray]
+) -> Slices[BestPath]:
+    """Find the best candidate of each subgoal; when time is up, only the `given` one of those that follow."""
+    searched: list[FloatArray] = []
+    costs: list[FloatArray] = []
+    forward: list[FloatArray] = []
+    origins = []
+    before, complete = np.zeros((1, 0)), True
+    for index, offered in enumerate(candidates):
+        after = offered if complete else given[index][None, :]
+        cost = yield from _pairwise(step_cost, index, before, after, cut=complete and bool(given))
+        if len(cost) < len(before):
+            complete, after = False, given[index][None, :]
+            cost = yield from _pairwise(step_cost, index, before, after, cut=False)
+        sums = forward[-1][:, None] + cost if forward else cost
+        origins.append(np.argmin(sums, axis=0))
+        forward.append(sums[origins[-1], np.arange(sums.shape[1])])
+        costs.append(cost)
+        searched.append(after)
+        before = after
+    backward = [np.zeros(len(before))]
+    for cost in reversed(costs[1:]):
+        yield
+        backward.insert(0, np.min(cost + backward[0][None, :], axis=1))
+    row = int(np.argmin(forward[-1]))
+    total, path = float(forward[-1][row]), [row]
+    for origin in reversed(origins[1:]):
+        path.insert(0, int(origin[path[0]]))
+    values = [c[i] for c, i in zip(searched, path, strict=True)]
+    totals = [f + b for f, b in zip(forward, backward, strict=True)]
+    return BestPath(searched, values, total, totals, complete)
+
+
+def _pairwise(
+    step_cost: StepCost, index: int, before: FloatArray, after: FloatArray, *, cut: bool
+) -> Slices[FloatArray]:
+    """Compute the cost of a step, shape (n, m), for every pair of n candidates before and m after it.
+
+    Where that may be `cut` short, there are fewer rows if time is up.
+    """
+    n, m = len(before), len(after)
+    size = max(1, BLOCK // m)
+    blocks = [np.zeros((0, m))]
+    for first in range(0, n, size):
+        late = yield
+        if late and cut:
+            break
+        part = before[first : first + size]
+        if n > 1 and m > 1:
+            rows = step_cost(index, np.repeat(part, m, axis=0), np.tile(after, (len(part), 1)))
+        else:
+            rows = step_cost(index, part, after)
+        every = len(rows) == len(part) * m
+        blocks.append(rows.reshape(len(part), m) if every else np.full((len(part), m), rows[0]))
+    return np.concatenate(blocks)

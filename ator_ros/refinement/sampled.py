@@ -1,0 +1,143 @@
+"""The search where a subgoal has more than two free variables: too many for a grid.
+
+The first candidates of each subgoal are spread evenly over its domains, as far as its region allows. The best
+chain through them is found as on a grid, and then again among candidates in boxes around the best, which
+shrink from round to round. Nothing is random: the same request has the same answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.refinement.paths import BestPath, Optimum, SearchCurve, StepCost, best_apart, least_path
+from ator_ros.refinement.slices import Slices
+from ator_ros.tops.ranges import Range
+
+Allowed = Callable[[int, FloatArray], BoolArray]
+"""Returns which candidates (n, k) of a subgoal its region allows, shape (n,)."""
+
+FIRST = (1, 16, 12, 64, 200)
+"""First candidates of a subgoal with so many free variables."""
+AROUND = (1, 5, 4, 20, 30)
+"""The same of each box."""
+ALONE = 400
+"""The same where the neighbours are fixed."""
+MOST_BESIDE = 48
+"""First candidates of a subgoal with more than two free variables beside another such one."""
+SHRINKS = 0.85
+BOXES = (1,) * 20
+"""Boxes around the best candidates, round by round."""
+_TRIES = 40  # points that are looked at for each candidate wanted
+_POINTS = 1 << 13
+
+
+def sampling(
+    step_cost: StepCost,
+    axes: Sequence[Sequence[Range]],
+    given: Sequence[FloatArray] | None,
+    allowed: Allowed | None,
+) -> Slices[Optimum]:
+    """Search in slices, as `ator_ros.refinement.search.searching` does."""
+    boxes = [_Box(index, domains, allowed) for index, domains in enumerate(axes)]
+    firsts = [box.spread(_count(axes, box.index)) for box in boxes]
+    known = [] if given is None else list(given)
+    offered = [_joined(v, first) for v, first in zip(known, firsts, strict=True)] if known else firsts
+    path = yield from least_path(step_cost, offered, known)
+    curves = tuple(map(SearchCurve, path.candidates, path.totals))
+    radii = [box.reach(len(first)) for box, first in zip(boxes, firsts, strict=True)]
+    for number, most in enumerate(BOXES):
+        if not path.complete:
+            break
+        yield
+        windows = [
+            _joined(path.values[box.index], *box.around(path, radius, most, number))
+            for box, radius in zip(boxes, radii, strict=True)
+        ]
+        path = yield from least_path(step_cost, windows, path.values)
+        radii = [SHRINKS * radius for radius in radii]
+    return Optimum(tuple(path.values), path.cost, curves, path.complete)
+
+
+def _count(axes: Sequence[Sequence[Range]], index: int) -> int:
+    """Return how many first candidates a subgoal has."""
+    free = len(axes[index])
+    beside = max((len(axes[i]) for i in (index - 1, index + 1) if 0 <= i < len(axes)), default=0)
+    if not beside:
+        return ALONE
+    size = FIRST[min(free, len(FIRST) - 1)]
+    return min(size, MOST_BESIDE) if free > 2 and beside > 2 else size
+
+
+def _joined(first: FloatArray, *others: FloatArray) -> FloatArray:
+    """Return candidates (n, k) that begin with one of shape (k,)."""
+    return np.vstack([first[None, :], *others])
+
+
+class _Box:
+    """The domains of one subgoal's free variables, and its region."""
+
+    def __init__(self, index: int, domains: Sequence[Range], allowed: Allowed | None) -> None:
+        self.index, self._domains, self._allowed = index, domains, allowed
+        self._low = np.array([domain.low for domain in domains])
+        self._span = np.array([domain.high for domain in domains]) - self._low
+
+    def reach(self, count: int) -> FloatArray:
+        """Return half the distance between `count` evenly spread candidates in each variable, shape (k,)."""
+        return np.asarray(self._span * 0.5 * max(count, 1) ** (-1.0 / max(len(self._domains), 1)))
+
+    def spread(self, count: int) -> FloatArray:
+        """Return up to `count` candidates, shape (n, k), spread evenly over what is allowed."""
+        if not self._domains:
+            return np.zeros((1, 0))
+        tries = count if self._allowed is None else count * _TRIES
+        points = self._low + self._span * spread_points(len(self._domains), 0, tries)
+        return self._within(points)[:count]
+
+    def around(self, path: BestPath, radius: FloatArray, most: int, number: int) -> list[FloatArray]:
+        """Return candidates (n, k) of each box of half width `radius` around the best of a path."""
+        if not self._domains:
+            return []
+        free = len(self._domains)
+        count = AROUND[min(free, len(AROUND) - 1)]
+        found = []
+        for centre in best_apart(path.candidates[self.index], path.totals[self.index], radius, most=most):
+            points = centre + radius * (2.0 * spread_points(free, number * count, count) - 1.0)
+            into_domains(points, self._domains)
+            found.append(self._within(points))
+        return found
+
+    def _within(self, points: FloatArray) -> FloatArray:
+        return points if self._allowed is None else points[self._allowed(self.index, points)]
+
+
+def into_domains(points: FloatArray, domains: Sequence[Range]) -> None:
+    """Bring values (n, k) into their domains: angles by whole turns, others to the bound."""
+    for column, domain in enumerate(domains):
+        values = points[:, column]
+        if domain.periodic:
+            points[:, column] = (values - domain.low) % (domain.high - domain.low) + domain.low
+        else:
+            points[:, column] = np.clip(values, domain.low, domain.high)
+
+
+def spread_points(dimensions: int, first: int, count: int) -> FloatArray:
+    """Return `count` points of the unit cube, shape (n, k), of a sequence that fills it evenly.
+
+    It adds powers of the inverse of the generalised golden ratio (M. Roberts, 2018).
+    """
+    return _sequence(dimensions)[first : first + count]
+
+
+@lru_cache(maxsize=8)
+def _sequence(dimensions: int) -> FloatArray:
+    ratio = 2.0
+    for _ in range(64):
+        ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))
+    steps = (1.0 / ratio) ** np.arange(1, dimensions + 1)
+    points: FloatArray = (0.5 + np.arange(_POINTS)[:, None] * steps) % 1.0
+    points.setflags(write=False)
+    return points

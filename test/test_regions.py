@@ -1,0 +1,208 @@
+"""Regions of conditions: relations between places as data, and what they leave free."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from refinement_fakes import ALL, BOTH, LIBRARY, ROBOT, FakeModel, call, models, turning_time, world
+
+from ator_ros.domains.soccer.tops import SHOOT
+from ator_ros.refinement.bounds import names_of
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.regions import Regions
+from ator_ros.refinement.sampled import spread_points
+from ator_ros.refinement.search import search
+from ator_ros.tops.bindings import bindings
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.conditions import Condition, Region
+from ator_ros.tops.ranges import Range
+from ator_ros.tops.relations import Bearing, Distance
+
+GOAL = {"x": 4.0, "y": 0.0, "yaw": 0.0, "speed": 0.0}
+MARGIN = 0.16  # by which a dribble may miss, by its post-condition
+
+
+def ball(x: float, y: float) -> dict[str, float]:
+    return {"ball.x": x, "ball.y": y, "hold.x": x, "hold.y": y}
+
+
+def shot(opened: frozenset[str] = ALL, x: float = 2.3, y: float = 0.8) -> TopChain:
+    return TopChain(
+        (
+            call("goToBall", 0.0, 0.0, 0.0, BOTH),
+            call("dribbleBall", x, y, 0.0, opened),
+            call("shoot", 4.0, 0.0, 0.0),
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("relation", "inside", "outside"),
+    [
+        (Distance("ball", "goal", 0.9, 2.5), (2.0, 1.0), (3.5, 0.1)),
+        (Distance("ball", "goal", 0.9, 2.5), (3.0, -0.5), (0.0, 0.0)),
+        (Distance("ball", "goal", low=0.5), (-3.0, 0.0), (3.9, 0.3)),
+        (Bearing("ball", "goal", math.radians(50.0), math.pi, mirrored=True), (3.0, 1.0), (3.5, 2.0)),
+        (Bearing("ball", "goal", math.radians(50.0), math.pi, mirrored=True), (2.0, -2.0), (5.0, 0.0)),
+    ],
+)
+def test_a_relation_holds_inside_and_clearance_is_the_distance_to_its_edge(
+    relation: Distance | Bearing, inside: tuple[float, float], outside: tuple[float, float]
+) -> None:
+    condition = Condition(relations=(relation,))
+    assert condition.violations(ball(*inside), GOAL) == []
+    assert condition.shortfall(ball(*inside), GOAL) == 0.0
+    [said] = condition.violations(ball(*outside), GOAL)
+    assert str(relation) in said
+    room = float(relation.clearance(ball(*inside), GOAL))
+
+    def holds(share: float, angle: float) -> bool:
+        x, y = inside[0] + share * room * math.cos(angle), inside[1] + share * room * math.sin(angle)
+        return condition.violations(ball(x, y), GOAL) == []
+
+    angles = np.linspace(0.0, 2.0 * math.pi, 361)
+    assert all(holds(0.99, angle) for angle in angles)
+    assert not all(holds(1.05, angle) for angle in angles)
+
+
+def test_the_axis_of_a_goal_is_mirrored_with_it() -> None:
+    bearing = Bearing("ball", "goal", math.radians(50.0), math.pi, mirrored=True)
+    other = {**GOAL, "x": -4.0}
+    assert bearing.clearance(ball(3.0, 0.5), GOAL) == pytest.approx(bearing.clearance(ball(-3.0, 0.5), other))
+
+
+def test_an_unknown_place_violates() -> None:
+    [said] = Condition(relations=(Distance("ball", "goal"),)).violations({}, GOAL)
+    assert "unknown" in said
+    assert Condition(relations=(Distance("ball", "goal"),)).shortfall({}, GOAL) == math.inf
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [lambda: Distance("a", "b", 2.0, 1.0), lambda: Distance("a", "b", -1.0), lambda: Bearing("a", "b", 2.0)],
+)
+def test_impossible_relations_are_refused(bad: object) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        bad()  # type: ignore[operator]
+
+
+def test_a_shot_from_too_far_away_is_no_valid_plan() -> None:
+    here = world(ball=(0.0, 0.0))
+    assert shot().violations(here, ROBOT) == []
+    assert "step 3 (shoot) after step 2" in shot(x=0.5, y=0.5).violations(here, ROBOT)[0]
+
+
+def test_a_range_about_a_number_bounds_and_binds_nothing() -> None:
+    top = dataclasses.replace(SHOOT, pre=Condition((*SHOOT.pre.terms, Region("ball.x", 0.0, 1.5, 3.0))))
+    tops = (LIBRARY["goToBall"], LIBRARY["dribbleBall"], top)
+    assert not {(1, "x"), (1, "y")} & set(bindings(tops))
+    chain = TopChain((*shot().calls[:2], dataclasses.replace(shot().calls[2], top=top)))
+    regions = Regions(world(), chain, ROBOT, [(), ("x", "y"), ()])
+    assert regions.allowed(1, np.array([[1.0, 0.0], [2.0, 0.0], [3.2, 0.0]])).tolist() == [False, True, False]
+
+
+class TestFreePlace:
+    refiner = Refiner(ROBOT, models(), ranges=LIBRARY.ranges)
+
+    def test_domains_follow_from_the_region(self) -> None:
+        analysis, regions = self.refiner.bounded(world(), shot())
+        place = {v.name: v for v in analysis.free if v.subgoal == 1}
+        assert set(place) == {"x", "y", "yaw", "speed"}
+        assert 1.2 < place["x"].domain.low < 1.6
+        assert 3.0 < place["x"].domain.high < 3.9
+        assert any("distance from ball to goal" in said for said in place["x"].limits)
+        assert place["speed"].limits == ()
+        names = names_of(shot(), analysis.free)[1]
+        for x, y, good in ((2.0, 0.0, True), (1.0, 0.0, False), (3.2, 0.0, False), (3.0, 2.0, False)):
+            row = [{"x": x, "y": y, "yaw": 0.3, "speed": 0.2}[name] for name in names]
+            assert regions.allowed(1, np.array([row])).tolist() == [good]
+
+    @pytest.mark.parametrize("placeholders", [False, True])
+    def test_a_place_is_chosen_within_the_region_and_costs_less(self, placeholders: bool) -> None:
+        fixed = self.refiner.refine(world(), shot(BOTH))
+        answer = self.refiner.refine(world(), shot(), placeholders=placeholders)
+        there = answer.chain.calls[1].goal.pose
+        away = math.hypot(4.0 - there.x, there.y)
+        assert 0.74 + MARGIN - 1e-9 <= away <= 2.66 - MARGIN + 1e-9
+        assert answer.chain.violations(world(), ROBOT) == []
+        assert answer.after.cost < fixed.after.cost - 0.1
+        assert answer.chain.calls[0].goal.pose[:2] == (0.0, 0.0)
+
+    def test_what_does_not_decide_on_the_region_is_searched_as_before(self) -> None:
+        analysis, regions = self.refiner.bounded(world(), shot(BOTH))
+        assert regions.allowing() is None
+        assert all(variable.limits == () for variable in analysis.free)
+
+    def test_without_an_allowed_value_nothing_is_free(self) -> None:
+        top = dataclasses.replace(SHOOT, pre=Condition((), (Distance("ball", "goal", 20.0, 21.0),)))
+        chain = TopChain((*shot().calls[:2], dataclasses.replace(shot().calls[2], top=top)))
+        analysis, _ = self.refiner.bounded(world(), chain)
+        assert {v.subgoal for v in analysis.free} == {0}
+        assert all("without an allowed value" in n.reason for n in analysis.not_free if n.subgoal == 1)
+
+    def test_experience_limits_the_search_and_says_so(self) -> None:
+        known = models()
+        known["dribbleBall"] = FakeModel(turning_time, known["dribbleBall"].used_variables)
+        known["dribbleBall"].experience = {"xg": (-2.0, 2.5), "speedg": (0.0, 0.795)}  # type: ignore[attr-defined]
+        refiner = Refiner(ROBOT, known, ranges=LIBRARY.ranges)
+        answer = refiner.refine(world(), shot())
+        place = {v.name: v for v in answer.free if v.subgoal == 1}
+        assert place["x"].domain.high == 2.5
+        assert "experience of dribbleBall: xg from -2.00 to 2.50" in place["x"].limits
+        assert place["speed"].domain.high == 0.8, "random starts never quite reach the end of a range"
+        assert answer.chain.calls[1].goal.pose.x <= 2.5
+
+    def test_ways_shorter_than_any_tried_are_not_searched(self) -> None:
+        known = models()
+        known["dribbleBall"].experience = {"way": (1.2, 6.0)}  # type: ignore[attr-defined]
+        here = world(x=1.0, ball=(2.2, 0.3))
+        chain = TopChain((call("goToBall", 2.2, 0.3, 0.0, BOTH), *shot(x=2.2, y=-0.5).calls[1:]))
+        ways = []
+        for refiner in (self.refiner, Refiner(ROBOT, known, ranges=LIBRARY.ranges)):
+            there = refiner.refine(here, chain).chain.calls[1].goal.pose
+            ways.append(math.hypot(there.x - 2.2, there.y - 0.3))
+        assert ways[0] < 1.2 <= ways[1]
+
+    @pytest.mark.parametrize("slices", [2, 6, 12, 25])
+    def test_at_its_deadline_the_search_returns_the_best_so_far(self, slices: int) -> None:
+        work, done = self.refiner.refining(world(), shot()), None
+        next(work)
+        for number in range(1000):
+            try:
+                work.send(number >= slices)
+            except StopIteration as end:
+                done = end.value
+                break
+        assert done is not None
+        assert not done.complete
+        assert done.after.cost <= done.before.cost
+        assert done.chain.violations(world(), ROBOT) == []
+
+
+def test_sampled_search_comes_close_to_the_least_cost() -> None:
+    """Six free variables, three of them angles, a bowl whose bottom is known."""
+    circle, speed = Range(-math.pi, math.pi, 36, periodic=True), Range(0.0, 1.0, 6)
+    axes = [[circle, speed], [Range(-3.0, 3.0, 16), Range(-2.0, 2.0, 10), circle, speed], []]
+    bottom = [np.array([2.0, 0.3]), np.array([1.0, -1.0, -2.5, 0.9]), np.zeros(0)]
+
+    def cost(index: int, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        size = max(len(before), len(after))
+        total = np.zeros(size)
+        for values, best in ((after, bottom[index]),) if index < 2 else ():
+            difference = values - best
+            total = total + (1.0 - np.cos(difference)).sum(axis=1)
+        return total if index else total + 1.0
+
+    optimum = search(cost, axes)
+    assert optimum.cost <= 1.0 + 0.02
+
+
+def test_points_are_spread_evenly() -> None:
+    points = spread_points(4, 0, 256)
+    counts = np.histogram(points[:, 0] + 0.0, bins=8, range=(0.0, 1.0))[0]
+    assert counts.min() >= 28
+    cells = {tuple((row * 2).astype(int)) for row in points}
+    assert len(cells) == 16
