@@ -125,7 +125,7 @@ class ChainModel:
         self._memory: Memory = {} if memory is None else memory
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the cost of one action, shape (n,), as `ator_ros.refinement.search.StepCost` says."""
+        """Return the cost of one action, shape (n,), as `ator_ros.refinement.paths.StepCost` says."""
         model = self._models[index]
         if model is None:
             return np.zeros(1)

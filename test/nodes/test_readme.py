@@ -45,7 +45,7 @@ def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
     models = load_models(ROBOT, SOCCER.known_features)
     gate = load_gate(ROOT / "models" / model_path("gate", "default"))
     calibration = load_calibration_if_any(ROOT / "models")
-    refiner = Refiner(ROBOT, models, gate, ranges=SOCCER.variables, calibration=calibration)
+    refiner = Refiner(ROBOT, models, gate, ranges=SOCCER.ranges, calibration=calibration)
     found = completed(refining_of(request, refiner, LIBRARY, frame="odom"))
     return answer_of(found, request, action_set="default", frame="odom", want_curve=False)
 

@@ -36,7 +36,7 @@ DEADLINE = 0.05
 def refiner() -> Iterator[Refiner]:
     calibration = load_calibration_if_any(resource_path("models"))
     models = load_models(ROBOT, SOCCER.known_features)
-    made = Refiner(ROBOT, models, ranges=SOCCER.variables, calibration=calibration)
+    made = Refiner(ROBOT, models, ranges=SOCCER.ranges, calibration=calibration)
     for request in (worst_request(), short_request(0)):  # everything once
         serialize_message(completed(served(made, request)))
     gc.collect()

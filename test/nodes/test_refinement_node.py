@@ -156,7 +156,7 @@ def test_health_names_what_it_was_made_with(asker: Client) -> None:
 def test_generated_requests_are_answered_or_refused(models: Path) -> None:
     robot = load_robot()
     learned = load_models(robot, SOCCER.known_features, folder=models)
-    counts = fuzz(1000, 502, Refiner(robot, learned, ranges=SOCCER.variables))
+    counts = fuzz(1000, 502, Refiner(robot, learned, ranges=SOCCER.ranges))
     refused = sum(count for kind, count in counts.items() if kind.startswith("refused: "))
     assert counts.total() == counts["refined"] + counts["left alone"] + refused
     assert min(counts["refined"], counts["left alone"], refused) > 100
