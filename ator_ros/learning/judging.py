@@ -1,0 +1,168 @@
+"""Which model of an action predicts the newest records best, and whether that is more than noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from ator_ros.experience.store_reading import NUMBER
+from ator_ros.geometry import FloatArray
+from ator_ros.learning.candidates import BACK, candidates, plausible, predicted, with_honest_spread
+from ator_ros.learning.comparison import Comparison, compare
+from ator_ros.performance.features import Feature
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.robot.description import Robot
+
+TESTED = (15, 50)
+"""Newest records on which models are compared: few tell soon of a robot that has changed, many of small things."""
+FEWEST_TESTED = 12
+LEVEL = 0.01
+"""Chance, over all candidates of one round, of taking up a model that is no better."""
+BACK_LEVEL = 0.05
+"""The same for a model that was in use before: a set that turns out worse is given up sooner."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a round of learning found out about one action.
+
+    Attributes
+    ----------
+    episodes : int
+        Records there are.
+    tested : int
+        The newest of them on which models were compared, and which none of these had seen.
+    reason : str
+        Why the model stays or is replaced, in a sentence.
+    kind : str
+        How the better model came about; empty where there is none.
+    before, after, chance
+        As in `Comparison`, for the best candidate; None where none was compared or there was no model.
+    model : PerformanceModel or None
+        The better one.
+    """
+
+    episodes: int
+    tested: int
+    reason: str
+    kind: str = ""
+    before: float | None = None
+    after: float | None = None
+    chance: float | None = None
+    model: PerformanceModel | None = None
+
+
+def judge(
+    action: str,
+    rows: pd.DataFrame,
+    robot: Robot,
+    features: Sequence[Feature],
+    *,
+    now: PerformanceModel | None,
+    seen: int,
+    former: Mapping[str, PerformanceModel],
+) -> Verdict:
+    """Compare the model of an action with all candidates on the newest records.
+
+    Of the newest records, which the present model has not seen, every second is for testing, and the
+    candidates learn from all others: so they know the robot as it is now.
+
+    Parameters
+    ----------
+    action : str
+        Name of the action.
+    rows : pandas.DataFrame
+        Starts of its episodes, oldest first, with `NUMBER`.
+    robot, features
+        As for `train`.
+    now : PerformanceModel or None
+        The model in use.
+    seen : int
+        Number from which on records are new to it.
+    former : mapping
+        Models that were in use before, by the names of their sets; those shipped, too.
+    """
+    rows = plausible(rows)
+    verdict = Verdict(0, 0, "no records")
+    for tested in TESTED:
+        verdict = _judged_on(tested, action, rows, robot, features, now, seen, former)
+        if verdict.model is not None:
+            break
+    return verdict
+
+
+def _judged_on(
+    tested: int,
+    action: str,
+    rows: pd.DataFrame,
+    robot: Robot,
+    features: Sequence[Feature],
+    now: PerformanceModel | None,
+    seen: int,
+    former: Mapping[str, PerformanceModel],
+) -> Verdict:
+    """Judge on the newest `tested` records that the candidates do not learn from."""
+    fresh = rows[rows[NUMBER] >= seen]
+    test = fresh[-2 * tested :][::-1][::2]
+    lesson = rows[~rows[NUMBER].isin(test[NUMBER])]
+    test = test[test["success"]]
+    if len(test) < FEWEST_TESTED:
+        wanted = f"{2 * FEWEST_TESTED} that succeeded"
+        return Verdict(len(rows), len(test), f"too few new records: {len(fresh)}, expected about {wanted}")
+    actual = test["duration"].to_numpy(dtype=float)
+    good = lesson[lesson["success"]]["duration"]
+    middle = float(good.median()) if len(good) else 0.0
+    usual = predicted(now, test) if now is not None else np.full(len(test), middle)
+    known = {"the present model": now} if now is not None else {}
+    tried = [(f"{BACK}{name}", model) for name, model in former.items()]
+    tried += candidates(action, lesson, robot, features, {**known, **former})
+    if not tried:
+        return Verdict(len(rows), len(test), "no model can be learned yet")
+    return _verdict(tried, test, actual, usual, present=now is not None, episodes=len(rows))
+
+
+def _verdict(
+    tried: Sequence[tuple[str, PerformanceModel]],
+    test: pd.DataFrame,
+    actual: FloatArray,
+    usual: FloatArray,
+    *,
+    present: bool,
+    episodes: int,
+) -> Verdict:
+    best, kind, compared = _best(actual, usual, tried, test)
+    before = compared.before if present else None
+    figures = f"{compared.before:.3f} s to {compared.after:.3f} s on {len(test)} records"
+    if best is None:
+        reason = f"no better: {kind} would change the error from {figures} (chance {compared.chance:.3f})"
+        return Verdict(episodes, len(test), reason, "", before, compared.after, compared.chance)
+    reason = f"{kind}: error from {figures}"
+    model = with_honest_spread(best, test)
+    return Verdict(episodes, len(test), reason, kind, before, compared.after, compared.chance, model)
+
+
+def _best(
+    actual: FloatArray,
+    usual: FloatArray,
+    tried: Sequence[tuple[str, PerformanceModel]],
+    test: pd.DataFrame,
+) -> tuple[PerformanceModel | None, str, Comparison]:
+    """Return the best of the models that are better, None without any; and what the best there is comes to."""
+    compared = [
+        (compare(actual - usual, actual - predicted(model, test)), name, model) for name, model in tried
+    ]
+    better = [item for item in compared if item[0].chance * _trials(item[1], tried) < _level(item[1])]
+    result, name, model = min(better or compared, key=lambda item: item[0].after)
+    return (model if better else None), name, result
+
+
+def _level(name: str) -> float:
+    return BACK_LEVEL if name.startswith(BACK) else LEVEL
+
+
+def _trials(name: str, tried: Iterable[tuple[str, object]]) -> int:
+    """Return by how much the chance of one comparison counts: all of its kind, on each number of records."""
+    return len(TESTED) * sum(other.startswith(BACK) == name.startswith(BACK) for other, _ in tried)
