@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 PACKAGE = "ator_ros"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
-    "nodes": ("simulation", "executor", "refinement"),
+    "nodes": ("simulation", "executor", "refinement", "learning"),
     "tools": (
         *("collect", "train", "gate", "calibrate_predictions", "evaluate"),
         *("calibrate", "study", "qualify", "demo", "bench", "soak", "noise", "compare"),

@@ -33,6 +33,7 @@ FLOORS = [
     "domains",
     "evaluation",
     "report",
+    "learning",
     "nodes",
     "tools",
 ]

@@ -4,9 +4,9 @@
     FOLDER/default/000000.parquet ...      closed parts of an action set, as `train` reads them
     FOLDER/default/000007.jsonl            the part that grows: one episode a line
 
-A line is written at once, so that a process that is killed loses nothing that it has appended; `sync` brings it
-to the disk. A line that was cut off is dropped when the store is opened again. Closed parts are converted to
-Parquet by whoever reads them for learning (`ator_ros.experience.store_reading`).
+A line is written at once, so that a process that is killed loses nothing that it has appended; `sync` brings
+it to the disk. A line that was cut off is dropped when the store is opened again. Closed parts are converted
+to Parquet by whoever reads them for learning (`ator_ros.experience.store_reading`).
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def parts_of(place: Path) -> dict[int, Path]:
 
 
 def line_of(episode: Episode) -> bytes:
-    """Return the start of an episode as a line of JSON: the columns of a table by name, null where not known."""
+    """Return the start of an episode as a line of JSON: columns of a table by name, null where not known."""
     robot, goal = episode.situation.robot, episode.situation.goal
     there = episode.situation.objects
     places = [(there[name].x, there[name].y) for name in episode.objects]

@@ -102,7 +102,8 @@ def scaled(tree: ModelTree, slope: float, shift: float) -> ModelTree:
 def with_honest_spread(model: PerformanceModel, rows: pd.DataFrame) -> PerformanceModel:
     """Return the model with spreads as large as its errors on `rows`, which it has not seen."""
     prediction = model.predict(direct_of(rows))
-    assert prediction.duration is not None and prediction.spread is not None
+    assert prediction.duration is not None
+    assert prediction.spread is not None
     errors = rows["duration"].to_numpy(dtype=float) - prediction.duration
     usual = 1.4826 * float(np.median(np.abs(errors)))  # not what single chains that went wrong make it
     expected = float(np.median(prediction.spread))
@@ -117,5 +118,3 @@ def plausible(rows: pd.DataFrame) -> pd.DataFrame:
     durations = rows["duration"].to_numpy(dtype=float)
     usual = float(np.median(durations)) if len(durations) else 0.0
     return rows[(durations > 0.0) & (durations < max(10.0 * usual, 1.0))]
-
-

@@ -17,7 +17,7 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.robot.description import Robot
 
 TESTED = (15, 50)
-"""Newest records on which models are compared: few tell soon of a robot that has changed, many of small things."""
+"""Newest records on which models are compared: few tell soon of a changed robot, many of small things."""
 FEWEST_TESTED = 12
 LEVEL = 0.01
 """Chance, over all candidates of one round, of taking up a model that is no better."""
@@ -26,7 +26,7 @@ BACK_LEVEL = 0.05
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RoundVerdict:
     """What a round of learning found out about one action.
 
     Attributes
@@ -64,7 +64,7 @@ def judge(
     now: PerformanceModel | None,
     seen: int,
     former: Mapping[str, PerformanceModel],
-) -> Verdict:
+) -> RoundVerdict:
     """Compare the model of an action with all candidates on the newest records.
 
     Of the newest records, which the present model has not seen, every second is for testing, and the
@@ -86,7 +86,7 @@ def judge(
         Models that were in use before, by the names of their sets; those shipped, too.
     """
     rows = plausible(rows)
-    verdict = Verdict(0, 0, "no records")
+    verdict = RoundVerdict(0, 0, "no records")
     for tested in TESTED:
         verdict = _judged_on(tested, action, rows, robot, features, now, seen, former)
         if verdict.model is not None:
@@ -103,7 +103,7 @@ def _judged_on(
     now: PerformanceModel | None,
     seen: int,
     former: Mapping[str, PerformanceModel],
-) -> Verdict:
+) -> RoundVerdict:
     """Judge on the newest `tested` records that the candidates do not learn from."""
     fresh = rows[rows[NUMBER] >= seen]
     test = fresh[-2 * tested :][::-1][::2]
@@ -111,7 +111,9 @@ def _judged_on(
     test = test[test["success"]]
     if len(test) < FEWEST_TESTED:
         wanted = f"{2 * FEWEST_TESTED} that succeeded"
-        return Verdict(len(rows), len(test), f"too few new records: {len(fresh)}, expected about {wanted}")
+        return RoundVerdict(
+            len(rows), len(test), f"too few new records: {len(fresh)}, expected about {wanted}"
+        )
     actual = test["duration"].to_numpy(dtype=float)
     good = lesson[lesson["success"]]["duration"]
     middle = float(good.median()) if len(good) else 0.0
@@ -120,7 +122,7 @@ def _judged_on(
     tried = [(f"{BACK}{name}", model) for name, model in former.items()]
     tried += candidates(action, lesson, robot, features, {**known, **former})
     if not tried:
-        return Verdict(len(rows), len(test), "no model can be learned yet")
+        return RoundVerdict(len(rows), len(test), "no model can be learned yet")
     return _verdict(tried, test, actual, usual, present=now is not None, episodes=len(rows))
 
 
@@ -132,16 +134,16 @@ def _verdict(
     *,
     present: bool,
     episodes: int,
-) -> Verdict:
+) -> RoundVerdict:
     best, kind, compared = _best(actual, usual, tried, test)
     before = compared.before if present else None
     figures = f"{compared.before:.3f} s to {compared.after:.3f} s on {len(test)} records"
     if best is None:
         reason = f"no better: {kind} would change the error from {figures} (chance {compared.chance:.3f})"
-        return Verdict(episodes, len(test), reason, "", before, compared.after, compared.chance)
+        return RoundVerdict(episodes, len(test), reason, "", before, compared.after, compared.chance)
     reason = f"{kind}: error from {figures}"
     model = with_honest_spread(best, test)
-    return Verdict(episodes, len(test), reason, kind, before, compared.after, compared.chance, model)
+    return RoundVerdict(episodes, len(test), reason, kind, before, compared.after, compared.chance, model)
 
 
 def _best(
@@ -150,7 +152,7 @@ def _best(
     tried: Sequence[tuple[str, PerformanceModel]],
     test: pd.DataFrame,
 ) -> tuple[PerformanceModel | None, str, Comparison]:
-    """Return the best of the models that are better, None without any; and what the best there is comes to."""
+    """Return the best of the models that are better, None without any; and what the best comes to."""
     compared = [
         (compare(actual - usual, actual - predicted(model, test)), name, model) for name, model in tried
     ]

@@ -11,7 +11,7 @@ from typing import Any
 
 NICE = 15
 _LONGEST = 2000  # characters of what a process that failed is quoted with
-_ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")}
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
 class RoundProcess:

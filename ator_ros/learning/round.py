@@ -14,7 +14,7 @@ import pandas as pd
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.store_reading import NUMBER, action_sets_in, convert_closed, read_records
 from ator_ros.experience.table import library_versions
-from ator_ros.learning.judging import Verdict, judge
+from ator_ros.learning.judging import RoundVerdict, judge
 from ator_ros.learning.sets import (
     RECORDS,
     Change,
@@ -42,7 +42,7 @@ from ator_ros.refinement.gate_file import save_gate
 from ator_ros.robot.description import Robot
 
 CAUTION = ThresholdGate(0.05, 0.5)
-"""Gate of models that come with none: it opens as their spreads, which are as large as their errors, shrink."""
+"""Gate of models that come with none: it opens as their spreads, as large as their errors, shrink."""
 _FORMER = 3  # sets before the present one that are tried again
 _STARTED_WITH = "the models of the start"
 
@@ -101,13 +101,13 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        "made": the folder of the new set, "" without one; "digest" of it; "damaged": records that could not be
-        read; "actions": by "SET/ACTION" the fields of `Verdict` but the model.
+        "made": the folder of the new set, "" without one; "digest" of it; "damaged": records that could not
+        be read; "actions": by "SET/ACTION" the fields of `RoundVerdict` but the model.
     """
     records, place = source.folder / RECORDS, current_set(source.folder)
     convert_closed(records)
     seen = read_manifest(place).seen if place is not None else {}
-    verdicts: dict[str, Verdict] = {}
+    verdicts: dict[str, RoundVerdict] = {}
     ends: dict[str, int] = {}
     damaged = 0
     for action_set in action_sets_in(records):
@@ -127,7 +127,7 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
     return {"made": "", "digest": "", **made, "damaged": damaged, "actions": told}
 
 
-def _verdict(source: Source, action: str, action_set: str, rows: pd.DataFrame, seen: int) -> Verdict:
+def _verdict(source: Source, action: str, action_set: str, rows: pd.DataFrame, seen: int) -> RoundVerdict:
     place = current_set(source.folder)
     now = source.model(place or source.models, action, action_set)
     former: dict[str, PerformanceModel] = {}
@@ -143,7 +143,7 @@ def _verdict(source: Source, action: str, action_set: str, rows: pd.DataFrame, s
 def _made(
     source: Source,
     place: Path | None,
-    verdicts: dict[str, Verdict],
+    verdicts: dict[str, RoundVerdict],
     seen: dict[str, int],
     ends: dict[str, int],
     time: str,
@@ -202,5 +202,3 @@ def _keep_matching(source: Source, made: Path, action_set: str) -> None:
     models = {action: source.model(made, action, action_set) for action in calibration.shortfalls}
     if calibration.shortfalls:
         save_calibration(folder / CALIBRATION, calibration.matching(models), {"command": "learning"})
-
-

@@ -1,6 +1,6 @@
 """Sets of models, gates and calibrations that were learned, in a folder of their own.
 
-    FOLDER/sets/000003-1f0c…/    a set: laid out as models/, with set.json; never changed once it is there
+    FOLDER/sets/000003-1f0c…/    a set: laid out as models/, with set.manifest; never changed once it is there
     FOLDER/current               link to the set in use; replaced at once
     FOLDER/lock                  held by the node that writes here
 
@@ -24,7 +24,7 @@ from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.schema import Format, SchemaError, Within, structured
 
 FORMAT = Format("ator_ros learned set", 1, "learned set")
-MANIFEST = "set.json"
+MANIFEST = "set.manifest"
 CURRENT = "current"
 RECORDS = "records"
 KEPT = 10
@@ -65,7 +65,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Manifest:
-    """The fields of set.json.
+    """The fields of set.manifest.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def read_manifest(folder: Path) -> Manifest:
 def current_set(folder: Path) -> Path | None:
     """Return the set in use, None where none has been published."""
     try:
-        name = os.readlink(folder / CURRENT)
+        name = (folder / CURRENT).readlink()
     except OSError:
         return None
     return folder / name
@@ -145,7 +145,9 @@ def locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise LearnedSetError(f"{folder}: expected a folder of its own, another node learns here") from error
+            raise LearnedSetError(
+                f"{folder}: expected a folder of its own, another node learns here"
+            ) from error
         yield
 
 
@@ -164,7 +166,7 @@ def seal(made: Path, manifest: Mapping[str, object], changes: tuple[Change, ...]
     digest = digest_of(made)
     told = {**FORMAT.head(), "digest": digest, **manifest, "changes": [asdict(change) for change in changes]}
     write_text(made / MANIFEST, json.dumps(told, indent=1) + "\n")
-    for file in made.rglob("*.json"):
+    for file in filter(Path.is_file, made.rglob("*")):
         _sync(file)
     return digest
 
