@@ -33,6 +33,8 @@ def candidates(
 ) -> Iterator[tuple[str, PerformanceModel]]:
     """Yield names of models, and the models, that were learned from the starts of episodes in `rows`.
 
+    Those that know most come first.
+
     Parameters
     ----------
     action : str
@@ -46,7 +48,7 @@ def candidates(
         scaled and shifted as the newest records have it.
     """
     sizes = [size for size in WINDOWS if size < 0.8 * len(rows)]
-    for size in (*sizes, len(rows)):
+    for size in (len(rows), *reversed(sizes)):
         try:
             model = train(action, rows[-size:], robot, features=features)
         except TrainingError:

@@ -23,6 +23,8 @@ LEVEL = 0.01
 """Chance, over all candidates of one round, of taking up a model that is no better."""
 BACK_LEVEL = 0.05
 """The same for a model that was in use before: a set that turns out worse is given up sooner."""
+_AS_GOOD = 0.05
+"""Chance from which on one candidate counts as no better than another."""
 
 
 @dataclass(frozen=True)
@@ -86,27 +88,8 @@ def judge(
         Models that were in use before, by the names of their sets; those shipped, too.
     """
     rows = plausible(rows)
-    verdict = RoundVerdict(0, 0, "no records")
-    for tested in TESTED:
-        verdict = _judged_on(tested, action, rows, robot, features, now, seen, former)
-        if verdict.model is not None:
-            break
-    return verdict
-
-
-def _judged_on(
-    tested: int,
-    action: str,
-    rows: pd.DataFrame,
-    robot: Robot,
-    features: Sequence[Feature],
-    now: PerformanceModel | None,
-    seen: int,
-    former: Mapping[str, PerformanceModel],
-) -> RoundVerdict:
-    """Judge on the newest `tested` records that the candidates do not learn from."""
     fresh = rows[rows[NUMBER] >= seen]
-    test = fresh[-2 * tested :][::-1][::2]
+    test = fresh[-2 * max(TESTED) :][::-1][::2]
     lesson = rows[~rows[NUMBER].isin(test[NUMBER])]
     test = test[test["success"]]
     if len(test) < FEWEST_TESTED:
@@ -114,27 +97,31 @@ def _judged_on(
         return RoundVerdict(
             len(rows), len(test), f"too few new records: {len(fresh)}, expected about {wanted}"
         )
-    actual = test["duration"].to_numpy(dtype=float)
-    good = lesson[lesson["success"]]["duration"]
-    middle = float(good.median()) if len(good) else 0.0
-    usual = predicted(now, test) if now is not None else np.full(len(test), middle)
     known = {"the present model": now} if now is not None else {}
     tried = [(f"{BACK}{name}", model) for name, model in former.items()]
     tried += candidates(action, lesson, robot, features, {**known, **former})
     if not tried:
         return RoundVerdict(len(rows), len(test), "no model can be learned yet")
-    return _verdict(tried, test, actual, usual, present=now is not None, episodes=len(rows))
+    good = lesson[lesson["success"]]["duration"]
+    middle = float(good.median()) if len(good) else 0.0
+    for tested in TESTED:
+        part = test[:tested]
+        usual = predicted(now, part) if now is not None else np.full(len(part), middle)
+        verdict = _verdict(tried, part, usual, present=now is not None, episodes=len(rows))
+        if verdict.model is not None:
+            break
+    return verdict
 
 
 def _verdict(
     tried: Sequence[tuple[str, PerformanceModel]],
     test: pd.DataFrame,
-    actual: FloatArray,
     usual: FloatArray,
     *,
     present: bool,
     episodes: int,
 ) -> RoundVerdict:
+    actual = test["duration"].to_numpy(dtype=float)
     best, kind, compared = _best(actual, usual, tried, test)
     before = compared.before if present else None
     figures = f"{compared.before:.3f} s to {compared.after:.3f} s on {len(test)} records"
@@ -153,12 +140,17 @@ def _best(
     test: pd.DataFrame,
 ) -> tuple[PerformanceModel | None, str, Comparison]:
     """Return the best of the models that are better, None without any; and what the best comes to."""
-    compared = [
-        (compare(actual - usual, actual - predicted(model, test)), name, model) for name, model in tried
+    errors = {name: actual - predicted(model, test) for name, model in tried}
+    compared = {name: compare(actual - usual, error) for name, error in errors.items()}
+    better = [
+        name for name, result in compared.items() if result.chance * _trials(name, tried) < _level(name)
     ]
-    better = [item for item in compared if item[0].chance * _trials(item[1], tried) < _level(item[1])]
-    result, name, model = min(better or compared, key=lambda item: item[0].after)
-    return (model if better else None), name, result
+    least = min(better or compared, key=lambda name: compared[name].after)
+    if not better:
+        return None, least, compared[least]
+    # Of those that are as good as the best, the first: it knows most, and few records tell little of it.
+    best = next(name for name in better if compare(errors[name], errors[least]).chance >= _AS_GOOD)
+    return dict(tried)[best], best, compared[best]
 
 
 def _level(name: str) -> float:
