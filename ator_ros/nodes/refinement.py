@@ -10,6 +10,7 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.learning.exploring import Explorer
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
@@ -32,6 +33,7 @@ from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
 from ator_ros.refinement.answer import Refinement
+from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices
@@ -44,6 +46,9 @@ PARAMETERS = (
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     LEARNED,
     Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
+    Parameter(
+        "explore", 0.0, "greatest share of the predicted time to spend on trying chains; 0: none", 0.0, 0.5
+    ),
     Parameter(
         "deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0
     ),
@@ -85,6 +90,7 @@ class RefinementNode(Node):
         load = functools.partial(load_refiners, self, domain, self._libraries, gated=self._settings["gate"])
         self._sets = LearnedSets(self, self._settings["models"], self._settings["learned"], load)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
+        self._explorer = Explorer(self._settings["explore"])
         self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
         self._markers = self.create_publisher(MarkerArray, "refinement_markers", RESULTS)
@@ -174,7 +180,16 @@ class RefinementNode(Node):
         if action_set not in present.by_set:
             raise RefinementError(f"action set {action_set}: {present.models[action_set].absent}")
         library, refiner = self._libraries[action_set], present.by_set[action_set]
-        return (yield from refining_of(request, refiner, library, frame=self._settings["frame"]))
+        frame = self._settings["frame"]
+        found = yield from refining_of(request, refiner, library, frame=frame)
+        if self._settings["explore"] == 0.0 or request.as_given:
+            return found
+        yield
+        world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
+        objective = conversions.objective_from(request.objective)
+        return self._explorer.explored(
+            found, lambda chain: predict_chain(world, chain, refiner.models, library.robot, objective)
+        )
 
     def _health(self) -> Health:
         present = self._sets.present
@@ -185,6 +200,7 @@ class RefinementNode(Node):
             values={
                 **told_of(present.models),
                 **self._sets.told(),
+                **self._explorer.told(),
                 "requests answered": self._answered,
                 "requests refused": self._refused,
                 "requests refused as busy": self._busy,

@@ -37,7 +37,7 @@ class Entry(NamedTuple):
 
 
 class Exit(NamedTuple):
-    """How a path ends, seen from the goal: `arrival` and `loss` are what `lead` and `gain` are of an entry."""
+    """How a path ends, seen from the goal: `arrival` and `loss` are as `lead` and `gain` of an entry."""
 
     side: float
     arrival: float

@@ -35,8 +35,8 @@ from ator_ros.performance.tree.nodes import IntArray
 _FIRST = 4  # pairs that are followed in the order of their bounds; the others come as they are
 
 
-class Ways(NamedTuple):
-    """Ways to drive: each entry with each exit.
+class PathWays(NamedTuple):
+    """PathWays to drive: each entry with each exit.
 
     `entries` (n, 5) and `exits` (m, 4) hold the fields of `Entry` and `Exit`. Entries from `leads[i]` to
     `leads[i + 1]` begin with the same lead and direction, exits from `runs[i]` to `runs[i + 1]` end with the
@@ -62,7 +62,7 @@ def _exit(row: FloatArray) -> Exit:
 @compiled
 def _bound_pairs(
     end: FloatArray,
-    ways: Ways,
+    ways: PathWays,
     first: int,
     run: int,
     rules: PathRules,
@@ -127,7 +127,7 @@ def _least(bounds: FloatArray) -> tuple[int, int]:
 
 @compiled
 def _fastest(
-    end: FloatArray, ways: Ways, rules: PathRules, tables: FloatArray, bounds: FloatArray
+    end: FloatArray, ways: PathWays, rules: PathRules, tables: FloatArray, bounds: FloatArray
 ) -> tuple[float, float]:
     """Return the least time in s of all ways to one end, and the angle turned on it in rad."""
     bounds[:] = np.inf
@@ -157,7 +157,7 @@ def _fastest(
 @compiled
 def fastest_ways(
     ends: FloatArray,
-    ways: Ways,
+    ways: PathWays,
     rules: PathRules,
     tables: FloatArray,
     times: FloatArray,

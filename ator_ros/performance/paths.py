@@ -19,7 +19,7 @@ from ator_ros.motion.durations import rates_of, turn_time
 from ator_ros.motion.ideal_times import Motions
 from ator_ros.performance.compiled_paths import Entry, Exit, PathRules
 from ator_ros.performance.driving import LEVELS, DrivingStyle
-from ator_ros.performance.path_search import Ways, fastest_ways
+from ator_ros.performance.path_search import PathWays, fastest_ways
 from ator_ros.performance.tree.nodes import IntArray
 
 _ANGLES = 257  # of a table of turns, from 0 to a full turn
@@ -65,7 +65,7 @@ def _tables(rate: float, aw: float) -> FloatArray:
 
 
 @lru_cache(maxsize=64)
-def _ways(driving: DrivingStyle, *, holding: bool) -> Ways:
+def _ways(driving: DrivingStyle, *, holding: bool) -> PathWays:
     """Return the ways to drive."""
     full = _RATES - 1
     if driving.backward:
@@ -90,7 +90,7 @@ def _ways(driving: DrivingStyle, *, holding: bool) -> Ways:
     exits = [Exit(side, *end) for end in sorted(ends) for side in _SIDES if end[-1] >= _SLOWEST - 1]
     leads = _changes([(entry.direction, entry.lead) for entry in entries])
     runs = _changes([leave.arrival if driving.run is None and holding else 0.0 for leave in exits])
-    return Ways(np.array(entries, dtype=float), leads, np.array(exits, dtype=float), runs)
+    return PathWays(np.array(entries, dtype=float), leads, np.array(exits, dtype=float), runs)
 
 
 def _changes(values: Sequence[object]) -> IntArray:
