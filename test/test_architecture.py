@@ -36,6 +36,7 @@ FLOORS = [
     "domains",
     "evaluation",
     "report",
+    "learning",
     "nodes",
     "tools",
 ]

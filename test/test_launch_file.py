@@ -13,16 +13,22 @@ import yaml
 
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.nodes.executor_settings import parameters_for as of_executor
+from ator_ros.nodes.learning import PARAMETERS as LEARNING
 from ator_ros.nodes.refinement import PARAMETERS as REFINEMENT
 from ator_ros.nodes.simulation_settings import parameters_for as of_simulation
 from ator_ros.resources import PACKAGE, share_folder
 
 LAUNCH = ET.parse(share_folder() / "launch" / "ator.launch.xml").getroot()  # noqa: S314 - a file of ours
 OURS = {node.get("exec"): node for node in LAUNCH.iter("node") if node.get("pkg") == PACKAGE}
-PARAMETERS = {"simulation": of_simulation([BALL]), "executor": of_executor([BALL]), "refinement": REFINEMENT}
+PARAMETERS = {
+    "simulation": of_simulation([BALL]),
+    "executor": of_executor([BALL]),
+    "refinement": REFINEMENT,
+    "learning": LEARNING,
+}
 
 
-def test_it_starts_the_three_nodes_in_one_namespace() -> None:
+def test_it_starts_the_nodes_in_one_namespace() -> None:
     assert set(OURS) == set(PARAMETERS)
     assert set(OURS) <= {script.name for script in entry_points(group="console_scripts")}
     (group,) = LAUNCH.findall("group")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Status
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
+from ator_ros.execution.step_run import ActionRecord
 from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
 from ator_ros.simulation.run import TIME_LIMIT, judge, place, run
@@ -61,6 +62,8 @@ def run_chain(
     fetches: int = 0,
     latency: float = 0.0,
     time_limit: float = TIME_LIMIT,
+    wheels: tuple[float, float] = (1.0, 1.0),
+    records: list[ActionRecord] | None = None,
 ) -> ChainRun:
     """Execute `chain` from `start` in a new simulation.
 
@@ -84,6 +87,10 @@ def run_chain(
         Time in s by which observed states are predicted forward, see `Foresight`.
     time_limit : float
         Time in s that the chain may take, and so each of its actions.
+    wheels : (float, float)
+        See `Simulation`.
+    records : list, optional
+        Gets the records of the actions that ended.
     """
     foresight = Foresight(robot, latency)
     executor = ChainExecutor(library, chain, time_limit=time_limit, fetches=fetches)
@@ -95,13 +102,15 @@ def run_chain(
             foresight.sent(seen.time, step.command)
         return step
 
-    with Simulation(robot) as simulation:
+    with Simulation(robot, wheels=wheels) as simulation:
         place(simulation, start)
         ticks = round(time_limit * CONTROL_RATE) + 1
         done = run(simulation, steered, ticks=ticks, watch=worlds.append, observe=observe)
         status = Status.RUNNING if done is None else done.status
         message = f"not done after {time_limit:g} s" if done is None else done.message
         actions = tuple(record.duration for record in executor.records)
+        if records is not None:
+            records += executor.records
         executor.break_off(simulation.world(), message)
         ended, last = simulation.time, chain.calls[-1]
         judgement = judge(simulation, last.top, last.goal, status, message, drifts=observe is not None)

@@ -26,16 +26,31 @@ _THERE = ObjectState(0.0, 0.0)
 
 def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
     """Refine once to fetch an object and to carry it, with heading and arrival speed at the object free."""
+    world, chain = _rehearsed(library)
+    with contextlib.suppress(RefinementError):  # the first request reports it
+        if chain is not None:
+            refiner.refine(world, chain)
+
+
+def rehearse_predictions(library: TopLibrary, predictor: Predictor) -> None:
+    """Predict a chain that fetches an object and carries it; no action is touched."""
+    world, chain = _rehearsed(library)
+    with contextlib.suppress(RefinementError):
+        if chain is not None:
+            predictor.chain(world, chain)
+
+
+def _rehearsed(library: TopLibrary) -> tuple[World, TopChain | None]:
+    """Return the chain that fetches an object and carries it, None where nothing does; and its start."""
     fetching = next((top for top in library.usable() if fetched(top)), None)
     carrying = next((top for top in library.usable() if kept(top)), None)
     if fetching is None or carrying is None:
-        return
+        return World(0.0, _AWAY), None
     calls = (
         TopCall(fetching, library.goal(fetching, Pose(0.0, 0.0, 0.0)), OPEN),
         TopCall(carrying, library.goal(carrying, Pose(2.0, 1.0, 0.0))),
     )
-    with contextlib.suppress(RefinementError):  # the first request reports it
-        refiner.refine(_world(library.robot, _AWAY, _THERE, fetching), TopChain(calls))
+    return _world(library.robot, _AWAY, _THERE, fetching), TopChain(calls)
 
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:

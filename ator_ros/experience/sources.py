@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
+from ator_ros.experience.store_reading import is_store, read_store
 from ator_ros.experience.table import Experience, join, read_experience
 from ator_ros.experience.vocabulary import Vocabulary
 from ator_ros.printable import quoted
@@ -21,7 +22,7 @@ def read_sources(
     Parameters
     ----------
     paths : sequence of Path
-        Tables (.parquet) and recordings (.mcap, or the folder they are in).
+        Tables (.parquet), recordings (.mcap, or the folder they are in), and stores of the node `learning`.
     robot : Robot
         Whose experience it must be.
     domain : Vocabulary
@@ -34,7 +35,7 @@ def read_sources(
     ExperienceError
         A source cannot be used, or they are of different robots, domains or action sets.
     """
-    tables = [_read(path, robot, domain) for path in paths]
+    tables = [_read(path, robot, domain, action_set) for path in paths]
     frames, shift = [], 0
     for table in tables:
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
@@ -54,9 +55,12 @@ def read_sources(
     return Experience(join(frames), metadata)
 
 
-def _read(path: Path, robot: Robot, domain: Vocabulary) -> Experience:
+def _read(path: Path, robot: Robot, domain: Vocabulary, action_set: str | None) -> Experience:
     if path.suffix == ".parquet":
         table = read_experience(path)
+        _check_domain(path, table, domain)
+    elif is_store(path):
+        table = read_store(path, action_set)
         _check_domain(path, table, domain)
     elif path.suffix == ".mcap" or path.is_dir():
         table = read_recording(path, robot, domain)

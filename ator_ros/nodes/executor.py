@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from typing import Any
@@ -15,7 +16,6 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.execution.driving import Driving
 from ator_ros.execution.phases import WATCH_PERIOD, Ending, Phase
-from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
@@ -24,7 +24,9 @@ from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
 from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
-from ator_ros.nodes.model_sets import problems_of, read_models, told_of
+from ator_ros.nodes.learned_sets import LearnedSets
+from ator_ros.nodes.loading import load_predictors
+from ator_ros.nodes.model_sets import problems_of, told_of
 from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
@@ -75,13 +77,10 @@ class ExecutorNode(Node):
         self._libraries = self._remotes.libraries(robot)
         for reason in filter(None, (top.lacks(robot) for top in domain.tops)):
             self.get_logger().warning(reason)
-        where = self._settings["models"]
-        self._models = {name: read_models(self, robot, name, where, domain) for name in domain.action_sets}
-        self._predictors = {
-            name: Predictor(robot, read.models, read.calibration) for name, read in self._models.items()
-        }
+        load = functools.partial(load_predictors, self, domain, self._libraries)
+        self._sets = LearnedSets(self, self._settings["models"], self._settings["learned"], load)
         for name, library in self._libraries.items():
-            rehearse(robot, library, self._predictors[name])
+            rehearse(robot, library, self._sets.present.by_set[name])
         self._inputs = inputs_of(self._settings, domain.objects)
         self._driving = Driving(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
@@ -200,7 +199,7 @@ class ExecutorNode(Node):
         return GoalRun(
             handle,
             self._libraries[action_set],
-            self._predictors[action_set],
+            self._sets.present.by_set[action_set],
             self._refinement,
             deadlines=deadlines_of(self._settings),
             refine_again_after=self._settings["refine_again_after"],
@@ -278,10 +277,11 @@ class ExecutorNode(Node):
             "goals rejected as busy": self._server.rejected,
             "last error": self._last_error,
             **self._digests,
-            **told_of(self._models),
+            **told_of(self._sets.present.models),
+            **self._sets.told(),
         }
         missing = "odom is missing" if stale else self._objects.missing(known)
-        problems = missing, problems_of(self._models), self._remotes.problem
+        problems = missing, problems_of(self._sets.present.models), self._remotes.problem
         return Health("; ".join(filter(None, problems)), error=stale and self._run is not None, values=values)
 
     def stop(self) -> None:

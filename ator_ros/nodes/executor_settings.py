@@ -8,6 +8,7 @@ from typing import Any
 
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines
+from ator_ros.nodes.learned_sets import LEARNED
 from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError
 from ator_ros.robot.description import Robot
 from ator_ros.world.inputs import Inputs
@@ -21,6 +22,7 @@ _COMMON = (
     DOMAIN,
     ROBOT,
     Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
+    LEARNED,
     Parameter("start_timeout", 2.0, "real s that a goal waits for its first odom and objects", 0.05, 3600.0),
     Parameter("odom_timeout", 0.3, "real s without newer odometry; the robot pauses after half", 0.05, 60.0),
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3),

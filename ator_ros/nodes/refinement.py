@@ -5,19 +5,19 @@ from __future__ import annotations
 import functools
 import time
 import traceback
-from pathlib import Path
 
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.domains.domain import Domain
-from ator_ros.execution.rehearsal import rehearse_refinement
+from ator_ros.learning.exploring import Explorer
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
-from ator_ros.nodes.model_sets import ModelSet, problems_of, read_models, told_of
+from ator_ros.nodes.learned_sets import LEARNED, LearnedSets
+from ator_ros.nodes.loading import load_refiners
+from ator_ros.nodes.model_sets import problems_of, told_of
 from ator_ros.nodes.pacing import Outbox, Pace
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -32,11 +32,9 @@ from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
-from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.alternatives import Selection, choosing
+from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate import Gate
-from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices
 from ator_ros.tops.library import TopLibrary
@@ -46,7 +44,11 @@ PARAMETERS = (
     DOMAIN,
     ROBOT,
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
+    LEARNED,
     Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
+    Parameter(
+        "explore", 0.0, "greatest share of the predicted time to spend on trying chains; 0: none", 0.0, 0.5
+    ),
     Parameter(
         "deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0
     ),
@@ -82,14 +84,13 @@ class RefinementNode(Node):
     def __init__(self) -> None:
         super().__init__("refinement")
         self._settings = declare_parameters(self, PARAMETERS)
-        self._refiners: dict[str, Refiner] = {}
-        self._libraries: dict[str, TopLibrary] = {}
-        self._models: dict[str, ModelSet] = {}
         robot = robot_of(self._settings)
         domain = domain_of(self._settings)
-        for name in domain.action_sets:
-            self._load(domain, domain.library(robot, name))
+        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        load = functools.partial(load_refiners, self, domain, self._libraries, gated=self._settings["gate"])
+        self._sets = LearnedSets(self, self._settings["models"], self._settings["learned"], load)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
+        self._explorer = Explorer(self._settings["explore"])
         self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
         self._markers = self.create_publisher(MarkerArray, "refinement_markers", RESULTS)
@@ -104,31 +105,8 @@ class RefinementNode(Node):
         self._crowded = False
         self._posting = self.create_timer(1.0 / _REFUSALS_PER_SECOND, self._post, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health)
-        self.get_logger().info(f"refining chains of the action sets {', '.join(self._refiners) or '(none)'}")
-
-    def _load(self, domain: Domain, library: TopLibrary) -> None:
-        """Read models and gate of an action set; without models its chains are refused with the reason."""
-        action_set, robot = library.action_set, library.robot
-        self._libraries[action_set] = library
-        self._models[action_set] = read = read_models(
-            self, robot, action_set, self._settings["models"], domain
-        )
-        if read.models:
-            gate = self._load_gate(read.folder / model_path("gate", action_set), action_set)
-            self._refiners[action_set] = Refiner(
-                robot, read.models, gate, ranges=domain.ranges, calibration=read.calibration
-            )
-            rehearse_refinement(library, self._refiners[action_set])
-
-    def _load_gate(self, file: Path, action_set: str) -> Gate | None:
-        """Read the gate of an action set; without one the predicted gain alone decides."""
-        if not self._settings["gate"]:
-            return None
-        try:
-            return load_gate(file, action_set)
-        except RefinementError as error:
-            self.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
-            return None
+        there = ", ".join(self._sets.present.by_set) or "(none)"
+        self.get_logger().info(f"refining chains of the action sets {there}")
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         finish = functools.partial(self._answer, answer)
@@ -198,18 +176,33 @@ class RefinementNode(Node):
         return response
 
     def _refine(self, request: RefineSubgoal.Request, action_set: str) -> Slices[Selection]:
-        if action_set not in self._refiners:
-            raise RefinementError(f"action set {action_set}: {self._models[action_set].absent}")
-        library, refiner = self._libraries[action_set], self._refiners[action_set]
-        return (yield from refining_of(request, refiner, library, frame=self._settings["frame"]))
+        present = self._sets.present  # the request keeps these, whatever is learned meanwhile
+        if action_set not in present.by_set:
+            raise RefinementError(f"action set {action_set}: {present.models[action_set].absent}")
+        library, refiner = self._libraries[action_set], present.by_set[action_set]
+        frame = self._settings["frame"]
+        choice = yield from refining_of(request, refiner, library, frame=frame)
+        if self._settings["explore"] == 0.0 or request.as_given:
+            return choice
+        yield
+        world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
+        objective = conversions.objective_from(request.objective)
+        found = self._explorer.explored(
+            choice.refinement,
+            lambda chain: predict_chain(world, chain, refiner.models, library.robot, objective),
+        )
+        return choice.with_chosen(found)
 
     def _health(self) -> Health:
-        problem = problems_of(self._models)
+        present = self._sets.present
+        problem = problems_of(present.models)
         return Health(
-            problem if self._refiners else problem or "no models for any action set",
-            error=not self._refiners,
+            problem if present.by_set else problem or "no models for any action set",
+            error=not present.by_set,
             values={
-                **told_of(self._models),
+                **told_of(present.models),
+                **self._sets.told(),
+                **self._explorer.told(),
                 "requests answered": self._answered,
                 "requests refused": self._refused,
                 "requests refused as busy": self._busy,

@@ -1,4 +1,4 @@
-"""The fastest turn-straight-turn path between two poses, compiled where numba is there."""
+"""One way to drive between two poses, turn, straight and turn: compiled where numba is there."""
 
 from __future__ import annotations
 
@@ -16,26 +16,33 @@ _STEPS = 5  # of the search for the direction of the straight; more change nothi
 _OFF = 0.02  # m beside the goal at which a path counts as found
 _EARLY = 0.02  # m that a forward drive may be too short for its change of speed
 _WAY_ROUND = 6.0  # s for each m that a straight drive passes too near
+TURNING, TURNED, MOVED = 1.0, 0.1, 0.5
+"""By how much the turns may change, in rad per rad that the straight is off and in rad at first, and the
+straight, in m per rad, until it meets both turns."""
 _SLOW = 0.6  # share of the acceleration below which a start at low speed does not turn forward
 
 
-class PathWay(NamedTuple):
-    """One way to drive: sides of the turns (1 left), direction of the straight, entry and exit.
+class Entry(NamedTuple):
+    """How a path begins: side of the turn (1 left), direction of the straight, speed, table of turns.
 
-    `lead` is the speed to reach straight before the first turn (negative: turn at once), `gain` the share of
-    the acceleration in it; `arrival` and `loss` are the same for the last turn, seen from the goal. `first`
-    and `last` number the tables of turns.
+    `lead` is the speed to reach straight before the turn (negative: turn at once), `gain` the share of the
+    acceleration in it.
     """
 
     side: float
-    last_side: float
     direction: float
     lead: float
     gain: float
+    table: int
+
+
+class Exit(NamedTuple):
+    """How a path ends, seen from the goal: `arrival` and `loss` are as `lead` and `gain` of an entry."""
+
+    side: float
     arrival: float
     loss: float
-    first: int
-    last: int
+    table: int
 
 
 class PathRules(NamedTuple):
@@ -54,13 +61,13 @@ class PathRules(NamedTuple):
 
 
 @compiled
-def _wrapped(angle: float) -> float:
+def wrapped(angle: float) -> float:
     """Return an angle in rad brought to 0 to 2 pi."""
     return angle - _FULL_TURN * math.floor(angle / _FULL_TURN)
 
 
 @compiled
-def _turn(
+def turned(
     table: FloatArray, angle: float, side: float, speed: float, share: float, rates: Rates, forward: bool
 ) -> tuple[float, float, float, float]:
     """Return time (s), displacement along and across (m) and speed after a turn that changes it evenly."""
@@ -82,15 +89,43 @@ def _turn(
 
 
 @compiled
-def _ramp(before: float, after: float, rates: Rates) -> tuple[float, float]:
+def ramp(before: float, after: float, rates: Rates) -> tuple[float, float]:
     """Return time (s) and distance (m) of a straight change of speed between speeds of one direction."""
     rate = rates.a if after > before else rates.brake
     return abs(after - before) / rate, abs(after * after - before * before) / (2.0 * rate)
 
 
 @compiled
+def run_up(arrival: float, final: float, rules: PathRules) -> tuple[float, float, float]:
+    """Return time (s) and length (m) of the straight run at the end, and the speed (m/s) at its beginning."""
+    rates = rules.rates
+    if rules.run < 0.0:
+        time, run = ramp(arrival * rates.v, final, rates)
+        return time, run, arrival * rates.v
+    run = rules.run
+    lowest = math.sqrt(max(final * final - 2.0 * rates.a * run, 0.0))
+    highest = min(math.sqrt(final * final + 2.0 * rates.brake * run), rates.v)
+    speed = lowest + arrival * (highest - lowest)
+    return (drive_time(run, speed, final, rates) if run > 0.0 else 0.0), run, speed
+
+
+@compiled
+def enters(entry: Entry, speed: float, rules: PathRules) -> bool:
+    """Return whether a path can begin so at a speed (m/s)."""
+    if entry.lead >= 0.0:
+        return speed >= 0.0
+    return not (rules.forward and abs(entry.gain) < _SLOW and speed < rules.least)
+
+
+@compiled
+def turned_back(turn: float, time: float, angle: float, rate: float) -> float:
+    """Return a bound in s on the time of a turn whose angle (rad) may yet change by `turn`."""
+    return 0.0 if angle > _FULL_TURN - turn else max(time - turn / rate, 0.0)
+
+
+@compiled
 def way_time(
-    end: FloatArray, way: PathWay, rules: PathRules, tables: FloatArray, most: float
+    end: FloatArray, entry: Entry, last_turn: Exit, rules: PathRules, tables: FloatArray, most: float
 ) -> tuple[float, float]:
     """Return time (s) and angle turned (rad) of one way to drive; infinite where it misses the goal.
 
@@ -98,47 +133,35 @@ def way_time(
     ----------
     end : ndarray, shape (5,)
         The goal ahead and to the left in m, the turn to it in rad, speeds at start and goal in m/s.
-    way, rules
+    entry, last_turn, rules
         What to drive.
     tables : ndarray, shape (k, m, 5)
         See `ator_ros.performance.paths.turn_table`.
     most : float
         Time in s from which on a way does not matter.
     """
-    rates, backing = (
-        rules.rates,
-        Rates(rules.rates.v, rules.rates.w, rules.rates.brake, rules.rates.a, rules.rates.aw),
-    )
-    turn, speed, final = end[2], end[3], end[4]
+    rates = rules.rates
+    backing = Rates(rates.v, rates.w, rates.brake, rates.a, rates.aw)
+    turn, speed = end[2], end[3]
     spent, ahead = 0.0, 0.0
-    if way.lead >= 0.0:
-        if speed < 0.0:
-            return np.inf, 0.0
-        spent, ahead = _ramp(speed, way.lead * rates.v, rates)
-        speed = way.lead * rates.v
-    elif rules.forward and abs(way.gain) < _SLOW and speed < rules.least:
-        return np.inf, 0.0
-    if rules.run < 0.0:
-        arrival = way.arrival * rates.v
-        time, run = _ramp(arrival, final, rates)
-        spent += time
-    else:
-        run = rules.run
-        lowest = math.sqrt(max(final * final - 2.0 * rates.a * run, 0.0))
-        highest = min(math.sqrt(final * final + 2.0 * rates.brake * run), rates.v)
-        arrival = lowest + way.arrival * (highest - lowest)
-        spent += drive_time(run, arrival, final, rates) if run > 0.0 else 0.0
+    if entry.lead >= 0.0:
+        spent, ahead = ramp(speed, entry.lead * rates.v, rates)
+        speed = entry.lead * rates.v
+    time, run, arrival = run_up(last_turn.arrival, end[4], rules)
+    spent += time
+    rate1 = rates.w * (entry.table + 1) / len(tables)
+    rate2 = rates.w * (last_turn.table + 1) / len(tables)
     cos, sin = math.cos(turn), math.sin(turn)
     goal_x, goal_y = end[0] - ahead - run * cos, end[1] - run * sin
-    heading = math.atan2(way.direction * goal_y, way.direction * goal_x)
+    heading = math.atan2(entry.direction * goal_y, entry.direction * goal_x)
     before, missed, total = heading, 0.0, 0.0
     for step in range(_STEPS + 1):
-        first, last = _wrapped(way.side * heading + 1e-7), _wrapped(way.last_side * (turn - heading) + 1e-7)
-        time1, x1, y1, speed1 = _turn(
-            tables[way.first], first, way.side, speed, way.gain, rates, rules.forward
+        first, last = wrapped(entry.side * heading + 1e-7), wrapped(last_turn.side * (turn - heading) + 1e-7)
+        time1, x1, y1, speed1 = turned(
+            tables[entry.table], first, entry.side, speed, entry.gain, rates, rules.forward
         )
-        time2, x2, y2, speed2 = _turn(
-            tables[way.last], last, -way.last_side, arrival, way.loss, backing, rules.forward
+        time2, x2, y2, speed2 = turned(
+            tables[last_turn.table], last, -last_turn.side, arrival, last_turn.loss, backing, rules.forward
         )
         total = spent + time1 + time2
         if step >= 2 and total >= most:
@@ -147,7 +170,12 @@ def way_time(
         if step == _STEPS:
             break
         # A secant step toward the direction in which the straight meets both turns.
-        off = _wrapped(math.atan2(way.direction * dy, way.direction * dx) - heading + math.pi) - math.pi
+        off = wrapped(math.atan2(entry.direction * dy, entry.direction * dx) - heading + math.pi) - math.pi
+        near = min(abs(off), 1.0)
+        change = TURNING * near + (TURNED if step == 0 else 0.0)
+        bound = turned_back(change, time1, first, rate1) + turned_back(change, time2, last, rate2)
+        if spent + bound + max(math.hypot(dx, dy) - MOVED * near, 0.0) / rates.v >= most:
+            return np.inf, 0.0
         if step > 0 and abs(off) < 1e-3:
             break
         change = off
@@ -160,7 +188,7 @@ def way_time(
     distance, beside = dx * cos1 + dy * sin1, abs(dy * cos1 - dx * sin1)
     if beside > _OFF:
         return np.inf, 0.0
-    if rules.forward and distance < _ramp(speed1, speed2, rates)[1] - _EARLY:
+    if rules.forward and distance < ramp(speed1, speed2, rates)[1] - _EARLY:
         return np.inf, 0.0
     total += drive_time(distance, speed1, speed2, rates) + beside / rates.v
     if rules.passing > 0.0:
@@ -170,23 +198,3 @@ def way_time(
         gap = math.hypot(point_x - nearest * cos1, point_y - nearest * sin1)
         total += _WAY_ROUND * max(rules.passing - gap, 0.0)
     return total, first + last
-
-
-@compiled
-def fastest_ways(
-    ends: FloatArray,
-    ways: FloatArray,
-    rules: PathRules,
-    tables: FloatArray,
-    times: FloatArray,
-    turns: FloatArray,
-) -> None:
-    """Write the least time of all `ways` (k, 9) to each of `ends` (n, 5), and the angle turned on it."""
-    for row in range(len(ends)):
-        times[row], turns[row] = np.inf, 0.0
-        for number in range(len(ways)):
-            w = ways[number]
-            way = PathWay(w[0], w[1], w[2], w[3], w[4], w[5], w[6], int(w[7]), int(w[8]))
-            time, turned = way_time(ends[row], way, rules, tables, times[row])
-            if time < times[row]:
-                times[row], turns[row] = time, turned

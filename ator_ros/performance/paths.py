@@ -9,6 +9,7 @@ read off its odometry (`ator_ros.performance.observing`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -16,14 +17,16 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import rates_of, turn_time
 from ator_ros.motion.ideal_times import Motions
-from ator_ros.performance.compiled_paths import PathRules, fastest_ways
+from ator_ros.performance.compiled_paths import Entry, Exit, PathRules
 from ator_ros.performance.driving import LEVELS, DrivingStyle
+from ator_ros.performance.path_search import PathWays, fastest_ways
+from ator_ros.performance.tree.nodes import IntArray
 
 _ANGLES = 257  # of a table of turns, from 0 to a full turn
 _MOMENTS = 96  # at which a turn is summed up
 _RATES = 12  # tables, of equally spaced turn rates up to the limit
 _SLOWEST = 3  # twelfths of the turn rate below which turning is no way to drive
-_SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+_SIDES = (1, -1)
 _CHANGES = (-1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0)  # of speed in a turn, in shares of the limits
 _GAINS = (-0.5, 0.0, 0.25, 0.5, 0.75, 1.0)  # the same where the base never drives backward
 _LEADS = (0.1, 0.2, 0.35, 0.55)  # speeds to reach before the first turn, in shares of the limit
@@ -62,31 +65,38 @@ def _tables(rate: float, aw: float) -> FloatArray:
 
 
 @lru_cache(maxsize=64)
-def _ways(driving: DrivingStyle, *, holding: bool) -> FloatArray:
-    """Return the ways to drive, one a row, see `compiled_paths.PathWay`."""
+def _ways(driving: DrivingStyle, *, holding: bool) -> PathWays:
+    """Return the ways to drive."""
     full = _RATES - 1
     if driving.backward:
-        entries = [(-1.0, gain, full) for gain in _CHANGES]
+        begins = [(-1.0, gain, full) for gain in _CHANGES]
     else:
-        entries = [(-1.0, gain, full) for gain in _GAINS]
-        entries += [(lead, 0.0, _number(driving.steady, lead)) for lead in _LEADS]
+        begins = [(-1.0, gain, full) for gain in _GAINS]
+        begins += [(lead, 0.0, _number(driving.steady, lead)) for lead in _LEADS]
     if driving.run is None and holding:
-        exits = [(speed, 0.0, _number(driving.steady, speed)) for speed in _ARRIVALS]
-        exits += [(speed, loss, _number(driving.braking, speed)) for speed in _ARRIVALS for loss in _LOSSES]
+        ends = [(speed, 0.0, _number(driving.steady, speed)) for speed in _ARRIVALS]
+        ends += [(speed, loss, _number(driving.braking, speed)) for speed in _ARRIVALS for loss in _LOSSES]
     else:
         speeds = _RUN_SPEEDS if holding and driving.run else (0.0,)
         changes = _CHANGES if driving.backward else (-0.5, 0.0, 0.5, 1.0)
-        exits = [(speed, change, full) for speed in speeds for change in changes]
-    directions = (1, -1) if driving.backward else (1,)
-    rows = [
-        (*sides, direction, lead, gain, speed, loss, first, last)
-        for direction in directions
-        for lead, gain, first in entries
-        for speed, loss, last in exits
-        for sides in _SIDES
-        if min(first, last) >= _SLOWEST - 1
+        ends = [(speed, change, full) for speed in speeds for change in changes]
+    entries = [
+        Entry(side, direction, *begin)
+        for direction in ((1, -1) if driving.backward else (1,))
+        for begin in begins
+        for side in _SIDES
+        if begin[-1] >= _SLOWEST - 1
     ]
-    return np.array(rows, dtype=float)
+    exits = [Exit(side, *end) for end in sorted(ends) for side in _SIDES if end[-1] >= _SLOWEST - 1]
+    leads = _changes([(entry.direction, entry.lead) for entry in entries])
+    runs = _changes([leave.arrival if driving.run is None and holding else 0.0 for leave in exits])
+    return PathWays(np.array(entries, dtype=float), leads, np.array(exits, dtype=float), runs)
+
+
+def _changes(values: Sequence[object]) -> IntArray:
+    """Return where values differ from those before them, and where they end."""
+    first = [index for index, value in enumerate(values) if index == 0 or value != values[index - 1]]
+    return np.array([*first, len(values)], dtype=np.intp)
 
 
 def _number(shares: tuple[float, ...], speed: float) -> int:

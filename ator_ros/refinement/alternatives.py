@@ -54,6 +54,12 @@ class Selection:
         assert found is not None
         return found
 
+    def with_chosen(self, refinement: Refinement) -> Selection:
+        """Return the selection with another refinement of the chosen chain."""
+        chosen = Judged(refinement.reason, refinement)
+        before, after = self.judged[: self.number], self.judged[self.number + 1 :]
+        return Selection((*before, chosen, *after), self.number)
+
 
 def choosing(
     refiner: Refiner,

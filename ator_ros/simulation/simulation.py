@@ -40,6 +40,8 @@ class Simulation:
     ----------
     robot : Robot
         Shape, masses and limits, with its scene.
+    wheels : (float, float)
+        Speeds of the left and the right wheel as shares of what was commanded: below 1 a wheel slips.
 
     Notes
     -----
@@ -47,8 +49,9 @@ class Simulation:
     speeds within a tick as firmware does, and Bullet takes the three steps in one call.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, wheels: tuple[float, float] = (1.0, 1.0)) -> None:
         self.robot = robot
+        self._shares = wheels
         self._client: int = p.connect(p.DIRECT)
         self._build()
         self.place_robot(Pose(0.0, 0.0, 0.0))
@@ -156,7 +159,8 @@ class Simulation:
         """Advance the world by one control tick of 1/20 s."""
         dt = TICK / RAMPS_PER_TICK
         for _ in range(RAMPS_PER_TICK):
-            self._motors.turn(self._base.ramp(self.time, dt))
+            left, right = self._base.ramp(self.time, dt)
+            self._motors.turn((left * self._shares[0], right * self._shares[1]))
             p.stepSimulation(physicsClientId=self._client)
         self._ticks += 1
 

@@ -17,7 +17,7 @@ from ator_ros.tools.command_line import (
     settled,
 )
 from ator_ros.tools.guard import RESUMES, guarded
-from ator_ros.tools.option_types import whole
+from ator_ros.tools.option_types import number, whole
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -59,6 +59,19 @@ def arguments() -> argparse.ArgumentParser:
         metavar="FILE",
         help="tables from collect, for the policy hist_gradient_boosting",
     )
+    parser.add_argument(
+        "--learning",
+        nargs="*",
+        metavar="CHANGE",
+        help="play chains on robots that have changed, and learn meanwhile: none, motors, lag, wheel, roll "
+        "(default: all)",
+    )
+    parser.add_argument(
+        "--offline", type=whole(50), default=300, metavar="N", help="episodes of the offline models' actions"
+    )
+    parser.add_argument(
+        "--explore", type=number, default=0.0, metavar="SHARE", help="of the time, to try the unknown"
+    )
     add_parallel_options(parser)
     return parser
 
@@ -79,6 +92,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         check_names(parser, "policies", options.policies, policies())
 
     def run() -> int:
+        if options.learning is not None:
+            from ator_ros.tools.work import evaluate_learning
+
+            return evaluate_learning.run(options, portable_command("evaluate", words))
         from ator_ros.tools.work import evaluate as work
 
         return work.run(options, portable_command("evaluate", words))

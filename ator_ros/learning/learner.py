@@ -1,0 +1,238 @@
+"""When to learn, and what to tell of it: the state of the node `learning`, without ROS."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from ator_ros.experience.episode import Episode
+from ator_ros.experience.store import RecordStore, StoreInfo
+from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.learning.sets import (
+    RECORDS,
+    LearnedSetError,
+    Manifest,
+    current_set,
+    publish,
+    read_manifest,
+    tidy,
+)
+
+ROUND = "round.json"
+FROZEN = "frozen"
+_SYNC_PERIOD = 0.5
+"""Real s after which records are on the disk, whatever happens to the machine."""
+_LONGEST_ROUND = 300.0
+_MOST_WAITING = 1000
+_SHARE = 0.02
+"""New records, as a share of all, after which it is worth to learn again."""
+
+
+class Round(Protocol):
+    """A round of learning under way; `RoundProcess` is one."""
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+
+    def result(self) -> dict[str, Any]:
+        """Return what came of it."""
+
+    def kill(self) -> None:
+        """End it."""
+
+
+@dataclass(frozen=True)
+class LearningPace:
+    """When a round begins: after `batch` new records, or 2 % of all; episodes kept of each action set."""
+
+    batch: int = 20
+    most: int = 20_000
+
+
+class Learner:
+    """Stores records, begins rounds of learning, and publishes what is better.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the learned sets; nobody else may write there, see `locked`.
+    info : StoreInfo
+        Robot and domain.
+    begin : callable
+        Begins a round.
+    pace : LearningPace
+        When.
+
+    Raises
+    ------
+    ExperienceError, OSError
+        The folder is of another robot or domain, or cannot be written.
+    """
+
+    def __init__(self, folder: Path, info: StoreInfo, begin: Callable[[], Round], pace: LearningPace) -> None:
+        self._folder, self._begin, self._pace = folder, begin, pace
+        self._store = RecordStore(folder / RECORDS, info, most=pace.most)
+        tidy(folder)
+        self._waiting: deque[tuple[str, Episode]] = deque(maxlen=_MOST_WAITING)
+        self._round: Round | None = None
+        self._began = self._synced = 0.0
+        self._wanted = False
+        self._last = _last_round(folder)
+        self.problem = ""
+        self.taken = self.left_out = 0
+        self.manifest: Manifest | None = None
+        place = current_set(folder)
+        if place is not None:
+            try:
+                self.manifest = read_manifest(place)
+            except LearnedSetError as error:
+                self.problem = str(error)
+
+    @property
+    def frozen(self) -> bool:
+        """Whether records are stored, but no set is published; it outlasts the process."""
+        return (self._folder / FROZEN).exists()
+
+    def freeze(self, frozen: bool) -> None:
+        """Keep the present set from now on, or no longer."""
+        if frozen:
+            (self._folder / FROZEN).touch()
+            self._end_round()
+        else:
+            (self._folder / FROZEN).unlink(missing_ok=True)
+
+    def learn_now(self) -> str:
+        """Begin a round as soon as possible; return an empty text, or why not."""
+        if self.frozen:
+            return "learning is frozen"
+        self._wanted = True
+        return ""
+
+    def take(self, action_set: str, episode: Episode) -> None:
+        """Store a record; where the disk has no room it waits."""
+        self.taken += 1
+        self._waiting.append((action_set, episode))
+        self._store_waiting()
+
+    def work(self, now: float) -> str | None:
+        """Do what is due at the real time `now` in s; return a sentence when something has come of it."""
+        if now - self._synced >= _SYNC_PERIOD:
+            self._synced = now
+            self._store_waiting()
+            self._guarded(self._store.sync)
+        if self._round is not None:
+            if self._round.done:
+                done, self._round = self._round, None
+                return self._finish(done.result())
+            if now - self._began > _LONGEST_ROUND:
+                self._end_round()
+                return self._finish({"failed": f"it took longer than {_LONGEST_ROUND:g} s"})
+        elif not self.frozen and (self._wanted or self.new >= self._due()):
+            self._round, self._began, self._wanted = self._begin(), now, False
+            self._ends = sum(self._store.ends.values())
+        return None
+
+    @property
+    def new(self) -> int:
+        """Records since the last round."""
+        return sum(self._store.ends.values()) - int(self._last.get("ends", 0))
+
+    def _due(self) -> float:
+        return max(self._pace.batch, _SHARE * min(sum(self._store.ends.values()), self._pace.most))
+
+    def _finish(self, result: dict[str, Any]) -> str:
+        if "failed" in result:
+            self.problem = f"learning failed: {result['failed']}"
+            result = {**self._last, "ends": self._ends}
+        elif result["made"] and not self.frozen:
+            try:
+                place = publish(self._folder, Path(result["made"]))
+                self.manifest = read_manifest(place)
+                tidy(self._folder)
+                self.problem = ""
+            except (OSError, LearnedSetError) as error:
+                self.problem = f"a new set could not be published: {error}"
+        else:
+            self.problem = ""
+        self._last = {**result, "made": "", "ends": self._ends}
+        self._guarded(lambda: write_text(self._folder / ROUND, json.dumps(self._last) + "\n"))
+        return self.problem or self.summary
+
+    @property
+    def summary(self) -> str:
+        """What the last round came to, action by action."""
+        actions = self._last.get("actions", {})
+        return "; ".join(f"{name}: {verdict['reason']}" for name, verdict in actions.items()) or "none yet"
+
+    def told(self) -> dict[str, object]:
+        """Return what diagnostics tell, by name."""
+        values: dict[str, object] = {
+            "records taken": self.taken,
+            "records left out": self.left_out,
+            "records waiting for room on the disk": len(self._waiting),
+            "records since the last round": self.new,
+            "frozen": self.frozen,
+            "learning": "under way" if self._round is not None else "waiting for records",
+            "set": "that of the start" if self.manifest is None else self.manifest.digest,
+            "last switch": "never" if self.manifest is None else self.manifest.time,
+            "damaged records": self._last.get("damaged", 0),
+        }
+        for name, verdict in self._last.get("actions", {}).items():
+            values[f"{name}: episodes"] = verdict["episodes"]
+            for when in ("before", "after"):
+                if verdict[when] is not None:
+                    newest = f"error on the newest {verdict['tested']} {when} (s)"
+                    values[f"{name}: {newest}"] = f"{verdict[when]:.3f}"
+            values[f"{name}: {'switched' if verdict['kind'] else 'not switched'}"] = verdict["reason"]
+        return values
+
+    def close(self) -> None:
+        """End a round under way, and close the store."""
+        self._end_round()
+        self._guarded(self._store.sync)
+        self._store.close()
+
+    def _end_round(self) -> None:
+        if self._round is not None:
+            self._round.kill()
+            self._round = None
+
+    def _store_waiting(self) -> None:
+        def store() -> None:
+            while self._waiting:
+                self._store.append(*self._waiting[0])
+                self._waiting.popleft()
+
+        self._guarded(store)
+
+    def _guarded(self, write: Callable[[], None]) -> None:
+        """Write; a disk without room is told, and tried again."""
+        try:
+            write()
+        except OSError as error:
+            self.problem = f"{self._folder}: expected room on the disk: {error.strerror}"
+        else:
+            if self.problem.startswith(f"{self._folder}: expected room"):
+                self.problem = ""
+
+
+def _last_round(folder: Path) -> dict[str, Any]:
+    """Return what is kept of the last round; a damaged file costs but one round more."""
+    with contextlib.suppress(UnreadableError):
+        kept = read_json(folder / ROUND)
+        if isinstance(kept, dict) and isinstance(kept.get("ends"), int) and _is_told(kept.get("actions")):
+            return kept
+    return {}
+
+
+def _is_told(actions: object) -> bool:
+    wanted = {"episodes", "tested", "reason", "kind", "before", "after"}
+    return isinstance(actions, dict) and all(
+        isinstance(verdict, dict) and wanted <= set(verdict) for verdict in actions.values()
+    )

@@ -1,0 +1,79 @@
+"""A round of learning in a process of its own, of low priority: it never publishes, its parent does."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+NICE = 15
+_LONGEST = 2000  # characters of what a process that failed is quoted with
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+
+
+class RoundProcess:
+    """A round under way.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the learned sets.
+    domain, robot, models : str
+        As the node's parameters.
+    observed : bool
+        See `Source`.
+    time : str
+        Written into the set.
+    """
+
+    def __init__(
+        self, folder: Path, *, domain: str, robot: str, models: str, observed: bool, time: str
+    ) -> None:
+        told = json.dumps([str(folder), domain, robot, models, observed, time])
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "ator_ros.learning.process", told],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=os.environ | _ONE_THREAD,
+            start_new_session=True,  # Ctrl-C is for the node, which ends it
+        )
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self._process.poll() is not None
+
+    def result(self) -> dict[str, Any]:
+        """Return what `learn` returned, once done, or {"failed": why}."""
+        out, err = self._process.communicate()
+        if self._process.returncode == 0:
+            result: dict[str, Any] = json.loads(out)
+            return result
+        last = err.decode(errors="replace").strip().rpartition("\n")[2]
+        return {"failed": (last or f"it ended with {self._process.returncode}")[:_LONGEST]}
+
+    def kill(self) -> None:
+        """End it; it has published nothing."""
+        self._process.kill()
+        self._process.communicate()
+
+
+def main() -> None:
+    """Do one round and write its result to standard output."""
+    os.nice(NICE)
+    from ator_ros.domains.domain import find_domain
+    from ator_ros.learning.round import Source, learn
+
+    folder, name, robot, models, observed, time = json.loads(sys.argv[1])
+    domain = find_domain(name)
+    place = Path(models) if models else domain.shipped_models
+    source = Source(Path(folder), domain, domain.robot(robot or None), place, observed)
+    sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,204 @@
+"""One round of learning: from the store of records to a new set of models, if it is better."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ator_ros.domains.domain import Domain
+from ator_ros.experience.store_reading import NUMBER, action_sets_in, convert_closed, read_records
+from ator_ros.experience.table import library_versions
+from ator_ros.learning.judging import RoundVerdict, judge
+from ator_ros.learning.sets import (
+    RECORDS,
+    Change,
+    begin,
+    current_set,
+    read_manifest,
+    seal,
+    sets_in,
+)
+from ator_ros.performance.features import Feature
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import (
+    ModelFileError,
+    RobotMismatchWarning,
+    is_model,
+    load_model,
+    model_path,
+    save_model,
+)
+from ator_ros.performance.training import OBSERVED
+from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any, save_calibration
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.gate import ThresholdGate
+from ator_ros.refinement.gate_file import save_gate
+from ator_ros.robot.description import Robot
+
+CAUTION = ThresholdGate(0.05, 0.5)
+"""Gate of models that come with none: it opens as their spreads, as large as their errors, shrink."""
+_FORMER = 3  # sets before the present one that are tried again
+_STARTED_WITH = "the models of the start"
+
+
+@dataclass(frozen=True)
+class Source:
+    """What is learned from.
+
+    Attributes
+    ----------
+    folder : Path
+        Of the learned sets, with the store of records in it.
+    domain : Domain
+        Of the actions.
+    robot : Robot
+        That executes them.
+    models : Path
+        Folder of the models that the node was started with; there may be none.
+    observed : bool
+        Whether features know nothing but what was observed.
+    """
+
+    folder: Path
+    domain: Domain
+    robot: Robot
+    models: Path
+    observed: bool = False
+
+    def features(self, action: str, action_set: str) -> tuple[Feature, ...]:
+        """Return the candidate features of an action."""
+        return OBSERVED if self.observed else self.domain.candidates(action, action_set)
+
+    def model(self, place: Path, action: str, action_set: str) -> PerformanceModel | None:
+        """Return the model of an action in the folder of a set; None where there is none."""
+        file = place / model_path(action, action_set)
+        if not file.exists():
+            return None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RobotMismatchWarning)
+            try:
+                return load_model(file, self.robot, self.domain.known_features)
+            except ModelFileError:
+                return None  # the nodes tell of it
+
+
+def learn(source: Source, *, time: str) -> dict[str, Any]:
+    """Compare, and make a new set where a model is better; it is not published.
+
+    Parameters
+    ----------
+    source : Source
+        What is learned from.
+    time : str
+        Written into the set.
+
+    Returns
+    -------
+    dict
+        "made": the folder of the new set, "" without one; "digest" of it; "damaged": records that could not
+        be read; "actions": by "SET/ACTION" the fields of `RoundVerdict` but the model.
+    """
+    records, place = source.folder / RECORDS, current_set(source.folder)
+    convert_closed(records)
+    seen = read_manifest(place).seen if place is not None else {}
+    verdicts: dict[str, RoundVerdict] = {}
+    ends: dict[str, int] = {}
+    damaged = 0
+    for action_set in action_sets_in(records):
+        if action_set not in source.domain.action_sets:
+            continue
+        stored = read_records(records, action_set)
+        damaged += stored.damaged
+        for action, rows in stored.rows.groupby("action", sort=True):
+            if action in source.domain.actions(action_set):
+                name = f"{action_set}/{action}"
+                verdicts[name] = _verdict(source, str(action), action_set, rows, seen.get(name, 0))
+                ends[name] = int(rows[NUMBER].max()) + 1
+    made = _made(source, place, verdicts, seen, ends, time) if any(v.model for v in verdicts.values()) else {}
+    told = {name: {**vars(verdict), "model": None} for name, verdict in verdicts.items()}
+    for fields in told.values():
+        del fields["model"]
+    return {"made": "", "digest": "", **made, "damaged": damaged, "actions": told}
+
+
+def _verdict(source: Source, action: str, action_set: str, rows: pd.DataFrame, seen: int) -> RoundVerdict:
+    place = current_set(source.folder)
+    now = source.model(place or source.models, action, action_set)
+    former: dict[str, PerformanceModel] = {}
+    earlier = [other for other in sets_in(source.folder) if place is None or other.name < place.name]
+    for other in (*(earlier[-_FORMER:] if place else ()), *((source.models,) if place else ())):
+        model = source.model(other, action, action_set)
+        if model is not None:
+            former[_STARTED_WITH if other == source.models else f"set {other.name[:6]}"] = model
+    features = source.features(action, action_set)
+    return judge(action, rows, source.robot, features, now=now, seen=seen, former=former)
+
+
+def _made(
+    source: Source,
+    place: Path | None,
+    verdicts: dict[str, RoundVerdict],
+    seen: dict[str, int],
+    ends: dict[str, int],
+    time: str,
+) -> dict[str, Any]:
+    """Make a set of the present one and the better models; return its folder and digest."""
+    made = begin(source.folder)
+    changes = []
+    for action_set in source.domain.action_sets:
+        _copy(place or source.models, made, action_set)
+    for name, verdict in verdicts.items():
+        if verdict.model is None or verdict.after is None or verdict.chance is None:
+            continue
+        action_set, action = name.split("/")
+        metadata = {
+            "action_set": action_set,
+            "training": {"command": "learning", "kind": verdict.kind, "episodes": verdict.episodes},
+            "versions": library_versions(),
+            "robot_digest": source.robot.digest(),
+        }
+        save_model(
+            made / model_path(action, action_set), dataclasses.replace(verdict.model, metadata=metadata)
+        )
+        figures = (verdict.before, verdict.after, verdict.chance)
+        changes.append(Change(action_set, action, verdict.kind, verdict.tested, *figures))
+        gate = made / model_path("gate", action_set)
+        if not gate.exists():
+            save_gate(gate, CAUTION, {"command": "learning"}, action_set)
+    for action_set in {change.action_set for change in changes}:
+        _keep_matching(source, made, action_set)
+    manifest = {
+        "time": time,
+        "parent": place.name if place is not None else "",
+        "episodes": {name: verdict.episodes for name, verdict in verdicts.items()},
+        "seen": seen | {f"{c.action_set}/{c.action}": ends[f"{c.action_set}/{c.action}"] for c in changes},
+    }
+    return {"made": str(made), "digest": seal(made, manifest, tuple(changes))}
+
+
+def _copy(place: Path, made: Path, action_set: str) -> None:
+    """Copy the files of an action set."""
+    folder = model_path("any", action_set).parent
+    (made / folder).mkdir(exist_ok=True)
+    for file in (place / folder).glob("*.json"):
+        if is_model(file) or file.stem in ("gate", "calibration"):
+            shutil.copyfile(file, made / folder / file.name)
+
+
+def _keep_matching(source: Source, made: Path, action_set: str) -> None:
+    """Keep of the calibration what belongs to models that stay; the others need none: they have no bias."""
+    folder = (made / model_path("any", action_set)).parent
+    try:
+        calibration = load_calibration_if_any(folder)
+    except RefinementError:
+        (folder / CALIBRATION).unlink()
+        return
+    models = {action: source.model(made, action, action_set) for action in calibration.shortfalls}
+    if calibration.shortfalls:
+        save_calibration(folder / CALIBRATION, calibration.matching(models), {"command": "learning"})

@@ -1,0 +1,224 @@
+"""Sets of models, gates and calibrations that were learned, in a folder of their own.
+
+    FOLDER/sets/000003-1f0c…/    a set: laid out as models/, with set.manifest; never changed once it is there
+    FOLDER/current               link to the set in use; replaced at once
+    FOLDER/lock                  held by the node that writes here
+
+Who reads resolves `current` first and then reads one folder, so nobody mixes two sets.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.formats import Format
+from ator_ros.schema import SchemaError, Within, structured
+
+FORMAT = Format("ator_ros learned set", 1, "learned set")
+MANIFEST = "set.manifest"
+CURRENT = "current"
+RECORDS = "records"
+KEPT = 10
+"""Sets that are kept: the newest, and the one in use."""
+_SETS = "sets"
+
+
+class LearnedSetError(ValueError):
+    """A folder of learned sets, or one of them, that cannot be used; the message names it."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Why the model of an action was replaced.
+
+    Attributes
+    ----------
+    action_set, action : str
+        Of what.
+    kind : str
+        How the new model came about, see `candidates`.
+    tested : int
+        Records that both models were compared on, and neither had seen.
+    before, after : float or None
+        Mean absolute error of the predicted durations on these in s; None: there was no model.
+    chance : float
+        Probability that as much better would be noise.
+    """
+
+    action_set: str
+    action: str
+    kind: str
+    tested: int
+    before: float | None
+    after: float
+    chance: Annotated[float, Within(0.0, 1.0)]
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """The fields of set.manifest.
+
+    Attributes
+    ----------
+    digest : str
+        Of the files of the set, this one excepted.
+    time : str
+        When it was learned, as in 2026-01-31T12:00:00Z.
+    parent : str
+        Name of the set that it replaced; empty: the models that the node was started with.
+    episodes : mapping
+        Records that it could learn from, by action set.
+    seen : mapping
+        Number from which on records are new to it, by action set.
+    changes : tuple of Change
+        What is new about it.
+    """
+
+    digest: str
+    time: str
+    parent: str
+    episodes: dict[str, int]
+    seen: dict[str, int]
+    changes: tuple[Change, ...] = field(default=())
+
+
+def digest_of(folder: Path) -> str:
+    """Return a short digest of the files of a set, its manifest excepted."""
+    sha = hashlib.sha256()
+    for file in sorted(folder.rglob("*.json")):
+        if file.name != MANIFEST:
+            sha.update(str(file.relative_to(folder)).encode() + b"\0" + file.read_bytes() + b"\0")
+    return sha.hexdigest()[:16]
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Return what a set says of itself, if its files are those that it was published with.
+
+    Raises
+    ------
+    LearnedSetError
+        They are not, or it cannot be read.
+    """
+    file = folder / MANIFEST
+    try:
+        data = FORMAT.current(read_json(file))
+        manifest = structured({k: v for k, v in data.items() if k not in FORMAT.head()}, Manifest)
+        found = digest_of(folder)
+    except (UnreadableError, OSError) as error:
+        raise LearnedSetError(f"{file}: expected a set of models: {error}") from error
+    except SchemaError as error:
+        raise LearnedSetError(f"{file}: {error}") from error
+    if found != manifest.digest:
+        raise LearnedSetError(f"{folder}: expected files with the digest {manifest.digest}, got {found}")
+    return manifest
+
+
+def current_set(folder: Path) -> Path | None:
+    """Return the set in use, None where none has been published."""
+    try:
+        name = (folder / CURRENT).readlink()
+    except OSError:
+        return None
+    return folder / name
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Let nobody else write to a folder of learned sets during the block; a killed process frees it.
+
+    Raises
+    ------
+    LearnedSetError
+        Somebody else does.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise LearnedSetError(
+                f"{folder}: expected a folder of its own, another node learns here"
+            ) from error
+        yield
+
+
+def begin(folder: Path) -> Path:
+    """Return an empty folder in which a new set can be made; see `publish`."""
+    sets = folder / _SETS
+    sets.mkdir(parents=True, exist_ok=True)
+    place = sets / f".new-{os.getpid()}"
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir()
+    return place
+
+
+def seal(made: Path, manifest: Mapping[str, object], changes: tuple[Change, ...]) -> str:
+    """Write the manifest of a set that was made, and return its digest."""
+    digest = digest_of(made)
+    told = {**FORMAT.head(), "digest": digest, **manifest, "changes": [asdict(change) for change in changes]}
+    write_text(made / MANIFEST, json.dumps(told, indent=1) + "\n")
+    for file in filter(Path.is_file, made.rglob("*")):
+        _sync(file)
+    return digest
+
+
+def publish(folder: Path, made: Path) -> Path:
+    """Give a sealed set its name and let `current` point to it; return its place.
+
+    Raises
+    ------
+    LearnedSetError
+        It is not whole.
+    OSError
+        It cannot be written; then `current` is as it was.
+    """
+    digest = read_manifest(made).digest
+    numbers = [int(name.name.partition("-")[0]) for name in sets_in(folder)]
+    place = folder / _SETS / f"{max(numbers, default=0) + 1:06d}-{digest}"
+    made.rename(place)
+    _sync(place.parent)
+    point_to(folder, place)
+    return place
+
+
+def point_to(folder: Path, place: Path) -> None:
+    """Let `current` point to a set, at once."""
+    link = folder / f".{CURRENT}-{os.getpid()}"
+    link.unlink(missing_ok=True)
+    link.symlink_to(place.relative_to(folder))
+    os.replace(link, folder / CURRENT)
+    _sync(folder)
+
+
+def sets_in(folder: Path) -> list[Path]:
+    """Return all sets that were published, oldest first."""
+    places = (folder / _SETS).iterdir() if (folder / _SETS).is_dir() else ()
+    return sorted(place for place in places if place.name[:6].isdecimal())
+
+
+def tidy(folder: Path) -> None:
+    """Remove what was never finished, and the oldest of the sets that are not in use."""
+    used = current_set(folder)
+    for place in (folder / _SETS).glob(".new-*"):
+        shutil.rmtree(place, ignore_errors=True)
+    for place in sets_in(folder)[:-KEPT]:
+        if place != used:
+            shutil.rmtree(place, ignore_errors=True)
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,147 @@
+"""The node `learning`: learns from what the executor reports, while the robot plays (paper, section 3)."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from ator_interfaces.msg import ActionPerformance
+from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.records import ENDED, episode_of, sound
+from ator_ros.experience.store import StoreInfo
+from ator_ros.files import is_name
+from ator_ros.learning.learner import Learner, LearningPace
+from ator_ros.learning.process import RoundProcess
+from ator_ros.learning.sets import LearnedSetError, locked
+from ator_ros.nodes.bounded import bounded
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
+from ator_ros.nodes.parameters import (
+    DOMAIN,
+    ROBOT,
+    Parameter,
+    SetupError,
+    declare_parameters,
+    domain_of,
+    robot_of,
+)
+from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.running import run_node
+from ator_ros.printable import printable
+
+PARAMETERS = (
+    DOMAIN,
+    ROBOT,
+    Parameter("models", "", "folder of the models to begin with; empty: those that are shipped"),
+    Parameter("learned", "", "folder of records and learned sets; empty: ~/.ros/ator_ros/learned"),
+    Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
+    Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
+    Parameter("most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000),
+    Parameter("observed", False, "whether to learn without the times that domains describe of actions"),
+)
+_PERIOD = 0.25
+_MOST_ITEMS = 64
+_HOME = Path.home() / ".ros" / "ator_ros" / "learned"
+
+
+class LearningNode(Node):
+    """Stores records, learns from them in a process of its own, and publishes sets of models that are better.
+
+    Parameters: see `PARAMETERS`; they are read at the start only.
+
+    Subscribes to
+        performance/action (ator_interfaces/ActionPerformance), or the topics that `records` names. All are of
+        robots of one description.
+    Publishes
+        /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
+    Services
+        ~/learn_now (std_srvs/Trigger): begins a round of learning.
+        ~/freeze (std_srvs/SetBool): true: records are stored, but the set in use stays; until false.
+    Writes
+        the folder `learned`: records, sets, and the link `current` to the set that the nodes `refinement` and
+        `executor` with the same parameter use.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("learning")
+        self._settings = settings = declare_parameters(self, PARAMETERS)
+        self._domain, robot = domain_of(settings), robot_of(settings)
+        folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
+        self._open = contextlib.ExitStack()
+        begin = functools.partial(
+            RoundProcess,
+            folder,
+            **{name: settings[name] for name in ("domain", "robot", "models", "observed")},
+        )
+        try:
+            self._open.enter_context(locked(folder))
+            self._learner = Learner(
+                folder,
+                StoreInfo(robot.digest(), self._domain.name),
+                lambda: begin(time=_now()),
+                LearningPace(settings["batch"], settings["most_episodes"]),
+            )
+        except (LearnedSetError, ExperienceError, OSError) as error:
+            self._open.close()
+            raise SetupError(f"parameter learned: {error}") from error
+        kind = bounded(ActionPerformance, _MOST_ITEMS)
+        for topic in settings["records"]:
+            self.create_subscription(kind, topic, self._take, RESULTS)
+        self.create_service(Trigger, "~/learn_now", self._learn_now)
+        self.create_service(SetBool, "~/freeze", self._freeze)
+        self.create_timer(_PERIOD, self._work, clock=STEADY)
+        topics = dict.fromkeys(settings["records"], ActionPerformance)
+        self._diagnostics = Diagnostics(self, self._health, topics)
+        self.get_logger().info(f"learning from {', '.join(settings['records'])} into {folder}")
+
+    def _take(self, message: Any) -> None:
+        if message.outcome.code not in ENDED:
+            return
+        episode, action_set = episode_of(message, self._domain), message.action_set or "default"
+        if sound(episode) and is_name(action_set) and is_name(episode.situation.action):
+            self._learner.take(action_set, episode)
+        else:
+            self._learner.left_out += 1
+
+    def _work(self) -> None:
+        said = self._learner.work(time.monotonic())
+        if said:
+            self.get_logger().info(printable(said, 1000))
+
+    def _learn_now(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = self._learner.learn_now()
+        response.success = not response.message
+        return response
+
+    def _freeze(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        try:
+            self._learner.freeze(request.data)
+        except OSError as error:
+            response.message = str(error)
+        else:
+            response.success = True
+            response.message = "the set in use stays" if request.data else "learning goes on"
+        return response
+
+    def _health(self) -> Health:
+        return Health(self._learner.problem, values=self._learner.told())
+
+    def stop(self) -> None:
+        """End a round under way, and close the files."""
+        self._learner.close()
+        self._open.close()
+
+
+def _now() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run_node(LearningNode, PARAMETERS, args)

@@ -1,0 +1,72 @@
+"""What nodes make of a folder of models: refiners and predictors of every action set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.node import Node
+
+from ator_ros.domains.domain import Domain
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.rehearsal import rehearse_predictions, rehearse_refinement
+from ator_ros.nodes.model_sets import ModelSet, read_models
+from ator_ros.performance.model_file import model_path
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.gate import Gate
+from ator_ros.refinement.gate_file import load_gate
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.tops.library import TopLibrary
+
+Libraries = Mapping[str, TopLibrary]
+
+
+@dataclass(frozen=True)
+class Predictors:
+    """Models and predictors of one folder, by action set."""
+
+    models: Mapping[str, ModelSet]
+    by_set: Mapping[str, Predictor]
+
+
+@dataclass(frozen=True)
+class Refiners:
+    """Models and refiners of one folder, by action set; a set without models has no refiner."""
+
+    models: Mapping[str, ModelSet]
+    by_set: Mapping[str, Refiner]
+
+
+def load_predictors(node: Node, domain: Domain, libraries: Libraries, folder: str) -> Predictors:
+    """Read the models in `folder` ("": those that ship) of every action set; log what is wrong."""
+    models = {name: read_models(node, it.robot, name, folder, domain) for name, it in libraries.items()}
+    predictors = {
+        name: Predictor(libraries[name].robot, read.models, read.calibration) for name, read in models.items()
+    }
+    for name, predictor in predictors.items():
+        rehearse_predictions(libraries[name], predictor)
+    return Predictors(models, predictors)
+
+
+def load_refiners(node: Node, domain: Domain, libraries: Libraries, folder: str, *, gated: bool) -> Refiners:
+    """Read models and gate in `folder` ("": those that ship) of every action set; log what is wrong."""
+    models, refiners = {}, {}
+    for name, library in libraries.items():
+        models[name] = read = read_models(node, library.robot, name, folder, domain)
+        if read.models:
+            gate = _gate(node, read.folder / model_path("gate", name), name) if gated else None
+            refiners[name] = Refiner(
+                library.robot, read.models, gate, ranges=domain.ranges, calibration=read.calibration
+            )
+            rehearse_refinement(library, refiners[name])
+    return Refiners(models, refiners)
+
+
+def _gate(node: Node, file: Path, action_set: str) -> Gate | None:
+    """Read the gate of an action set; without one the predicted gain alone decides."""
+    try:
+        return load_gate(file, action_set)
+    except RefinementError as error:
+        node.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
+        return None

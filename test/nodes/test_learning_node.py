@@ -1,0 +1,177 @@
+"""The node `learning`: it stores what it hears, and publishes sets that are better."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import Host, Start
+from experience_rows import made_up_model
+from refinement_requests import refine, request_of_the_paper, save_small_models
+from ros_client import Client
+from std_srvs.srv import SetBool, Trigger
+from stored import ROBOT, episodes, stored
+from test_models_node import status_of
+
+from ator_interfaces.msg import ActionPerformance, ObjectState, Outcome
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.episode import Episode
+from ator_ros.experience.store_reading import read_records
+from ator_ros.learning.round import Source, learn
+from ator_ros.learning.sets import RECORDS, current_set, locked, point_to, publish, read_manifest
+from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.parameters import SetupError
+from ator_ros.nodes.qos import RESULTS
+from ator_ros.performance.model_file import save_model
+
+
+@pytest.fixture
+def models(tmp_path: Path) -> Path:
+    """Return a folder with a model of what the made-up episodes usually take."""
+    folder = tmp_path / "models"
+    save_model(folder / "goToPose.json", made_up_model("goToPose", ROBOT))
+    return folder
+
+
+def record_of(episode: Episode, code: int = Outcome.SUCCEEDED) -> ActionPerformance:
+    """Return what an executor would report of an episode."""
+    message = ActionPerformance(action=episode.situation.action, action_set="default")
+    message.start.robot = pose_of(episode.situation.robot.pose)
+    message.start.objects = [ObjectState(name=name) for name in episode.objects]
+    message.call.top = "goToBall"
+    message.call.goal.pose = pose_of(episode.situation.goal.pose)
+    message.actual.duration = episode.duration
+    message.actual.accuracy = 0.01
+    message.heading_error = 0.02
+    message.outcome.code = code
+    return message
+
+
+@pytest.fixture
+def tell(client: Client) -> Callable[..., None]:
+    """Return a function that publishes records, once somebody listens."""
+    publisher = client.node.create_publisher(ActionPerformance, "performance/action", RESULTS)
+
+    def publish(*records: ActionPerformance) -> None:
+        client.eventually(publisher.get_subscription_count, "somebody who learns")
+        for record in records:
+            publisher.publish(record)
+
+    return publish
+
+
+def stored_in(folder: Path) -> int:
+    return len(read_records(folder / RECORDS, "default").rows)
+
+
+def values_of(client: Client) -> dict[str, str]:
+    return {value.key: value.value for value in status_of(client, "learning").values}
+
+
+def test_a_changed_robot_gets_a_new_set(
+    host: Host, client: Client, tell: Callable[..., None], tmp_path: Path, models: Path
+) -> None:
+    folder = tmp_path / "learned"
+    node = host("learning", learned=folder, models=models, batch=40)
+    tell(*map(record_of, episodes(45, slower=1.3)))
+    place = client.eventually(lambda: current_set(folder), "a set")
+    client.eventually(lambda: "default/goToPose: " in node.output, "word of it")
+    manifest = read_manifest(place)
+    values = values_of(client)
+    assert values["set"] == manifest.digest
+    assert values["last switch"] == manifest.time
+    tested = manifest.changes[0].tested
+    name = f"default/goToPose: error on the newest {tested}"
+    before, after = values[f"{name} before (s)"], values[f"{name} after (s)"]
+    assert float(after) < 0.6 * float(before)
+    assert "error from" in values["default/goToPose: switched"]
+
+
+def test_lies_are_left_out_and_what_was_broken_off_is_none(
+    host: Host, client: Client, tell: Callable[..., None], tmp_path: Path
+) -> None:
+    folder = tmp_path / "learned"
+    host("learning", learned=folder)
+    lies = [record_of(episode) for episode in episodes(5)]
+    lies[0].actual.duration = math.nan
+    lies[1].start.robot.position.x = 1e300
+    lies[2].call.goal.pose.position.y = math.inf
+    lies[3].action = "../../elsewhere"
+    lies[4].action_set = "no name"
+    (honest,) = episodes(1, seed=2)
+    tell(*lies, record_of(honest, Outcome.CANCELED), record_of(honest))
+    client.eventually(lambda: stored_in(folder) == 1, "a record")
+    values = values_of(client)
+    assert (values["records taken"], values["records left out"]) == ("1", "5")
+    assert sorted(place.name for place in (folder / RECORDS).iterdir()) == ["default", "store.json"]
+
+
+def test_learning_can_be_frozen_and_asked_for(
+    host: Host, client: Client, tell: Callable[..., None], tmp_path: Path, models: Path
+) -> None:
+    folder = tmp_path / "learned"
+    host("learning", learned=folder, models=models, batch=40)
+    assert client.call(SetBool, "learning/freeze", SetBool.Request(data=True)).success
+    tell(*map(record_of, episodes(45, slower=1.3)))
+    client.eventually(lambda: stored_in(folder) == 45, "records")
+    refused = client.call(Trigger, "learning/learn_now", Trigger.Request())
+    assert (refused.success, refused.message) == (False, "learning is frozen")
+    assert values_of(client)["frozen"] == "True"
+    assert current_set(folder) is None
+    assert client.call(SetBool, "learning/freeze", SetBool.Request(data=False)).success
+    assert client.call(Trigger, "learning/learn_now", Trigger.Request()).success
+    client.eventually(lambda: current_set(folder), "a set")
+
+
+@pytest.mark.long
+def test_it_goes_on_after_a_kill(
+    start: Start, client: Client, tell: Callable[..., None], tmp_path: Path, models: Path
+) -> None:
+    folder, told = tmp_path / "learned", list(map(record_of, episodes(45, slower=1.3)))
+    first = start("learning", learned=folder, models=models, batch=40)
+    tell(*told[:30])
+    client.eventually(lambda: (folder / RECORDS).exists() and stored_in(folder) == 30, "records")
+    first.send(signal.SIGKILL)
+    first.wait()
+    start("learning", learned=folder, models=models, batch=40)
+    client.eventually(lambda: values_of(client)["records since the last round"] == "30", "the second node")
+    tell(*told[30:])
+    client.eventually(lambda: current_set(folder), "a set")
+    assert stored_in(folder) == 45
+
+
+def test_two_nodes_do_not_share_a_folder(host: Host, tmp_path: Path) -> None:
+    with locked(tmp_path), pytest.raises(SetupError, match="a folder of its own, another node learns here"):
+        host("learning", learned=tmp_path)
+
+
+def test_the_refinement_node_takes_over_a_set(
+    host: Host, client: Client, tmp_path: Path, models: Path
+) -> None:
+    folder = tmp_path / "learned"
+    save_small_models(models)
+    node = host("refinement", models=models, learned=folder, gate=False)
+    before = refine(client, request_of_the_paper())
+    stored(folder / RECORDS, episodes(60, slower=2.0))
+    made = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
+    place = publish(folder, Path(made["made"]))
+    client.eventually(lambda: f"switched to the learned set {made['digest']}" in node.output, "the switch")
+    after = refine(client, request_of_the_paper())
+    first, last = (answer.before_actions[0].duration for answer in (before, after))
+    assert last == pytest.approx(2.0 * first, rel=0.25)
+    assert after.before_actions[1].duration == before.before_actions[1].duration
+    values = {value.key: value.value for value in status_of(client, "refinement").values}
+    told = f"{made['digest']} of 2026-01-01T00:00:00Z from episodes: 60 of default/goToPose"
+    assert values["learned set"] == told
+    # A set that is not whole is not taken over.
+    broken = folder / "sets" / "000009-broken"
+    shutil.copytree(place, broken)
+    (broken / "goToPose.json").write_text(json.dumps({}))
+    point_to(folder, broken)
+    client.eventually(lambda: "000009-broken is not used: " in node.output, "a warning")
+    assert refine(client, request_of_the_paper()).before.duration == after.before.duration

@@ -1,0 +1,53 @@
+"""Episodes made up for tests of what learns from records; durations follow a simple law."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ator_ros.actions.base import Goal
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.episode import Episode, sample_width
+from ator_ros.experience.store import RecordStore, StoreInfo
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import load_robot
+from ator_ros.world.state import ObjectState, RobotState
+
+ROBOT = load_robot()
+INFO = StoreInfo(ROBOT.digest(), SOCCER.name)
+BALL = {"ball": ObjectState(0.5, 0.5)}
+
+
+def episodes(
+    count: int, *, seed: int = 1, action: str = "goToPose", slower: float = 1.0, noise: float = 0.05
+) -> Iterator[Episode]:
+    """Yield episodes whose duration grows with distance and turn, `slower` times as long as usual."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        x, y, xg, yg = rng.uniform(-3.0, 3.0, 4)
+        yaw, yawg = rng.uniform(-math.pi, math.pi, 2)
+        turn = abs(math.remainder(math.atan2(yg - y, xg - x) - yaw, 2.0 * math.pi))
+        duration = slower * (0.5 + math.hypot(xg - x, yg - y) + 0.7 * turn) + noise * rng.standard_normal()
+        yield Episode(
+            Situation(action, RobotState(Pose(x, y, yaw)), BALL, Goal(Pose(xg, yg, yawg))),
+            np.empty((0, sample_width(BALL))),
+            max(duration, 0.1),
+            True,
+            "made up",
+            0.01,
+            math.nan,
+            tuple(BALL),
+        )
+
+
+def stored(folder: Path, *streams: Iterator[Episode], most: int = 20_000) -> RecordStore:
+    """Return a store to which the episodes have been appended."""
+    store = RecordStore(folder, INFO, most=most)
+    for stream in streams:
+        for episode in stream:
+            store.append("default", episode)
+    return store

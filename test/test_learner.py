@@ -1,0 +1,127 @@
+"""When the node `learning` learns, and that nothing is lost while it does."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from stored import INFO, episodes
+
+from ator_ros.experience.store_reading import read_records
+from ator_ros.learning.learner import ROUND, Learner, LearningPace
+from ator_ros.learning.sets import RECORDS
+
+NOTHING = {"made": "", "digest": "", "damaged": 0, "actions": {}}
+
+
+class Begun:
+    """A round that ends when it is told to."""
+
+    def __init__(self) -> None:
+        self.done, self.killed = False, False
+        self.told: dict[str, Any] = NOTHING
+
+    def result(self) -> dict[str, Any]:
+        return self.told
+
+    def kill(self) -> None:
+        self.killed = True
+
+
+@pytest.fixture
+def rounds() -> list[Begun]:
+    return []
+
+
+@pytest.fixture
+def learner(tmp_path: Path, rounds: list[Begun]) -> Learner:
+    return made(tmp_path, rounds)
+
+
+def made(folder: Path, rounds: list[Begun]) -> Learner:
+    def begin() -> Begun:
+        rounds.append(Begun())
+        return rounds[-1]
+
+    return Learner(folder, INFO, begin, LearningPace(batch=10))
+
+
+def take(learner: Learner, count: int) -> None:
+    for episode in episodes(count):
+        learner.take("default", episode)
+
+
+def test_a_round_begins_after_a_batch_and_only_one_at_a_time(learner: Learner, rounds: list[Begun]) -> None:
+    take(learner, 9)
+    learner.work(0.0)
+    assert not rounds
+    take(learner, 20)
+    learner.work(1.0)
+    learner.work(2.0)
+    assert len(rounds) == 1
+    rounds[0].done = True
+    learner.work(3.0)
+    learner.work(4.0)
+    assert len(rounds) == 1  # nothing is new
+    take(learner, 10)
+    learner.work(5.0)
+    assert len(rounds) == 2
+
+
+def test_it_goes_on_where_it_was(tmp_path: Path, rounds: list[Begun], learner: Learner) -> None:
+    take(learner, 15)
+    learner.work(0.0)
+    rounds[0].done = True
+    learner.work(1.0)
+    take(learner, 4)
+    again = made(tmp_path, rounds)
+    assert again.new == 4
+    (tmp_path / ROUND).write_text(json.dumps({"ends": "many"}), encoding="utf-8")
+    assert made(tmp_path, rounds).new == 19
+
+
+def test_a_round_that_fails_or_hangs_is_told(learner: Learner, rounds: list[Begun]) -> None:
+    take(learner, 10)
+    learner.work(0.0)
+    rounds[0].told, rounds[0].done = {"failed": "no memory"}, True
+    assert learner.work(1.0) == "learning failed: no memory"
+    learner.learn_now()
+    learner.work(2.0)
+    told = learner.work(1000.0)
+    assert rounds[1].killed
+    assert told is not None
+    assert "took longer" in told
+
+
+def test_what_finds_no_room_waits(tmp_path: Path, learner: Learner, monkeypatch: pytest.MonkeyPatch) -> None:
+    take(learner, 3)
+
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    take(learner, 5)
+    assert "expected room on the disk: No space left" in learner.problem
+    monkeypatch.undo()
+    learner.work(10.0)
+    assert learner.problem == ""
+    assert len(read_records(tmp_path / RECORDS, "default").rows) == 8
+
+
+def test_freezing_ends_a_round_and_outlasts_the_process(
+    tmp_path: Path, learner: Learner, rounds: list[Begun]
+) -> None:
+    take(learner, 10)
+    learner.work(0.0)
+    learner.freeze(True)
+    assert rounds[0].killed
+    again = made(tmp_path, rounds)
+    again.work(1.0)
+    assert again.learn_now() == "learning is frozen"
+    assert len(rounds) == 1
+    again.freeze(False)
+    again.work(2.0)
+    assert len(rounds) == 2
