@@ -31,7 +31,7 @@ BASE_PYTHON = os.path.realpath(sys.executable)  # as .venv/pyvenv.cfg names it, 
 VENV_STAMP = VENV / "stamp.json"
 LOG = VENV / "setup.log"
 WHEELS = "wheels"
-REQUIREMENTS = ("ros", "build", "runtime", "offline", "test", "lint")
+REQUIREMENTS = ("ros", "build", "runtime", "offline", "view", "test", "lint")
 ALWAYS_PINNED = "lint"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 
