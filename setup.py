@@ -10,7 +10,7 @@ EXECUTABLES = {
     "nodes": ("simulation", "executor", "refinement"),
     "tools": (
         *("collect", "train", "gate", "calibrate_predictions", "evaluate"),
-        *("calibrate", "study", "qualify", "demo", "bench", "soak", "noise", "compare"),
+        *("calibrate", "study", "qualify", "demo", "bench", "soak", "noise", "compare", "view"),
     ),
 }
 DOMAINS = {"soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER"}

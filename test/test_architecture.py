@@ -33,6 +33,8 @@ FLOORS = [
     "domains",
     "evaluation",
     "report",
+    "viewing",
+    "page",
     "nodes",
     "tools",
 ]
@@ -128,6 +130,7 @@ OF_SOCCER = {
 """Tools that show soccer, or the paper's experiments in it; with what lies in domains/soccer."""
 SAID = {
     "domains/__init__.py": ('DEFAULT = "soccer"',),  # the default of `find_domain`
+    "nodes/live_stage.py": ("PlaceBall",),
     "nodes/simulation.py": ("PlaceBall",),  # an interface whose name is in use
     "robot/description.py": ('"pioneer.yaml"',),  # the default description
     "performance/accuracy.py": ("ball",),  # labels in the files of models

@@ -11,7 +11,6 @@ WHEEL_MASS = 0.4
 # Seen through the gear (38.3:1) the motor's rotor outweighs the wheel: 4e-6 kg m^2 * 38.3^2.
 WHEEL_INERTIA = 0.008
 CENTRE_OF_MASS_X = -0.06
-WHEEL_NAMES = ("left_wheel_joint", "right_wheel_joint")
 _FINGER = (
     '<{tag}><origin xyz="{x:.6g} {side}{y:.6g} 0.12"/>'
     '<geometry><box size="{length:.6g} {thickness:.6g} 0.1"/></geometry>{material}</{tag}>'
