@@ -66,9 +66,9 @@ class Controls:
             "go on": lambda: desk.pause(paused=False),
             "back": desk.back,
         }
-        buttons.on_click(lambda _: self._inbox.put(buttons, wishes[buttons.value]))
+        buttons.on_click(lambda _: self._inbox.put("time", wishes[buttons.value]))
         speed = self._gui.add_button_group("Speed", tuple(_SPEEDS))
-        speed.on_click(lambda _: self._inbox.put(speed, lambda: desk.stage.set_factor(_SPEEDS[speed.value])))
+        speed.on_click(lambda _: self._inbox.put("speed", lambda: desk.stage.set_factor(_SPEEDS[speed.value])))
 
     def _situation(self, runs: Sequence[tuple[str, Trial]]) -> None:
         desk, gui = self._desk, self._gui
@@ -118,7 +118,7 @@ class Controls:
 
     def _button(self, label: str, wish: Callable[[], None]) -> None:
         button = self._gui.add_button(label)
-        button.on_click(lambda _: self._inbox.put(button, wish))
+        button.on_click(lambda _: self._inbox.put(label, wish))
 
     def _changed(self, field: Any, wish: Callable[[Any], None]) -> None:
         """Pass on what a client enters; what we set ourselves is no wish."""
@@ -126,6 +126,6 @@ class Controls:
         def take(event: Any) -> None:
             value = field.value
             if event.client is not None:
-                self._inbox.put(field, lambda: wish(value))
+                self._inbox.put(field.label, lambda: wish(value))
 
         field.on_update(take)

@@ -15,7 +15,7 @@ from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.viewing.shapes import Arrow, Colour, Segments, Shape
 
 NO_ANGLES: Mapping[str, float] = MappingProxyType({})
-_ABOVE_FLOOR = 0.012
+_ABOVE_FLOOR = 0.04
 
 
 def wxyz(yaw: float) -> tuple[float, float, float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import math
 from collections.abc import Mapping, Sequence
 
@@ -30,7 +31,15 @@ _WRITE_PERIOD = 0.2
 _TRAIL_WIDTH = 0.025
 _CAMERA_HEIGHT = 0.85
 """Height of the camera as a share of the area's length."""
+_FLOOR = (72, 122, 84)
 _GOAL_RADIUS = 0.16
+
+
+def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
+    """Return where a new client's camera is and looks at (m), and its vertical field of view (rad)."""
+    area = robot.scene.area
+    look_at = (0.0, -0.05 * area.width, 0.0)
+    return (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length), look_at, math.radians(50.0)
 
 
 class Page:
@@ -65,12 +74,13 @@ class Page:
     ) -> None:
         self.inbox = Inbox()
         self._desk, self._robot, self._models = desk, robot, models
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that goes away is no error
         with contextlib.redirect_stdout(io.StringIO()):  # viser tells its address in a frame
-            self.server = server = viser.ViserServer(host=host, port=port, label="ator_ros")
+            self.server = server = viser.ViserServer(host=host, port=port, label="ator_ros", verbose=False)
         self._look(server, robot)
         self._chain = Canvas(server, "/chain")
-        self._trails = Canvas(server, "/trails", 0.008)
-        Canvas(server, "/surroundings", 0.004).draw(surroundings(desk.domain, robot))
+        self._trails = Canvas(server, "/trails", 0.03)
+        Canvas(server, "/surroundings", 0.02).draw(surroundings(desk.domain, robot))
         self._model = RobotModel(server, "/robot", urdf)
         self._ghost = RobotModel(server, "/ghost", urdf, ghost=True)
         self._objects = {name: self._object_grip(name) for name in robot.scene.objects}
@@ -83,15 +93,14 @@ class Page:
 
     @staticmethod
     def _look(server: viser.ViserServer, robot: Robot) -> None:
-        area = robot.scene.area
+        area, (position, look_at, fov) = robot.scene.area, camera_over(robot)
         server.scene.set_up_direction("+z")
         server.gui.configure_theme(control_layout="fixed", show_logo=False, show_share_button=False)
-        server.initial_camera.position = (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length)
-        server.initial_camera.look_at = (0.0, -0.1 * area.width, 0.0)
-        server.initial_camera.fov = math.radians(50.0)
+        camera = server.initial_camera
+        camera.position, camera.look_at, camera.fov = position, look_at, fov
         size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
         server.scene.add_box(
-            "/floor", color=(72, 122, 84), dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
+            "/floor", color=_FLOOR, dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
         )
 
     def _object_grip(self, name: str) -> Grip:

@@ -12,7 +12,7 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Race, Run
-from ator_ros.viewing.stage import Stage, StageError
+from ator_ros.viewing.stage import StageError, ViewStage
 from ator_ros.world.state import RobotState, World
 
 _MOVED = 0.01
@@ -25,7 +25,7 @@ class Desk:
 
     Parameters
     ----------
-    stage : Stage
+    stage : ViewStage
         Where everything happens.
     domain : Domain
         Source of situations.
@@ -48,7 +48,7 @@ class Desk:
         Grows with every change of draft or advice.
     """
 
-    def __init__(self, stage: Stage, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
+    def __init__(self, stage: ViewStage, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
         self.stage, self.domain, self.libraries = stage, domain, libraries
         self.chain_name = next(iter(domain.chains))
         self.seed, self.index = 0, 0

@@ -16,7 +16,7 @@ class StageError(RuntimeError):
     """Something that was asked of a stage did not happen; the message says what."""
 
 
-class Stage(Protocol):
+class ViewStage(Protocol):
     """Robot, objects, refinement and executor, as a view uses them. All but `world` may raise StageError."""
 
     @property
