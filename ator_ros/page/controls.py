@@ -59,7 +59,7 @@ class Controls:
             self.rules = self._gui.add_markdown("")
 
     def _time(self) -> None:
-        desk = self._desk
+        desk, set_factor = self._desk, self._desk.stage.set_factor
         buttons = self._gui.add_button_group("Time", ("pause", "go on", "back"))
         wishes: dict[str, Callable[[], None]] = {
             "pause": lambda: desk.pause(paused=True),
@@ -68,7 +68,7 @@ class Controls:
         }
         buttons.on_click(lambda _: self._inbox.put("time", wishes[buttons.value]))
         speed = self._gui.add_button_group("Speed", tuple(_SPEEDS))
-        speed.on_click(lambda _: self._inbox.put("speed", lambda: desk.stage.set_factor(_SPEEDS[speed.value])))
+        speed.on_click(lambda _: self._inbox.put("speed", lambda: set_factor(_SPEEDS[speed.value])))
 
     def _situation(self, runs: Sequence[tuple[str, Trial]]) -> None:
         desk, gui = self._desk, self._gui

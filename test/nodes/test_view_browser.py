@@ -79,8 +79,8 @@ def canvas_of(browser: Chromium) -> tuple[float, float, float, float]:
 def red_around(picture: bytes, place: tuple[float, float]) -> float:
     """Return the share of pixels around a place that have the colour of the robot's body."""
     x, y = (round(value) for value in place)
-    pixels = np.asarray(Image.open(BytesIO(picture)).convert("RGB"), dtype=int)[y - 25 : y + 25, x - 25 : x + 25]
-    red, green, blue = np.moveaxis(pixels, 2, 0)
+    image = np.asarray(Image.open(BytesIO(picture)).convert("RGB"), dtype=int)
+    red, green, blue = np.moveaxis(image[y - 25 : y + 25, x - 25 : x + 25], 2, 0)
     return float(np.mean((red > 90) & (red > 2 * green) & (red > 2 * blue)))
 
 
