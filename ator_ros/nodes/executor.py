@@ -43,7 +43,7 @@ _RESET_PERIOD = 1.0
 class ExecutorNode(Node):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
-    Parameters: see `parameters_for`; all are read at the start only.
+    Parameters: see `parameters_for`; timeouts and `refine_again_after` can change, for the next goal.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.

@@ -5,7 +5,9 @@ from __future__ import annotations
 import functools
 import time
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
@@ -35,7 +37,7 @@ from ator_ros.nodes.turns import Turns
 from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate import Gate
+from ator_ros.refinement.gate import Gate, OpenGate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices
@@ -46,7 +48,7 @@ PARAMETERS = (
     DOMAIN,
     ROBOT,
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
-    Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
+    Parameter("gate", True, "whether to refine only where the gate expects that it pays", live=True),
     Parameter(
         "deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0
     ),
@@ -67,7 +69,7 @@ _MOST_WAITING = 2000
 class RefinementNode(Node):
     """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; they are read at the start only.
+    Parameters: see `PARAMETERS`; `gate` can change while it runs.
 
         Services refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came,
         with the reason. A request that cannot be evaluated is answered with accepted = false, as is one that
@@ -81,7 +83,7 @@ class RefinementNode(Node):
 
     def __init__(self) -> None:
         super().__init__("refinement")
-        self._settings = declare_parameters(self, PARAMETERS)
+        self._settings = declare_parameters(self, PARAMETERS, self._change)
         self._refiners: dict[str, Refiner] = {}
         self._libraries: dict[str, TopLibrary] = {}
         self._models: dict[str, ModelSet] = {}
@@ -114,7 +116,8 @@ class RefinementNode(Node):
             self, robot, action_set, self._settings["models"], domain
         )
         if read.models:
-            gate = self._load_gate(read.folder / model_path("gate", action_set), action_set)
+            file = read.folder / model_path("gate", action_set)
+            gate = self._load_gate(file, action_set) if self._settings["gate"] else None
             self._refiners[action_set] = Refiner(
                 robot, read.models, gate, ranges=domain.variables, calibration=read.calibration
             )
@@ -122,13 +125,18 @@ class RefinementNode(Node):
 
     def _load_gate(self, file: Path, action_set: str) -> Gate | None:
         """Read the gate of an action set; without one the predicted gain alone decides."""
-        if not self._settings["gate"]:
-            return None
         try:
             return load_gate(file, action_set)
         except RefinementError as error:
             self.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
             return None
+
+    def _change(self, values: Mapping[str, Any]) -> None:
+        """Use the gates from now on, or no longer."""
+        if "gate" in values:
+            for name, refiner in self._refiners.items():
+                file = self._models[name].folder / model_path("gate", name)
+                refiner.gate = (self._load_gate(file, name) if values["gate"] else None) or OpenGate()
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         finish = functools.partial(self._answer, answer)

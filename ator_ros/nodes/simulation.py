@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -38,7 +38,7 @@ _WARNING_PERIOD = 2.0
 class SimulationNode(Node):
     """Simulates one robot in one world; 20 ticks a second of simulated time.
 
-    Parameters: see `parameters_for`; all are read at the start only.
+    Parameters: see `parameters_for`; `real_time_factor` and `command_wait` can change while it runs.
 
     Subscribes to
         cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
@@ -63,7 +63,7 @@ class SimulationNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulation")
-        self._settings = declare_with_domain(self, parameters_for)
+        self._settings = declare_with_domain(self, parameters_for, self._change)
         self._robot = robot_of(self._settings)
         self._world = world_of(self._settings, self._robot)
         self._paused = False
@@ -72,12 +72,10 @@ class SimulationNode(Node):
         self._offer_topics()
         self._offer_services()
         factor = self._settings["real_time_factor"]
-        # No faster than real time a base waits for nobody, and who steers by hand sends what he likes.
-        self._waits = self._settings["lockstep"] or factor == 0.0 or factor > 1.0
+        self._waits = self._waits_at(factor)
         self._lateness = Lateness()
         self._ticks, self._counted = 0, (time.monotonic(), 0)
-        period = TICK / factor if factor else _FASTEST_PERIOD
-        self._timer = self.create_timer(period, self._tick, clock=STEADY)
+        self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health, {"cmd_vel": self._command_type})
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
         self.get_logger().info(f"simulating {self._robot.name} {speed}")
@@ -106,6 +104,22 @@ class SimulationNode(Node):
         self.create_service(kind, name, self._guarded(handle), qos_profile=SERVICES)
 
     # Time
+
+    def _waits_at(self, factor: float) -> bool:
+        """Return whether ticks wait for who steers.
+
+        No faster than real time a base waits for nobody, and who steers by hand sends what he likes.
+        """
+        return bool(self._settings["lockstep"]) or factor == 0.0 or factor > 1.0
+
+    def _change(self, values: Mapping[str, Any]) -> None:
+        """Let time go at another speed from now on."""
+        if "real_time_factor" in values:
+            factor = values["real_time_factor"]
+            self._waits, self._due, self._deadline = self._waits_at(factor), False, 0.0
+            self._timer.timer_period_ns = round(1e9 * _period_at(factor))
+            self._timer.reset()
+            self._counted = (time.monotonic(), self._ticks)
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -221,6 +235,11 @@ class SimulationNode(Node):
                 "parameters digest": digest_of(self._settings),
             },
         )
+
+
+def _period_at(factor: float) -> float:
+    """Return the real s between ticks."""
+    return TICK / factor if factor else _FASTEST_PERIOD
 
 
 def main(args: list[str] | None = None) -> None:

@@ -16,6 +16,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from process import Process, Processes
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client
 from rosgraph_msgs.msg import Clock
@@ -92,6 +94,19 @@ def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(wo
     assert max(robot.v for _, robot in client.robots) < 1.2 * 1.02
     assert stood - ceased < 0.5 + 0.1 + 1e-6  # the last command may have met a later tick
     assert client.robot().pose.x > before.pose.x + 0.2
+
+
+def test_time_can_go_faster_while_it_runs(host: Host, client: Client) -> None:
+    host("simulation", real_time_factor=0.1)
+    client.robot()
+    before = client.robots[-1][0]
+    wanted = [("real_time_factor", 20.0, True), ("real_time_factor", -1.0, False), ("seed", 5.0, False)]
+    for name, value, is_taken in wanted:
+        number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=number)])
+        (result,) = client.call(SetParameters, "simulation/set_parameters", request).results
+        assert result.successful == is_taken, result.reason
+    client.eventually(lambda: client.robots[-1][0] > before + 5.0, "time goes on")
 
 
 def test_as_fast_as_possible_waits_for_who_steers(host: Host, client: Client) -> None:
