@@ -54,8 +54,10 @@ ROS = {
     "rosgraph_msgs",
     "rosidl_parser",
     "rpyutils",
+    "sensor_msgs",
     "std_msgs",
     "std_srvs",
+    "tf2_msgs",
     "unique_identifier_msgs",
     "visualization_msgs",
 }

@@ -30,7 +30,7 @@ from ator_ros.nodes.parameters import (
     domain_of,
     robot_of,
 )
-from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.qos import LATCHED
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
@@ -77,7 +77,8 @@ class RefinementNode(Node):
         the others.
         At `deadline` the response is the best found until then, and cut_short is true.
     Publishes
-        refinement_markers (visualization_msgs/MarkerArray): the search, while there is a subscriber.
+        refinement_markers (visualization_msgs/MarkerArray, transient local): the naive chain, the
+        chain to execute, and the predicted times by heading as rings, while there is a subscriber.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     """
 
@@ -94,7 +95,7 @@ class RefinementNode(Node):
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
-        self._markers = self.create_publisher(MarkerArray, "refinement_markers", RESULTS)
+        self._markers = self.create_publisher(MarkerArray, "refinement_markers", LATCHED)
         self._turns = Turns(
             time.monotonic, deadline=self._settings["deadline"], most=self._settings["most_requests"]
         )
@@ -201,7 +202,8 @@ class RefinementNode(Node):
             response = answer_of(refinement, action_set=action_set, frame=frame, want_curve=wanted)
             if self._markers.get_subscription_count():
                 yield
-                self._markers.publish(markers_of(refinement, frame=frame))
+                start = conversions.pose_from(request.situation.robot, "situation.robot")
+                self._markers.publish(markers_of(refinement, start=start, frame=frame))
         self._last_time = response.computation_time = time.perf_counter() - began
         return response
 

@@ -11,24 +11,24 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
+from ator_ros.nodes.embodiment import Embodiment
 from ator_ros.nodes.parameters import (
     OBJECT,
     declare_with_domain,
     digest_of,
+    domain_of,
     robot_of,
 )
-from ator_ros.nodes.qos import LATCHED, SENSOR_DATA, SERVICES
+from ator_ros.nodes.qos import SENSOR_DATA, SERVICES, STATES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulation_settings import parameters_for, world_of
 from ator_ros.simulation.simulation import TICK
-from ator_ros.simulation.urdf import robot_urdf
 
 _FASTEST_PERIOD = 0.0005
 _PAUSED_PERIOD = 0.05
@@ -49,7 +49,7 @@ class SimulationNode(Node):
         both in the header's frame; nothing while the object is not there.
         /clock (rosgraph_msgs/Clock), when `publish_clock`.
     Publishes
-        robot_description (std_msgs/String, transient local): URDF.
+        tf, joint_states, robot_description, scene_markers: see `Embodiment`.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
         place_robot, and place_NAME of each object (ator_interfaces): teleport, with a
@@ -81,15 +81,16 @@ class SimulationNode(Node):
         self.get_logger().info(f"simulating {self._robot.name} {speed}")
 
     def _offer_topics(self) -> None:
-        self._odom = self.create_publisher(Odometry, "odom", SENSOR_DATA)
+        self._odom = self.create_publisher(Odometry, "odom", STATES)
         self._objects = {
-            name: self.create_publisher(Odometry, name, SENSOR_DATA) for name in self._robot.scene.objects
+            name: self.create_publisher(Odometry, name, STATES) for name in self._robot.scene.objects
         }
         self._clock_publisher = None
         if self._settings["publish_clock"]:
             self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
-        self._description = self.create_publisher(String, "robot_description", LATCHED)
-        self._description.publish(String(data=robot_urdf(self._robot)))
+        settings = self._settings
+        frames = {name: settings[name] for name in ("frame", "robot_frame")}
+        self._embodiment = Embodiment(self, domain_of(settings), self._robot, **frames)
         self._command_type = TwistStamped if self._settings["stamped_commands"] else Twist
         self.create_subscription(self._command_type, "cmd_vel", self._command, SENSOR_DATA)
 
@@ -152,6 +153,7 @@ class SimulationNode(Node):
         robot_frame = self._settings["robot_frame"]
         odometry = conversions.odometry_of(world.time, world.robot, frame=frame, child=robot_frame)
         self._odom.publish(odometry)
+        self._embodiment.publish(world)
 
     # What comes in
 
