@@ -34,12 +34,14 @@ SMALL = {
 MEASURING = ("bench", "compare", "soak")
 """Tools whose exit code 1 is a judgement, which so small a run and a busy machine can bring about."""
 
+_VIEW = "nodes/test_view_browser.py"
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",
     r"(PARTS=(bezier|observed) )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
     r"paper_models .*": "test_paper_models.py::test_table_tells_accuracy_beside_the_papers_and_the_rules",
     r"study .*": "test_tools_study.py::test_it_says_what_the_actions_and_refinement_are_like",
+    r"make view|(ros2 run ator_ros )?view( docs/evaluation)?": f"{_VIEW}::test_the_page_shows_the_robot_",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
@@ -75,6 +77,7 @@ NOT_HERE = {
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",
     r"export ROS_SECURITY_.*|ros2 run .* --enclave .*": "needs Fast DDS with the security plugins",
     r"limits=.*|python benchmarks/time_optimal\.py .*": "needs CasADi; its result is in docs/ruler",
+    r"ros2 launch ator_ros ator\.launch\.xml (view|rviz):=true": "needs ros2 launch; test_launch_file.py",
     r"ros2 (run|launch)( ator_ros …)?|python -m": "a name in a sentence",
 }
 """Commands, as regular expressions, that no test executes, and why."""

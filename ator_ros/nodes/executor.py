@@ -50,8 +50,8 @@ class ExecutorNode(Node):
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
         A result can be asked for in the minute after the goal. The robot stands before a goal ends (foreseen
         with `latency`), or was told to 2 s ago; where a newer goal takes over, odometry is lost or the node
-        ends, it is only told to. Goals outside the fence are refused; a base that does not follow its commands
-        and a way out of the fence end a goal.
+        ends, it is only told to. Goals outside the fence are refused. A base that does not follow its
+        commands ends a goal, and so does a way that leads out of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), and the topics of the domain's objects: their stamps,
         `latency` later, are the time of the control programs.

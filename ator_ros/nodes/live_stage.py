@@ -34,6 +34,8 @@ from ator_ros.viewing.stage import StageError
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _NEAR = 0.02
+_DISCOVERY = 2.0
+"""Real s after which a simulation that has not been found is taken for missing."""
 _FORGOTTEN = 1.0
 """Seconds by the stamps after which an object that nobody sees is taken for gone."""
 
@@ -86,7 +88,7 @@ class LiveStage:
         for client in (*simulation, self._refine) if simulated else (self._refine,):
             self._own.until(client.service_is_ready, f"the service {client.srv_name}")
         self._own.until(self._server.server_is_ready, "the action execute_chain")
-        self.can_place = simulated or self._place_robot.service_is_ready()
+        self.can_place = simulated or self._place_robot.wait_for_service(_DISCOVERY)
 
     # What is heard
 
