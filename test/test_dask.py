@@ -43,6 +43,7 @@ def test_collect_gives_the_same_table(address: str, tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(*tables, check_exact=True)
 
 
+@pytest.mark.long
 def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
     models = tmp_path / "models"
     for action in SOCCER.actions():

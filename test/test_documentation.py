@@ -40,6 +40,7 @@ BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",
     r"(PARTS=(bezier|observed) )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
     r"paper_models .*": "test_paper_models.py::test_table_tells_accuracy_beside_the_papers_and_the_rules",
+    r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_base_is_described",
     r"study .*": "test_tools_study.py::test_it_says_what_the_actions_and_refinement_are_like",
     r"make view|(ros2 run ator_ros )?view( docs/evaluation)?": f"{_VIEW}::test_the_page_shows_the_robot_",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
 import pytest
 
-from ator_ros.domains.soccer.quality.action_quality import Outcome
+from ator_ros.domains.soccer.quality.action_quality import Outcome, summary
 from ator_ros.domains.soccer.quality.ruler import over_time_optimal
 from ator_ros.geometry import Pose
 
@@ -42,3 +43,11 @@ def test_times_of_other_pairs_are_left_out_and_left_alone(
     assert over_time_optimal("pose", others, tmp_path) == {}
     assert "optimal_pose.json: left out: expected times of the" in capsys.readouterr().err
     assert (tmp_path / "pairs_pose.json").read_text() == before
+
+
+def test_runs_without_a_plan_are_left_out_of_the_comparison_with_plans() -> None:
+    planned = [dataclasses.replace(outcome(3.0), planned=2.9), dataclasses.replace(outcome(5.0), planned=4.7)]
+    told = summary("pose", [*planned, outcome(0.0)])
+    assert told["over_plan_mean_s"] == 0.2
+    assert told["over_plan_std_s"] == 0.1
+    assert "over_plan_mean_s" not in summary("pose", [outcome(3.0)])

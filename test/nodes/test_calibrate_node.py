@@ -12,6 +12,7 @@ from conftest import Start
 from process import PATIENCE
 from ros_client import Client
 
+from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 
 AWAY = [3.5, 2.0]
@@ -30,7 +31,8 @@ def calibrate(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
 def test_a_base_is_described(start: Start, domain: int, tmp_path: Path) -> None:
     start("simulation", real_time_factor=5.0, command_wait=0.5, latency=0.1, ball_start=AWAY)
     file = tmp_path / "mine.yaml"
-    done = calibrate(domain, "--name", "mine", "--out", str(file))
+    shipped = str(resource_path("config", "pioneer.yaml"))
+    done = calibrate(domain, "--robot", shipped, "--name", "mine", "--out", str(file))
     assert done.returncode == 0, done.stderr
     word, latency, *_ = done.stdout.split()
     assert word == "latency"

@@ -13,7 +13,6 @@ from types import SimpleNamespace
 import pytest
 from ament_index_python.packages import get_package_prefix
 from rclpy.task import Future
-from selection import few
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.tools.work.demo_client import DemoClient
@@ -54,7 +53,8 @@ def test_it_tells_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
     assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], signal.SIGINT))
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_broken_off_it_tells_what_was_played_and_leaves_no_node(
     demo: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -174,9 +174,13 @@ def summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def _around_plan(outcomes: Sequence[Outcome]) -> dict[str, float]:
-    """Return mean and standard deviation (s) of actual minus planned durations; empty without plans."""
+    """Return mean and standard deviation (s) of actual minus planned durations; empty without plans.
+
+    Runs that had no plan are left out: an action that ends at once has none.
+    """
     over = np.array([outcome.duration - outcome.planned for outcome in outcomes])
-    if not len(over) or np.isnan(over).any():
+    over = over[~np.isnan(over)]
+    if not len(over):
         return {}
     return {"over_plan_mean_s": round(float(over.mean()), 3), "over_plan_std_s": round(float(over.std()), 3)}
 
