@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -176,3 +178,12 @@ def test_words_of_a_domain_are_noticed(tmp_path: Path, text: str, words: list[st
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("test_architecture.PACKAGE", tmp_path)
         assert says_domain_words(file) == words
+
+
+def test_nodes_start_without_what_only_learning_needs() -> None:
+    names = [f"ator_ros.nodes.{name}" for name in ("executor", "refinement", "simulation")]
+    names.append("ator_ros.domains.soccer.domain")
+    heavy = ["sklearn", "pandas", "pyarrow", "scipy.stats", "matplotlib", "viser"]
+    script = f"import sys, {', '.join(names)}; print([name for name in {heavy} if name in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert told.strip() == "[]"

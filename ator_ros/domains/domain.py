@@ -15,8 +15,7 @@ import numpy as np
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT as DEFAULT
 from ator_ros.domains.presentation import Presentation
-from ator_ros.performance.features import GENERAL, Feature
-from ator_ros.performance.training import CANDIDATES
+from ator_ros.performance.features import CANDIDATES, GENERAL, Feature
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot

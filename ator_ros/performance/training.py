@@ -11,15 +11,12 @@ import pandas as pd
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import IDEAL, PAPER_3, PATHS, SIGNED, Feature, feature_table, names_of
+from ator_ros.performance.features import CANDIDATES, PAPER_3, PATHS, SIGNED, Feature, feature_table, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
 from ator_ros.performance.observing import observed_driving
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
-
-CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *IDEAL)
-"""Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
 
 OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 """The same for a model that knows nothing but what was observed: no ideal times of our own actions."""
