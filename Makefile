@@ -7,13 +7,17 @@ RUN := scripts/run
 BIN := install/lib/ator_ros
 ARGS ?=
 
-.PHONY: setup demo run test test-long test-apt-versions lint format bench reproduce clean
+.PHONY: setup demo view run test test-long test-apt-versions lint format bench reproduce clean
 
 setup:
 	@scripts/setup
 
 demo: setup
 	@$(RUN) $(BIN)/demo $(ARGS)
+
+# A page in the browser; `make view ARGS='--port 8081 docs/evaluation'`.
+view: setup
+	@$(RUN) $(BIN)/view $(ARGS)
 
 # An exit code other than 0 makes make's own exit code 2; `scripts/run $(BIN)/EXE` gives it as it is.
 run: setup

@@ -11,7 +11,7 @@ EXECUTABLES = {
     "nodes": ("simulation", "executor", "refinement", "learning"),
     "tools": (
         *("collect", "train", "gate", "calibrate_predictions", "evaluate"),
-        *("calibrate", "study", "qualify", "demo", "bench", "soak", "noise", "compare"),
+        *("calibrate", "study", "qualify", "demo", "bench", "soak", "noise", "compare", "view"),
     ),
 }
 DOMAINS = {

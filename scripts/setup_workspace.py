@@ -31,7 +31,8 @@ BASE_PYTHON = os.path.realpath(sys.executable)  # as .venv/pyvenv.cfg names it, 
 VENV_STAMP = VENV / "stamp.json"
 LOG = VENV / "setup.log"
 WHEELS = "wheels"
-REQUIREMENTS = ("ros", "build", "runtime", "offline", "test", "lint")
+REQUIREMENTS = ("ros", "build", "runtime", "offline", "view", "test", "lint")
+TF = "tf2_msgs"
 ALWAYS_PINNED = "lint"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 
@@ -199,10 +200,11 @@ def remove_generated(package: str) -> None:
             made.unlink(missing_ok=True)
 
 
-def build(package: str, sources: str, *, fresh: bool) -> None:
+def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     """Build `package` with colcon unless its stamp carries the digest `sources`.
 
-    It is built from nothing if `fresh`, or if the last build of it did not end.
+    It is built from nothing if `fresh`, or if the last build of it did not end. `folder` names it where
+    colcon does not look by itself.
     """
     stamp = ROOT / "build" / f"{package}.stamp"
     if stamp.is_file() and stamp.read_text(encoding="utf-8") == sources:
@@ -217,6 +219,7 @@ def build(package: str, sources: str, *, fresh: bool) -> None:
     for marker in (ROOT / "build" / ".built_by", ROOT / "install" / ".colcon_install_layout"):
         marker.unlink(missing_ok=True)
     colcon = [str(PYTHON), "-m", "colcon", "--log-base", "log", "build", "--packages-select", package]
+    colcon += ["--base-paths", folder] if folder else []
     # All cores; colcon's own choice also says -l, which starves the build on a busy machine. The outer
     # make's variables (ARGS=…) must not reach the inner one.
     done = subprocess.run(
@@ -231,9 +234,9 @@ def build(package: str, sources: str, *, fresh: bool) -> None:
     say(f"{package} built in {time.monotonic() - start:.0f} s")
 
 
-def interface_sources() -> list[Path]:
-    """List what ator_interfaces is generated from."""
-    return [file for file in (ROOT / "ator_interfaces").rglob("*") if file.is_file()]
+def sources_in(folder: str) -> list[Path]:
+    """List what an interface package is generated from."""
+    return [file for file in (ROOT / folder).rglob("*") if file.is_file()]
 
 
 def package_digest(environment: str) -> str:
@@ -257,7 +260,9 @@ def main() -> int:
         end_leftovers()
         set_up_environment(ros_prefix())
         environment = digest([VENV_STAMP])
-        build("ator_interfaces", digest(interface_sources(), environment), fresh=True)
+        build("ator_interfaces", digest(sources_in("ator_interfaces"), environment), fresh=True)
+        if ros_prefix() == WHEELS:  # among which it is not; any other ROS has its own
+            build(TF, digest(sources_in(f"scripts/{TF}"), environment), fresh=True, folder=f"scripts/{TF}")
         build("ator_ros", package_digest(environment), fresh=False)
     except SetupError as error:
         print(f"setup: {error}", file=sys.stderr)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -37,6 +39,8 @@ FLOORS = [
     "evaluation",
     "report",
     "learning",
+    "viewing",
+    "page",
     "nodes",
     "tools",
 ]
@@ -56,8 +60,10 @@ ROS = {
     "rosgraph_msgs",
     "rosidl_parser",
     "rpyutils",
+    "sensor_msgs",
     "std_msgs",
     "std_srvs",
+    "tf2_msgs",
     "unique_identifier_msgs",
     "visualization_msgs",
 }
@@ -129,6 +135,7 @@ OF_SOCCER = {
 """Tools that show soccer, or the paper's experiments in it; with what lies in domains/soccer."""
 SAID = {
     "domains/__init__.py": ('DEFAULT = "soccer"',),  # the default of `find_domain`
+    "nodes/live_stage.py": ("PlaceBall",),
     "nodes/simulation.py": ("PlaceBall",),  # an interface whose name is in use
     "robot/description.py": ('"pioneer.yaml"',),  # the default description
     "tools/work/demo_client.py": ("PlaceBall",),  # the same
@@ -173,3 +180,12 @@ def test_words_of_a_domain_are_noticed(tmp_path: Path, text: str, words: list[st
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("test_architecture.PACKAGE", tmp_path)
         assert says_domain_words(file) == words
+
+
+def test_nodes_start_without_what_only_learning_needs() -> None:
+    names = [f"ator_ros.nodes.{name}" for name in ("executor", "refinement", "simulation")]
+    names.append("ator_ros.domains.soccer.domain")
+    heavy = ["sklearn", "pandas", "pyarrow", "scipy.stats", "matplotlib", "viser"]
+    script = f"import sys, {', '.join(names)}; print([name for name in {heavy} if name in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert told.strip() == "[]"

@@ -34,6 +34,7 @@ SMALL = {
 MEASURING = ("bench", "compare", "soak")
 """Tools whose exit code 1 is a judgement, which so small a run and a busy machine can bring about."""
 
+_VIEW = "nodes/test_view_browser.py"
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",
@@ -41,6 +42,7 @@ BY_TEST = {
     r"paper_models .*": "test_paper_models.py::test_table_tells_accuracy_beside_the_papers_and_the_rules",
     r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_base_is_described",
     r"study .*": "test_tools_study.py::test_it_says_what_the_actions_and_refinement_are_like",
+    r"make view|(ros2 run ator_ros )?view( docs/evaluation)?": f"{_VIEW}::test_the_page_shows_the_robot_",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r".*evaluate --learning.*": "test_learning_stream.py::test_a_stream_goes_on_where_it_was_interrupted",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
@@ -78,6 +80,7 @@ NOT_HERE = {
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",
     r"export ROS_SECURITY_.*|ros2 run .* --enclave .*": "needs Fast DDS with the security plugins",
     r"limits=.*|python benchmarks/time_optimal\.py .*": "needs CasADi; its result is in docs/ruler",
+    r"ros2 launch ator_ros ator\.launch\.xml (view|rviz):=true": "needs ros2 launch; test_launch_file.py",
     r"ros2 (run|launch)( ator_ros …)?|python -m": "a name in a sentence",
 }
 """Commands, as regular expressions, that no test executes, and why."""

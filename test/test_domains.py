@@ -11,8 +11,7 @@ import pytest
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.performance.features import GENERAL, names_of
-from ator_ros.performance.training import CANDIDATES
+from ator_ros.performance.features import CANDIDATES, GENERAL, names_of
 from ator_ros.robot.description import load_robot
 
 

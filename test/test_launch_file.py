@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+import shlex
+import subprocess
+import sys
 from importlib.metadata import entry_points
 from xml.etree import ElementTree as ET
 
@@ -17,9 +20,14 @@ from ator_ros.nodes.learning import PARAMETERS as LEARNING
 from ator_ros.nodes.refinement import PARAMETERS as REFINEMENT
 from ator_ros.nodes.simulation_settings import parameters_for as of_simulation
 from ator_ros.resources import PACKAGE, share_folder
+from ator_ros.robot.description import load_robot
+from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.tools.view import arguments
 
 LAUNCH = ET.parse(share_folder() / "launch" / "ator.launch.xml").getroot()  # noqa: S314 - a file of ours
 OURS = {node.get("exec"): node for node in LAUNCH.iter("node") if node.get("pkg") == PACKAGE}
+VIEW = OURS.pop("view")
+CONFIG = share_folder() / "config"
 PARAMETERS = {
     "simulation": of_simulation([BALL]),
     "executor": of_executor([BALL]),
@@ -48,6 +56,22 @@ def test_its_files_hold_parameters_that_the_nodes_have(name: str) -> None:
     assert named <= set(known)
     (robot,) = [param.get("value") for param in OURS[name].iter("param") if param.get("name") == "robot"]
     assert robot == "$(var config)/pioneer.yaml"  # a copy of the folder brings its own robot
+
+
+def test_the_view_attaches_to_the_nodes_of_its_namespace() -> None:
+    assert "view" in {script.name for script in entry_points(group="console_scripts")}
+    (group,) = LAUNCH.findall("group")
+    assert VIEW in list(group)
+    assert arguments().parse_args((VIEW.get("args") or "").split()).attach
+
+
+def test_robot_state_publisher_gets_the_description_of_the_robot_that_is_named() -> None:
+    (publisher,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"]
+    (value,) = [param.get("value", "") for param in publisher.iter("param")]
+    command = value.removeprefix("$(command '").removesuffix("')").replace("$(var config)", str(CONFIG))
+    words = [sys.executable, *shlex.split(command)[1:]]
+    printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert printed.strip() == robot_urdf(load_robot(CONFIG / "pioneer.yaml")).strip()
 
 
 def test_what_it_names_is_declared() -> None:

@@ -20,8 +20,7 @@ from ator_ros.domains import DEFAULT_SET as DEFAULT_SET
 from ator_ros.domains.consistency import inconsistencies
 from ator_ros.domains.presentation import Presentation
 from ator_ros.domains.programs import Program
-from ator_ros.performance.features import GENERAL, Feature, goal_feature
-from ator_ros.performance.training import CANDIDATES
+from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot

@@ -13,10 +13,17 @@ from ator_ros.tops.library import TopLibrary
 Models = Mapping[str, PredictsPerformance]
 Captioned = tuple[Any, str]
 """A figure of matplotlib and its caption."""
+Line = Sequence[tuple[float, float]]
+"""The corners of a line on the floor, x and y in m."""
 
 
 def nothing_around(axes: Any, robot: Robot) -> None:
     """Draw no surroundings."""
+
+
+def no_lines(robot: Robot) -> Sequence[Line]:  # noqa: ARG001
+    """Return no lines."""
+    return ()
 
 
 def no_figures(robot: Robot, models: Models, library: TopLibrary) -> Sequence[Captioned]:  # noqa: ARG001
@@ -32,6 +39,8 @@ class Presentation:
     ----------
     draw : callable
         Draws the surroundings to axes, in m.
+    lines : callable
+        Returns the lines on the floor that a view shows beside the scene's area and bays.
     place : str
         What the first subgoal of a chain is, in a word.
     chains : mapping
@@ -48,6 +57,7 @@ class Presentation:
     """
 
     draw: Callable[[Any, Robot], None] = nothing_around
+    lines: Callable[[Robot], Sequence[Line]] = no_lines
     place: str = "subgoal"
     chains: Mapping[str, str] = field(default_factory=dict)
     policies: Mapping[str, str] = field(default_factory=dict)

@@ -15,13 +15,13 @@ from rclpy.node import Node
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.execution.driving import Driving
-from ator_ros.execution.phases import WATCH_PERIOD, Ending, Phase
+from ator_ros.execution.phases import Ending, Phase
 from ator_ros.execution.rehearsal import rehearse
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
-from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
+from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
 from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.learned_sets import LearnedSets
@@ -33,6 +33,7 @@ from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.nodes.refinement_client import refinement_client
 from ator_ros.nodes.remote_servers import RemoteServers
 from ator_ros.nodes.running import run_node, spin_out
+from ator_ros.nodes.watchdog import Watchdog
 from ator_ros.world.inputs import ClockJumpError
 from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
@@ -45,15 +46,14 @@ _RESET_PERIOD = 1.0
 class ExecutorNode(Node):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
-    Parameters: see `parameters_for`; all are read at the start only.
+    Parameters: see `parameters_for`; timeouts and `refine_again_after` can change, for the next goal.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
-        A result can be asked for in the minute after the goal. More goals than can be kept are rejected.
-        The robot stands before a goal ends (with `latency`, as foreseen); if it does not within 2 s of being
-        commanded to, the goal ends all the same. Where a newer goal takes over, odometry is lost or the node
-        ends, the goal ends once the command is sent. The result names the reason. Goals outside the fence are
-        refused. A base that does not follow its commands ends a goal, and so does a way out of the fence.
+        A result can be asked for in the minute after the goal. The robot stands before a goal ends (foreseen
+        with `latency`), or was told to 2 s ago; where a newer goal takes over, odometry is lost or the node
+        ends, it is only told to. Goals outside the fence are refused. A base that does not follow its
+        commands ends a goal, and so does a way that leads out of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), and the topics of the domain's objects: their stamps, `latency` later, are
         the time of the control programs.
@@ -85,9 +85,9 @@ class ExecutorNode(Node):
         self._driving = Driving(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
         self._world: World | None = None
+        self.rests = lambda: self._run is None and not self._remotes.ending()
         self._run: GoalRun | None = None
-        self._heard = 0.0
-        self._jumped = -math.inf
+        self._heard, self._jumped = 0.0, -math.inf
         self._ticks = Ticks()
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals = "", 0
@@ -110,7 +110,7 @@ class ExecutorNode(Node):
         self._server = DeferredActionServer(
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
         )
-        self._watchdog = self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
+        self._watchdog = Watchdog(self, self._watch)
 
     # Inputs
 
@@ -118,10 +118,9 @@ class ExecutorNode(Node):
         try:
             remark = self._inputs.object(name, *read(message))
         except (MessageError, StampError) as error:
-            self._note(f"ignored: {error}")
-        else:
-            if remark is not None:
-                self._note(remark)
+            remark = f"ignored: {error}"
+        if remark is not None:
+            self._note(remark)
 
     def _take_odom(self, message: Odometry) -> None:
         now = time.monotonic()
@@ -191,6 +190,7 @@ class ExecutorNode(Node):
         self._driving.begin(preempts=self._run is not None)
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run = run
+        self._watchdog.watch(closely=True)
         # A simulation as fast as possible waits for who steers: so also while the first action plans.
         self._send(STOP)
 
@@ -240,6 +240,7 @@ class ExecutorNode(Node):
         if not run.ended:
             return
         self._run = None
+        self._watchdog.watch(closely=False)
         self._send(STOP)
         result = run.result(self._world)
         self._chains.publish(result.record)

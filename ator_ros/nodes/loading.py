@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from rclpy.node import Node
 
@@ -14,7 +13,7 @@ from ator_ros.execution.rehearsal import rehearse_predictions, rehearse_refineme
 from ator_ros.nodes.model_sets import ModelSet, read_models
 from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate import Gate
+from ator_ros.refinement.gate import Gate, OpenGate
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.library import TopLibrary
@@ -55,7 +54,7 @@ def load_refiners(node: Node, domain: Domain, libraries: Libraries, folder: str,
     for name, library in libraries.items():
         models[name] = read = read_models(node, library.robot, name, folder, domain)
         if read.models:
-            gate = _gate(node, read.folder / model_path("gate", name), name) if gated else None
+            gate = _gate(node, read, name) if gated else None
             refiners[name] = Refiner(
                 library.robot, read.models, gate, ranges=domain.ranges, calibration=read.calibration
             )
@@ -63,10 +62,16 @@ def load_refiners(node: Node, domain: Domain, libraries: Libraries, folder: str,
     return Refiners(models, refiners)
 
 
-def _gate(node: Node, file: Path, action_set: str) -> Gate | None:
+def set_gates(node: Node, refiners: Refiners, *, gated: bool) -> None:
+    """Let the gates decide from the next request on, or no longer."""
+    for name, refiner in refiners.by_set.items():
+        refiner.gate = (_gate(node, refiners.models[name], name) if gated else None) or OpenGate()
+
+
+def _gate(node: Node, read: ModelSet, action_set: str) -> Gate | None:
     """Read the gate of an action set; without one the predicted gain alone decides."""
     try:
-        return load_gate(file, action_set)
+        return load_gate(read.folder / model_path("gate", action_set), action_set)
     except RefinementError as error:
         node.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
         return None

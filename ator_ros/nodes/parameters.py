@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
@@ -22,9 +22,12 @@ class SetupError(Exception):
     """A node that cannot start with these parameters or files; the message is for the user."""
 
 
+_FIXED = "fixed at the start, when topics, world and models are made of it: restart the node to change it"
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter of a node, fixed at the start.
+    """A parameter of a node.
 
     Attributes
     ----------
@@ -40,6 +43,8 @@ class Parameter:
         Allowed texts.
     smallest : float, optional
         Least magnitude of a number that is not 0.
+    live : bool
+        Whether it can change while the node runs; otherwise it is fixed at the start.
     """
 
     name: str
@@ -49,12 +54,13 @@ class Parameter:
     high: float = math.inf
     choices: tuple[str, ...] = ()
     smallest: float = 0.0
+    live: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor, which `ros2 param describe` shows."""
-        descriptor = ParameterDescriptor(description=self.description, read_only=True)
-        if self.choices:
-            descriptor.additional_constraints = f"one of {', '.join(self.choices)}"
+        descriptor = ParameterDescriptor(description=self.description, read_only=not self.live)
+        allowed = f"one of {', '.join(self.choices)}" if self.choices else ""
+        descriptor.additional_constraints = "; ".join(filter(None, (allowed, "" if self.live else _FIXED)))
         if isinstance(self.default, bool | str) or not math.isfinite(self.high - self.low):
             return descriptor
         if isinstance(self.default, int):
@@ -93,6 +99,13 @@ OBJECT = "OBJECT"
 """Stands for an object of the domain where a node tells of its parameters."""
 
 
+Changed = Callable[[Mapping[str, Any]], None]
+
+
+def no_more_to_do(_: Mapping[str, Any]) -> None:
+    """Do nothing about changed parameters but to read them later."""
+
+
 def domain_of(settings: Mapping[str, Any]) -> Domain:
     """Return the domain that the parameter `DOMAIN` names.
 
@@ -122,8 +135,13 @@ def robot_of(settings: Mapping[str, Any]) -> Robot:
         raise SetupError(str(error)) from error
 
 
-def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
+def declare_parameters(
+    node: Node, parameters: Sequence[Parameter], changed: Changed = no_more_to_do
+) -> dict[str, Any]:
     """Declare parameters with type, description and bounds, and return their values by name.
+
+    The values follow live parameters; `changed` is given the new ones by name before; SetupError refuses
+    them.
 
     Raises
     ------
@@ -132,11 +150,14 @@ def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> dict[str,
     """
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
     _warn_of_strange(node, values)
+    _follow_changes(node, parameters, values, changed)
     return values
 
 
 def declare_with_domain(
-    node: Node, parameters_for: Callable[[Sequence[str]], Sequence[Parameter]]
+    node: Node,
+    parameters_for: Callable[[Sequence[str]], Sequence[Parameter]],
+    changed: Changed = no_more_to_do,
 ) -> dict[str, Any]:
     """Declare `DOMAIN`, then the parameters of a node for the domain's objects; give values by name.
 
@@ -146,6 +167,8 @@ def declare_with_domain(
         The node.
     parameters_for : callable
         Returns the node's parameters, `DOMAIN` among them, for the names of objects.
+    changed : callable
+        As for `declare_parameters`.
 
     Raises
     ------
@@ -156,7 +179,28 @@ def declare_with_domain(
     others = [item for item in parameters_for(domain_of(values).objects) if item is not DOMAIN]
     values |= {parameter.name: _declared(node, parameter) for parameter in others}
     _warn_of_strange(node, values)
+    _follow_changes(node, others, values, changed)
     return values
+
+
+def _follow_changes(
+    node: Node, parameters: Sequence[Parameter], settings: dict[str, Any], changed: Changed
+) -> None:
+    """Keep `settings` up to date where live parameters change; ROS refuses to change the others."""
+    known = {parameter.name: parameter for parameter in parameters}
+
+    def take(wanted: Sequence[Any]) -> SetParametersResult:
+        values = {item.name: item.value for item in wanted if item.name in known}
+        try:
+            for name, value in values.items():
+                known[name].check(value)
+            changed(values)
+        except SetupError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        settings.update(values)
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(take)
 
 
 def _declared(node: Node, parameter: Parameter) -> Any:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import time
 import traceback
+from collections.abc import Mapping
+from typing import Any
 
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
@@ -16,7 +18,7 @@ from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.learned_sets import LEARNED, LearnedSets
-from ator_ros.nodes.loading import load_refiners
+from ator_ros.nodes.loading import Refiners, load_refiners, set_gates
 from ator_ros.nodes.model_sets import problems_of, told_of
 from ator_ros.nodes.pacing import Outbox, Pace
 from ator_ros.nodes.parameters import (
@@ -28,7 +30,7 @@ from ator_ros.nodes.parameters import (
     domain_of,
     robot_of,
 )
-from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.qos import LATCHED
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
@@ -45,7 +47,7 @@ PARAMETERS = (
     ROBOT,
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     LEARNED,
-    Parameter("gate", True, "whether to refine only where the gate expects that it pays"),
+    Parameter("gate", True, "whether to refine only where the gate expects that it pays", live=True),
     Parameter(
         "explore", 0.0, "greatest share of the predicted time to spend on trying chains; 0: none", 0.0, 0.5
     ),
@@ -69,7 +71,7 @@ _MOST_WAITING = 2000
 class RefinementNode(Node):
     """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; they are read at the start only.
+    Parameters: see `PARAMETERS`; `gate` can change while it runs.
 
     Service
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
@@ -77,23 +79,23 @@ class RefinementNode(Node):
         node busy. Requests are served in turns of a millisecond, so that a long one does not delay the
         others. At `deadline` the response is the best found until then, and cut_short is true.
     Publishes
-        refinement_markers (visualization_msgs/MarkerArray): the search, while there is a subscriber.
+        refinement_markers (visualization_msgs/MarkerArray, transient local): the naive chain, the
+        chain to execute, and the predicted times by heading as rings, while there is a subscriber.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     """
 
     def __init__(self) -> None:
         super().__init__("refinement")
-        self._settings = declare_parameters(self, PARAMETERS)
+        self._settings = declare_parameters(self, PARAMETERS, self._change)
         robot = robot_of(self._settings)
-        domain = domain_of(self._settings)
+        self._domain = domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-        load = functools.partial(load_refiners, self, domain, self._libraries, gated=self._settings["gate"])
-        self._sets = LearnedSets(self, self._settings["models"], self._settings["learned"], load)
+        self._sets = LearnedSets(self, self._settings["models"], self._settings["learned"], self._load)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._explorer = Explorer(self._settings["explore"])
         self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
-        self._markers = self.create_publisher(MarkerArray, "refinement_markers", RESULTS)
+        self._markers = self.create_publisher(MarkerArray, "refinement_markers", LATCHED)
         self._turns = Turns(
             time.monotonic, deadline=self._settings["deadline"], most=self._settings["most_requests"]
         )
@@ -107,6 +109,16 @@ class RefinementNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
         there = ", ".join(self._sets.present.by_set) or "(none)"
         self.get_logger().info(f"refining chains of the action sets {there}")
+
+    def _load(self, folder: str) -> Refiners:
+        return load_refiners(
+            self, self._domain, self._libraries, folder, gated=self._settings["gate"]
+        )
+
+    def _change(self, values: Mapping[str, Any]) -> None:
+        """Use the gates from now on, or no longer."""
+        if "gate" in values:
+            set_gates(self, self._sets.present, gated=values["gate"])
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         finish = functools.partial(self._answer, answer)
@@ -171,7 +183,8 @@ class RefinementNode(Node):
             response = answer_of(choice, request, action_set=action_set, frame=frame, want_curve=wanted)
             if self._markers.get_subscription_count():
                 yield
-                self._markers.publish(markers_of(choice.refinement, frame=frame))
+                start = conversions.pose_from(request.situation.robot, "situation.robot")
+                self._markers.publish(markers_of(choice.refinement, start=start, frame=frame))
         self._last_time = response.computation_time = time.perf_counter() - began
         return response
 

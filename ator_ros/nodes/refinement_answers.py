@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
-from geometry_msgs.msg import Point as PointMessage
-from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.msg import Alternative, FreeVariable, NotFree, Performance, SearchCurve
 from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import goal_values, with_values
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import chain_of, echo_of, performance_of, pose_of
+from ator_ros.nodes.conversions import chain_of, echo_of, performance_of
+from ator_ros.nodes.markers import marker_array
 from ator_ros.refinement.alternatives import Judged, Selection
 from ator_ros.refinement.answer import Refinement, SubgoalCurve
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import TopChain
-
-_CANDIDATE_LENGTH = 0.3
-_ABOVE_FLOOR = 0.02
-_GREY = ColorRGBA(r=0.6, g=0.6, b=0.6, a=0.8)
-_GREEN = ColorRGBA(r=0.1, g=0.8, b=0.2, a=1.0)
+from ator_ros.viewing.advice import advice_of
+from ator_ros.viewing.chain_picture import picture_of
 
 
 def answer_of(
@@ -139,47 +133,6 @@ def _curve(curve: SubgoalCurve) -> SearchCurve:
     )
 
 
-def markers_of(refinement: Refinement, *, frame: str) -> MarkerArray:
-    """Return markers: candidates from green (best) to red, subgoals before (grey) and after (green)."""
-    markers = [Marker(action=Marker.DELETEALL)]
-    markers += [_candidates(refinement.original, curve) for curve in refinement.curves]
-    for chain, colour in ((refinement.original, _GREY), (refinement.chain, _GREEN)):
-        markers += [_arrow(call.goal.pose, colour) for call in chain.calls]
-    for number, marker in enumerate(markers):
-        marker.header.frame_id, marker.ns, marker.id = frame, "refinement", number
-    return MarkerArray(markers=markers)
-
-
-def _candidates(chain: TopChain, curve: SubgoalCurve) -> Marker:
-    """Return a short line from each candidate's position along its heading."""
-    marker = Marker(type=Marker.LINE_LIST)
-    marker.scale.x = 0.01
-    marker.pose = pose_of(Pose(0.0, 0.0, 0.0))
-    goal = chain.calls[curve.subgoal].goal
-    for values, colour in zip(curve.values, _colours(curve.totals.tolist()), strict=True):
-        pose = _candidate(goal, curve.names, values.tolist()).pose
-        marker.points += [_point(pose), _point(pose.ahead(-_CANDIDATE_LENGTH))]
-        marker.colors += [colour, colour]
-    return marker
-
-
-def _candidate(goal: Goal, names: Sequence[str], values: Sequence[float]) -> Goal:
-    return with_values(goal, dict(zip(names, values, strict=True)))
-
-
-def _colours(costs: Sequence[float]) -> list[ColorRGBA]:
-    finite = [cost for cost in costs if math.isfinite(cost)]
-    low, high = (min(finite), max(finite)) if finite else (0.0, 0.0)
-    shares = [(cost - low) / (high - low) if math.isfinite(cost) and high > low else 1.0 for cost in costs]
-    return [ColorRGBA(r=share, g=1.0 - share, b=0.0, a=0.7) for share in shares]
-
-
-def _arrow(pose: Pose, colour: ColorRGBA) -> Marker:
-    marker = Marker(type=Marker.ARROW, color=colour, pose=pose_of(pose))
-    marker.pose.position.z = _ABOVE_FLOOR
-    marker.scale.x, marker.scale.y, marker.scale.z = 0.4, 0.05, 0.05
-    return marker
-
-
-def _point(pose: Pose) -> PointMessage:
-    return PointMessage(x=float(pose.x), y=float(pose.y), z=_ABOVE_FLOOR)
+def markers_of(refinement: Refinement, *, start: Pose, frame: str) -> MarkerArray:
+    """Return markers for a robot at `start`: the naive chain, the one to execute, and the searched rings."""
+    return marker_array(picture_of(start, advice_of(refinement)), "refinement", frame)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -11,24 +11,24 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
+from ator_ros.nodes.embodiment import Embodiment
 from ator_ros.nodes.parameters import (
     OBJECT,
     declare_with_domain,
     digest_of,
+    domain_of,
     robot_of,
 )
-from ator_ros.nodes.qos import LATCHED, SENSOR_DATA, SERVICES
+from ator_ros.nodes.qos import SENSOR_DATA, SERVICES, STATES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulation_settings import parameters_for, world_of
 from ator_ros.simulation.simulation import TICK
-from ator_ros.simulation.urdf import robot_urdf
 
 _FASTEST_PERIOD = 0.0005
 _PAUSED_PERIOD = 0.05
@@ -38,7 +38,7 @@ _WARNING_PERIOD = 2.0
 class SimulationNode(Node):
     """Simulates one robot in one world; 20 ticks a second of simulated time.
 
-    Parameters: see `parameters_for`; all are read at the start only.
+    Parameters: see `parameters_for`; `real_time_factor` and `command_wait` can change while it runs.
 
     Subscribes to
         cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
@@ -49,7 +49,7 @@ class SimulationNode(Node):
         header's frame; nothing while the object is not there.
         /clock (rosgraph_msgs/Clock), when `publish_clock`.
     Publishes
-        robot_description (std_msgs/String, transient local): URDF.
+        tf, joint_states, robot_description, scene_markers: see `Embodiment`.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
         place_robot, and place_NAME of each object (ator_interfaces): teleport, with a velocity.
@@ -63,7 +63,7 @@ class SimulationNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulation")
-        self._settings = declare_with_domain(self, parameters_for)
+        self._settings = declare_with_domain(self, parameters_for, self._change)
         self._robot = robot_of(self._settings)
         self._world = world_of(self._settings, self._robot)
         self._paused = False
@@ -72,26 +72,25 @@ class SimulationNode(Node):
         self._offer_topics()
         self._offer_services()
         factor = self._settings["real_time_factor"]
-        # No faster than real time a base waits for nobody, and who steers by hand sends what he likes.
-        self._waits = self._settings["lockstep"] or factor == 0.0 or factor > 1.0
+        self._waits = self._waits_at(factor)
         self._lateness = Lateness()
         self._ticks, self._counted = 0, (time.monotonic(), 0)
-        period = TICK / factor if factor else _FASTEST_PERIOD
-        self._timer = self.create_timer(period, self._tick, clock=STEADY)
+        self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health, {"cmd_vel": self._command_type})
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
         self.get_logger().info(f"simulating {self._robot.name} {speed}")
 
     def _offer_topics(self) -> None:
-        self._odom = self.create_publisher(Odometry, "odom", SENSOR_DATA)
+        self._odom = self.create_publisher(Odometry, "odom", STATES)
         self._objects = {
-            name: self.create_publisher(Odometry, name, SENSOR_DATA) for name in self._robot.scene.objects
+            name: self.create_publisher(Odometry, name, STATES) for name in self._robot.scene.objects
         }
         self._clock_publisher = None
         if self._settings["publish_clock"]:
             self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
-        self._description = self.create_publisher(String, "robot_description", LATCHED)
-        self._description.publish(String(data=robot_urdf(self._robot)))
+        settings = self._settings
+        frames = {name: settings[name] for name in ("frame", "robot_frame")}
+        self._embodiment = Embodiment(self, domain_of(settings), self._robot, **frames)
         self._command_type = TwistStamped if self._settings["stamped_commands"] else Twist
         self.create_subscription(self._command_type, "cmd_vel", self._command, SENSOR_DATA)
 
@@ -106,6 +105,22 @@ class SimulationNode(Node):
         self.create_service(kind, name, self._guarded(handle), qos_profile=SERVICES)
 
     # Time
+
+    def _waits_at(self, factor: float) -> bool:
+        """Return whether ticks wait for who steers.
+
+        No faster than real time a base waits for nobody, and who steers by hand sends what he likes.
+        """
+        return bool(self._settings["lockstep"]) or factor == 0.0 or factor > 1.0
+
+    def _change(self, values: Mapping[str, Any]) -> None:
+        """Let time go at another speed from now on."""
+        if "real_time_factor" in values:
+            factor = values["real_time_factor"]
+            self._waits, self._due, self._deadline = self._waits_at(factor), False, 0.0
+            self._timer.timer_period_ns = round(1e9 * _period_at(factor))
+            self._timer.reset()
+            self._counted = (time.monotonic(), self._ticks)
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -138,6 +153,7 @@ class SimulationNode(Node):
         robot_frame = self._settings["robot_frame"]
         odometry = conversions.odometry_of(world.time, world.robot, frame=frame, child=robot_frame)
         self._odom.publish(odometry)
+        self._embodiment.publish(world)
 
     # What comes in
 
@@ -221,6 +237,11 @@ class SimulationNode(Node):
                 "parameters digest": digest_of(self._settings),
             },
         )
+
+
+def _period_at(factor: float) -> float:
+    """Return the real s between ticks."""
+    return TICK / factor if factor else _FASTEST_PERIOD
 
 
 def main(args: list[str] | None = None) -> None:

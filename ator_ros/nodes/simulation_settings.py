@@ -25,8 +25,11 @@ _COMMON = (
         0.0,
         100.0,
         smallest=0.001,
+        live=True,
     ),
-    Parameter("command_wait", 0.3, "real s that a tick waits for a command, where it waits", 0.0, 10.0),
+    Parameter(
+        "command_wait", 0.3, "real s that a tick waits for a command, where it waits", 0.0, 10.0, live=True
+    ),
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),

@@ -112,6 +112,9 @@ PATHS = (
 GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *IDEAL, *PATHS)}
 """The features that every domain has, by name."""
 
+CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *IDEAL)
+"""Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
+
 
 def goal_feature(variable: GoalVariable) -> Feature:
     """Return a goal variable that an action declares as a feature: NAMEg, as in experience."""

@@ -14,7 +14,7 @@ from ator_ros.experience.columns import goal_variables_of_columns
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import (
-    IDEAL,
+    CANDIDATES,
     PAPER_3,
     PATHS,
     SIGNED,
@@ -28,9 +28,6 @@ from ator_ros.performance.observing import observed_driving
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
-
-CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *IDEAL)
-"""Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
 
 OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 """The same for a model that knows nothing but what was observed: no ideal times of our own actions."""

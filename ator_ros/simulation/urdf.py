@@ -1,17 +1,17 @@
-"""The robot's description as URDF, for pybullet and for RViz."""
+"""The robot's description as URDF, for pybullet and for RViz; as a program it prints that of a file."""
 
 from __future__ import annotations
 
+import sys
 from string import Template
 
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Holder, Robot
+from ator_ros.robot.description import Holder, Robot, load_robot
 
 WHEEL_MASS = 0.4
 # Seen through the gear (38.3:1) the motor's rotor outweighs the wheel: 4e-6 kg m^2 * 38.3^2.
 WHEEL_INERTIA = 0.008
 CENTRE_OF_MASS_X = -0.06
-WHEEL_NAMES = ("left_wheel_joint", "right_wheel_joint")
 _FINGER = (
     '<{tag}><origin xyz="{x:.6g} {side}{y:.6g} 0.12"/>'
     '<geometry><box size="{length:.6g} {thickness:.6g} 0.1"/></geometry>{material}</{tag}>'
@@ -59,3 +59,7 @@ def _fingers(tag: str, holder: Holder | None, front: float, material: str = "") 
     place = {"x": front + holder.length / 2, "y": (holder.gap + holder.thickness) / 2}
     both = (_FINGER.format(tag=tag, side=side, material=material, **place, **sizes) for side in ("", "-"))
     return "\n    ".join(both)
+
+
+if __name__ == "__main__":
+    print(robot_urdf(load_robot(sys.argv[1] if len(sys.argv) > 1 else None)))

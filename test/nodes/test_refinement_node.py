@@ -11,7 +11,7 @@ from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from fuzz_refinement import fuzz
 from process import Process, Processes
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from refinement_requests import call, refine, request_of_the_paper, save_small_models
 from ros_client import Client
@@ -22,7 +22,9 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.performance.model_file import load_models
+from ator_ros.performance.model_file import load_models, model_path
+from ator_ros.refinement.gate import ThresholdGate
+from ator_ros.refinement.gate_file import save_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
 
@@ -130,18 +132,32 @@ def test_everything_opened_lists_what_conditions_bind(asker: Client) -> None:
         assert list(new.open) == ["*"]
 
 
-def test_parameters_cannot_be_changed_over_ros(asker: Client) -> None:
-    names = ("models", "frame", "gate")
-    values = (
-        ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="/etc"),
-        ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="moon"),
-        ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=False),
-    )
-    wanted = [Parameter(name=name, value=value) for name, value in zip(names, values, strict=True)]
+def set_parameters(asker: Client, **values: ParameterValue) -> list[SetParametersResult]:
+    wanted = [Parameter(name=name, value=value) for name, value in values.items()]
     request = SetParameters.Request(parameters=wanted)
-    answer = asker.call(SetParameters, "refinement/set_parameters", request)
-    assert [result.successful for result in answer.results] == [False] * 3
-    assert all("read-only" in result.reason for result in answer.results)
+    return list(asker.call(SetParameters, "refinement/set_parameters", request).results)
+
+
+def test_what_the_node_was_made_of_cannot_be_changed_over_ros(asker: Client) -> None:
+    models = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="/etc")
+    frame = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="moon")
+    results = set_parameters(asker, models=models, frame=frame)
+    assert [result.successful for result in results] == [False] * 2
+    assert all("read-only" in result.reason for result in results)
+
+
+def test_the_gate_can_be_opened_while_the_node_runs(host: Host, client: Client, tmp_path: Path) -> None:
+    save_small_models(tmp_path)
+    save_gate(tmp_path / model_path("gate", "default"), ThresholdGate(gain=100.0), {})
+    host("refinement", models=tmp_path, deadline=20.0)
+    request = request_of_the_paper(yaw=3.0)
+    assert not refine(client, request).refined
+    opened = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=False)
+    assert [result.successful for result in set_parameters(client, gate=opened)] == [True]
+    assert refine(client, request).refined
+    closed = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
+    assert [result.successful for result in set_parameters(client, gate=closed)] == [True]
+    assert not refine(client, request).refined
 
 
 def test_health_names_what_it_was_made_with(asker: Client) -> None:

@@ -16,15 +16,20 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from process import Process, Processes
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client
 from rosgraph_msgs.msg import Clock
 from selection import few
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlaceBall, PlaceRobot
-from ator_ros.geometry import Pose
+from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.conversions import pose_of, robot_from
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
@@ -92,6 +97,19 @@ def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(wo
     assert max(robot.v for _, robot in client.robots) < 1.2 * 1.02
     assert stood - ceased < 0.5 + 0.1 + 1e-6  # the last command may have met a later tick
     assert client.robot().pose.x > before.pose.x + 0.2
+
+
+def test_time_can_go_faster_while_it_runs(host: Host, client: Client) -> None:
+    host("simulation", real_time_factor=0.1)
+    client.robot()
+    before = client.robots[-1][0]
+    wanted = [("real_time_factor", 20.0, True), ("real_time_factor", -1.0, False), ("seed", 5.0, False)]
+    for name, value, is_taken in wanted:
+        number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=number)])
+        (result,) = client.call(SetParameters, "simulation/set_parameters", request).results
+        assert result.successful == is_taken, result.reason
+    client.eventually(lambda: client.robots[-1][0] > before + 5.0, "time goes on")
 
 
 def test_as_fast_as_possible_waits_for_who_steers(host: Host, client: Client) -> None:
@@ -256,6 +274,26 @@ def test_clock_description_and_health_are_published(world: Client) -> None:
     assert values["robot digest"] == load_robot().digest()
     assert len(values["parameters digest"]) == 16
     assert float(values["longest time between ticks (ms)"]) > 0.0
+
+
+def test_rviz_and_robot_state_publisher_find_what_they_need(world: Client) -> None:
+    client = world
+    client.place(robot=Pose(1.0, -0.5, 2.0), ball=(2.0, 1.0))
+    by_default = QoSProfile(depth=10)  # reliable: what a subscriber gets who asks for nothing
+    odometry, balls = (client.listen(Odometry, name, by_default) for name in ("odom", "ball"))
+    transforms = client.listen(TFMessage, "tf", by_default)
+    joints = client.listen(JointState, "joint_states", by_default)
+    scene = client.listen(MarkerArray, "scene_markers", LATCHED)
+    client.eventually(lambda: odometry and balls and transforms and joints and scene, "all topics")
+    (transform,) = transforms[-1].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("odom", "base_link")
+    place, turn = transform.transform.translation, transform.transform.rotation
+    assert (place.x, place.y) == pytest.approx((1.0, -0.5), abs=0.01)
+    assert yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w) == pytest.approx(2.0, abs=0.01)
+    assert list(joints[-1].name) == ["left_wheel_joint", "right_wheel_joint"]
+    assert {marker.header.frame_id for marker in scene[0].markers} == {"odom"}
+    before = joints[-1].position[0]
+    client.eventually(lambda: client.command(v=0.3) or joints[-1].position[0] != before, "the wheels turn")
 
 
 def test_two_robots_do_not_hear_each_other(start, domain: int, client: Client) -> None:

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.domains.presentation import Captioned, Models, Presentation
+from ator_ros.domains.presentation import Captioned, Line, Models, Presentation
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 
 _GREY = "#8a8f98"  # as in `ator_ros.drawing`, which needs matplotlib
+_CENTRE_CIRCLE = 1.0  # m
 
 
 def draw_field(axes: Any, robot: Robot) -> None:
@@ -20,6 +21,13 @@ def draw_field(axes: Any, robot: Robot) -> None:
     length, width = robot.scene.area.length, robot.scene.area.width
     lines = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * [length / 2.0, width / 2.0]
     axes.plot(*lines.T, color=_GREY, lw=0.8)
+
+
+def field_lines(robot: Robot) -> Sequence[Line]:
+    """Return the halfway line and the centre circle."""
+    half, corners = robot.scene.area.width / 2.0, np.linspace(0.0, 2.0 * np.pi, 49)
+    x, y = _CENTRE_CIRCLE * np.cos(corners), _CENTRE_CIRCLE * np.sin(corners)
+    return [(0.0, -half), (0.0, half)], list(zip(x.tolist(), y.tolist(), strict=True))
 
 
 def paper_figures(robot: Robot, models: Models, library: TopLibrary) -> Sequence[Captioned]:
@@ -45,6 +53,7 @@ def paper_figures(robot: Robot, models: Models, library: TopLibrary) -> Sequence
 
 PRESENTATION = Presentation(
     draw=draw_field,
+    lines=field_lines,
     place="ball",
     chains={"dribble": "go to the ball, dribble it to a pose", "shoot": "go to the ball, dribble it, shoot"},
     policies={"face_goal": "ball between robot and goal, as most teams approach"},

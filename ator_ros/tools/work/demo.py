@@ -43,7 +43,7 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
     if played:
         print(f"\n{table(played)}")
         save_picture(options.out, robot, played)
-        print(f"\npaths: {options.out.resolve()}")
+        print(f"\npaths: {options.out.resolve()}\nmake view shows it live, in the browser")
     return code
 
 

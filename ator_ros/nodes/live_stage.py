@@ -1,0 +1,252 @@
+"""A view's stage on ROS: it listens, places, asks for refinement and sends chains."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+from std_srvs.srv import SetBool
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ActionPerformance, Outcome
+from ator_interfaces.srv import PlaceBall, PlaceRobot, RefineSubgoal
+from ator_ros.domains.domain import Domain
+from ator_ros.geometry import Pose
+from ator_ros.nodes import checks
+from ator_ros.nodes.advice import advice_from
+from ator_ros.nodes.checks import MessageError, bounds_of
+from ator_ros.nodes.conversions import chain_of, pose_from, pose_of, robot_from, situation_of
+from ator_ros.nodes.object_sources import ObjectSources, Reader
+from ator_ros.nodes.qos import RESULTS, SENSOR_DATA, SERVICES
+from ator_ros.nodes.spun_node import SpunNode
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.viewing.advice import Advice
+from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.runs import Run
+from ator_ros.viewing.stage import StageError
+from ator_ros.world.state import ObjectState, RobotState, World
+
+_NEAR = 0.02
+_DISCOVERY = 2.0
+"""Real s after which a simulation that has not been found is taken for missing."""
+_FORGOTTEN = 1.0
+"""Seconds by the stamps after which an object that nobody sees is taken for gone."""
+
+
+class LiveStage:
+    """Nodes that run, seen and used through a node of its own.
+
+    Parameters
+    ----------
+    own : SpunNode
+        Not started yet.
+    domain, robot : Domain, Robot
+        What is played, and by whom.
+    frame : str
+        The frame of odometry and goals.
+
+    Attributes
+    ----------
+    go_to : callable
+        Called in another thread with each pose that comes on the topic goal_pose, as RViz sends it.
+    """
+
+    def __init__(self, own: SpunNode, domain: Domain, robot: Robot, *, frame: str = "odom") -> None:
+        self._own, self._frame = own, frame
+        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        self._robot: tuple[float, RobotState] | None = None
+        self._objects: dict[str, tuple[float, ObjectState]] = {}
+        self.go_to: Callable[[Pose], None] = lambda _: None
+        self._run: Run | None = None
+        self._goal: Any = None
+        self.can_place = False
+        node = own.node
+        sources = map(domain.source, domain.objects)
+        self._sources = ObjectSources(node, sources, self._take_object, frame=frame, bounds=bounds_of(robot))
+        node.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
+        node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
+        node.create_subscription(PoseStamped, "goal_pose", self._take_goal, RESULTS)
+        self._place_robot = node.create_client(PlaceRobot, "place_robot", qos_profile=SERVICES)
+        self._pause = node.create_client(SetBool, "pause", qos_profile=SERVICES)
+        self._refine = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
+        self._factor = node.create_client(SetParameters, "simulation/set_parameters")
+        self._placing = {
+            name: node.create_client(PlaceBall, f"place_{name}", qos_profile=SERVICES)
+            for name in robot.scene.objects
+        }
+        self._server = ActionClient(node, ExecuteChain, "execute_chain")
+
+    def ready(self, *, simulated: bool) -> None:
+        """Wait until refinement and executor answer, and where it is `simulated` the simulation, too.
+
+        Raises
+        ------
+        StageError
+            One did not in time.
+        """
+        simulation = (self._place_robot, self._pause, *self._placing.values())
+        for client in (*simulation, self._refine) if simulated else (self._refine,):
+            self._own.until(client.service_is_ready, f"the service {client.srv_name}")
+        self._own.until(self._server.server_is_ready, "the action execute_chain")
+        self.can_place = simulated or self._place_robot.wait_for_service(_DISCOVERY)
+
+    # What is heard
+
+    def _take_odom(self, message: Odometry) -> None:
+        try:
+            self._robot = robot_from(message, frame=self._frame)
+        except MessageError as error:
+            self._own.node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
+
+    def _take_object(self, name: str, read: Reader, message: Any) -> None:
+        try:
+            self._objects[name] = read(message)
+        except MessageError as error:
+            self._own.node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
+
+    def _take_goal(self, message: PoseStamped) -> None:
+        try:
+            checks.frame(message.header.frame_id, "goal_pose.header.frame_id", expected=self._frame)
+            self.go_to(pose_from(message.pose, "goal_pose.pose"))
+        except MessageError as error:
+            self._own.node.get_logger().warning(f"ignored: {error}")
+
+    def _take_action(self, message: ActionPerformance) -> None:
+        run = self._run
+        if run is not None and not run.ended and message.outcome.code == Outcome.SUCCEEDED:
+            run.actual.append(message.actual.duration)
+
+    def world(self) -> World | None:
+        """Return the newest state; objects that nobody sees any more are not in it."""
+        if self._robot is None:
+            return None
+        now, robot = self._robot
+        seen = list(self._objects.items())
+        objects = {name: there for name, (when, there) in seen if abs(now - when) < _FORGOTTEN}
+        return World(now, robot, objects)
+
+    # Refinement
+
+    def refine(self, draft: Draft) -> Advice:
+        """Ask the node `refinement`."""
+        library = self._libraries[draft.action_set]
+        request = RefineSubgoal.Request(
+            situation=situation_of(draft.world, frame=self._frame),
+            chain=chain_of(draft.chain, action_set=draft.action_set, frame=self._frame),
+            want_curve=True,
+        )
+        answer = self._own.call(self._refine, request)
+        if not answer.accepted:
+            raise StageError(answer.reason)
+        try:
+            return advice_from(answer, library, frame=self._frame)
+        except MessageError as error:
+            raise StageError(str(error)) from error
+
+    # Simulation
+
+    def place_robot(self, pose: Pose) -> None:
+        """Put the robot somewhere, at rest; not waited for."""
+        request = PlaceRobot.Request()
+        request.pose.pose = pose_of(pose)
+        self._own.sent(self._place_robot, request)
+
+    def place_object(self, name: str, x: float, y: float) -> None:
+        """Put an object somewhere (m), at rest; not waited for."""
+        self._own.sent(self._placing[name], _placement(x, y))
+
+    def place(self, world: World) -> None:
+        """Put everything to its place and wait until it is seen there; time then stands still."""
+        self._own.call(self._pause, SetBool.Request(data=True))
+        for name, client in self._placing.items():
+            if name not in world.objects:
+                self._own.call(client, PlaceBall.Request(remove=True))
+        request = PlaceRobot.Request()
+        request.pose.pose = pose_of(world.robot.pose)
+        self._own.call(self._place_robot, request)
+        for name, there in world.objects.items():
+            if name in self._placing:
+                self._own.call(self._placing[name], _placement(there.x, there.y))
+        self._own.until(partial(self._is_there, world), "robot and objects at their start")
+
+    def _is_there(self, wanted: World) -> bool:
+        seen = self.world()
+        if seen is None or seen.robot.pose.distance(wanted.robot.pose) > _NEAR:
+            return False
+        pairs = [
+            (there, seen.objects.get(name)) for name, there in wanted.objects.items() if name in self._placing
+        ]
+        return all(o is not None and math.hypot(o.x - there.x, o.y - there.y) < _NEAR for there, o in pairs)
+
+    def pause(self, *, paused: bool) -> None:
+        """Let time stand still, or go on."""
+        self._own.call(self._pause, SetBool.Request(data=paused))
+
+    def set_factor(self, factor: float) -> None:
+        """Set the simulated seconds per real second."""
+        value = Parameter("real_time_factor", value=factor).to_parameter_msg()
+        answer = self._own.call(self._factor, SetParameters.Request(parameters=[value]))
+        if not answer.results[0].successful:
+            raise StageError(answer.results[0].reason)
+
+    # Execution
+
+    def execute(self, run: Run, chain: TopChain, action_set: str, *, refine: bool) -> None:
+        """Start to execute a chain, and let time go on once the executor steers."""
+        message = chain_of(chain, action_set=action_set, frame=self._frame)
+        goal = ExecuteChain.Goal(chain=message, refine=refine)
+        self._run = run
+        told = threading.Event()
+
+        def hear(feedback: Any) -> None:
+            run.status = f"{feedback.feedback.top}: {feedback.feedback.status}"
+            told.set()
+
+        future = self._own.within(lambda: self._server.send_goal_async(goal, feedback_callback=hear))
+        self._goal = handle = self._own.answer(future, "execute_chain")
+        if not handle.accepted:
+            raise StageError("the executor accepts no goal")
+        ended = self._own.within(handle.get_result_async)
+        ended.add_done_callback(partial(_finish, run))
+        self._own.until(lambda: told.is_set() or ended.done(), "feedback of execute_chain")
+        if self.can_place:
+            self.pause(paused=False)
+
+    def stop(self) -> None:
+        """Cancel what is executed; wait until it has ended."""
+        run, handle = self._run, self._goal
+        if run is None or run.ended or handle is None:
+            return
+        if self.can_place:
+            self.pause(paused=False)  # the robot can stand only in time
+        self._own.within(handle.cancel_goal_async)
+        self._own.until(lambda: run.ended, "the end of the chain")
+
+
+def _placement(x: float, y: float) -> PlaceBall.Request:
+    request = PlaceBall.Request()
+    request.position.point.x, request.position.point.y = x, y
+    return request
+
+
+def _finish(run: Run, future: Future) -> None:
+    answer = future.result()
+    if answer is None:
+        run.status = "no result"
+    else:
+        record = answer.result.record
+        is_done = answer.result.outcome.code == Outcome.SUCCEEDED
+        run.actual[:] = [action.actual.duration for action in record.actions]
+        run.duration = record.actual.duration if is_done else math.nan
+        run.status = f"{'done' if is_done else answer.result.outcome.reason} ({record.refinement})"
+    run.ended = True

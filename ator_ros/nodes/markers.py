@@ -1,0 +1,49 @@
+"""Shapes as markers for RViz."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from geometry_msgs.msg import Point
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_of
+from ator_ros.viewing.shapes import Arrow, Segments, Shape
+
+_ABOVE_FLOOR = 0.02
+_SHAFT = 0.05
+
+
+def marker_array(shapes: Iterable[Shape], space: str, frame: str) -> MarkerArray:
+    """Return markers in the namespace `space`; all that were there before are deleted."""
+    markers = [Marker(action=Marker.DELETEALL)]
+    markers += [
+        _segments(shape) if isinstance(shape, Segments) else _arrow(shape)
+        for shape in shapes
+        if not isinstance(shape, Segments) or len(shape.points)
+    ]
+    for number, marker in enumerate(markers):
+        marker.header.frame_id, marker.ns, marker.id = frame, space, number
+    return MarkerArray(markers=markers)
+
+
+def _segments(shape: Segments) -> Marker:
+    marker = Marker(type=Marker.LINE_LIST, pose=pose_of(Pose(0.0, 0.0, 0.0)))
+    marker.scale.x = shape.width
+    for ends, colour in zip(shape.points.tolist(), shape.colours.tolist(), strict=True):
+        marker.points += [Point(x=x, y=y, z=_ABOVE_FLOOR) for x, y in ends]
+        marker.colors += [_colour(*colour)] * 2
+    return marker
+
+
+def _arrow(shape: Arrow) -> Marker:
+    marker = Marker(type=Marker.ARROW, color=_colour(*shape.colour), pose=pose_of(shape.pose))
+    marker.pose.position.z = _ABOVE_FLOOR
+    marker.scale.x, marker.scale.y, marker.scale.z = shape.length, _SHAFT, _SHAFT
+    return marker
+
+
+def _colour(red: float, green: float, blue: float) -> ColorRGBA:
+    return ColorRGBA(r=float(red), g=float(green), b=float(blue), a=1.0)

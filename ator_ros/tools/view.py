@@ -1,0 +1,47 @@
+"""Show robot, chains and what refinement says of them on a page in the browser, and let them be changed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ator_ros.tools.command_line import add_factor, add_models, add_setting, whole
+
+_PORTS = (1024, 65535)
+
+
+def arguments() -> argparse.ArgumentParser:
+    """Return the command line of `view`."""
+    parser = argparse.ArgumentParser(
+        prog="view", description=__doc__, usage="%(prog)s [options] [EVALUATION] [--ros-args ...]"
+    )
+    parser.add_argument(
+        "evaluation", nargs="?", type=Path, metavar="EVALUATION", help="folder whose worst runs can be chosen"
+    )
+    parser.add_argument("--port", type=whole(*_PORTS), default=8080, help="default: %(default)s")
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="address to serve at (default: %(default)s: this machine only)"
+    )
+    parser.add_argument(
+        "--attach", action="store_true", help="show nodes that run, instead of starting simulation and others"
+    )
+    add_setting(parser, action_set=False)
+    add_models(parser)
+    add_factor(parser, 1.0)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    own = words[: words.index("--ros-args")] if "--ros-args" in words else words
+    options = arguments().parse_args(own)
+    from ator_ros.tools.work import view as work
+
+    return work.run(options, words[len(own) :])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

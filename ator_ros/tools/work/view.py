@@ -1,0 +1,138 @@
+"""Start a view: nodes of its own or nodes that run, the desk, the page, and the loop that joins them."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from ator_ros.domains.domain import Domain, DomainError, find_domain
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.nodes.machine import MachineError, check_machine
+from ator_ros.nodes.network import stay_on_this_machine
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import ModelFileError, load_models
+from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
+from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.tools.command_line import write_plainly
+from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
+from ator_ros.viewing.desk import Desk
+from ator_ros.viewing.stage import StageError
+from ator_ros.viewing.worst import worst_trials
+
+_PERIOD = 1.0 / 25.0
+_PATIENCE = 60.0
+_EXPECTED = (
+    StageError,
+    MachineError,
+    NodeEndedError,
+    DomainError,
+    ConfigError,
+    EvaluationError,
+    OSError,
+)
+
+
+def run(options: argparse.Namespace, words: Sequence[str] = ()) -> int:
+    """Do what the command line asks for until Ctrl-C or SIGTERM; return the exit code."""
+    write_plainly()
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _: stopped.append(received))
+    try:
+        _serve(options, words, lambda: bool(stopped))
+    except ImportError as error:
+        print(f"view: {error}: docs/install.md says how to install it", file=sys.stderr)
+        return 1
+    except _Stopped:
+        return 0
+    except _EXPECTED as error:
+        print(f"view: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+class _Stopped(Exception):  # noqa: N818 (no error)
+    """The user has ended the view."""
+
+
+def _serve(options: argparse.Namespace, words: Sequence[str], stopped: Callable[[], bool]) -> None:
+    from ator_ros.nodes.live_stage import LiveStage
+    from ator_ros.nodes.spun_node import SpunNode
+    from ator_ros.page.page import Page
+
+    domain = find_domain(options.domain)
+    robot = domain.robot(options.robot or None)
+    runs = worst_trials(options.evaluation, domain, robot) if options.evaluation else ()
+    with _nodes(options) as (number, check):
+
+        def going_on() -> None:
+            if stopped():
+                raise _Stopped
+            check()
+
+        own = SpunNode("view", domain=number, words=words, check=going_on, patience=_PATIENCE)
+        stage = LiveStage(own, domain, robot)
+        own.start()
+        try:
+            stage.ready(simulated=not options.attach)
+            libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+            desk = Desk(stage, domain, libraries)
+            models = _models(options.models, domain, robot)
+            page = Page(
+                desk, robot, robot_urdf(robot), models, host=options.host, port=options.port, runs=runs
+            )
+            stage.go_to = lambda pose: page.inbox.put("go to", lambda: desk.go_to(pose))
+            address = f"http://{options.host}:{page.server.get_port()}"
+            print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
+            try:
+                _loop(desk, page, Wheels(robot), going_on)
+            finally:
+                page.close()
+        finally:
+            own.close()
+
+
+@contextlib.contextmanager
+def _nodes(options: argparse.Namespace) -> Iterator[tuple[int | None, Callable[[], None]]]:
+    """Yield the ROS domain, None for that of the environment, and what raises when a node has ended."""
+    if options.attach:
+        check_machine(os.environ, ())
+        stay_on_this_machine(os.environ)
+        yield None, lambda: None
+        return
+    with all_nodes(options.real_time_factor, **node_setting(options)) as nodes:
+        print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
+        yield nodes.domain, nodes.check
+
+
+def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[str, PerformanceModel]]:
+    """Read the models of all action sets, to tell their rules; sets without models are left out."""
+    found = {}
+    for name in domain.action_sets:
+        with contextlib.suppress(ModelFileError, OSError):
+            place = Path(folder) if folder else domain.shipped_models
+            found[name] = load_models(robot, domain.known_features, action_set=name, folder=place)
+    return found
+
+
+def _loop(desk: Desk, page: object, wheels: Wheels, going_on: Callable[[], None]) -> None:
+    from ator_ros.page.page import Page
+
+    assert isinstance(page, Page)
+    due = time.monotonic()
+    while True:
+        going_on()
+        desk.step(page.inbox.take())
+        world = desk.stage.world()
+        if world is not None:
+            wheels.roll(world.time, world.robot.v, world.robot.w)
+        page.update(time.monotonic(), dict(zip(WHEEL_NAMES, wheels.angles, strict=True)))
+        due = max(due + _PERIOD, time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))

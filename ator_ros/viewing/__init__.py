@@ -1,0 +1,1 @@
+"""What a view shows and does, apart from the page that shows it and from ROS."""

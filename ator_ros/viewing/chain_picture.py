@@ -1,0 +1,33 @@
+"""A chain as shapes: naive in grey, as it will be executed in colour, rings around its refined subgoals."""
+
+from __future__ import annotations
+
+from ator_ros.geometry import Pose
+from ator_ros.tops.chain import TopChain
+from ator_ros.viewing.advice import Advice
+from ator_ros.viewing.ring import rings_of
+from ator_ros.viewing.shapes import BLUE, GREY, Arrow, Colour, Segments, Shape, polyline
+
+_LEG_WIDTH = 0.015
+
+
+def picture_of_chain(name: str, start: Pose, chain: TopChain, colour: Colour) -> list[Shape]:
+    """Return an arrow at each subgoal of a chain, and a line from `start` from one to the next."""
+    poses = [call.goal.pose for call in chain.calls]
+    legs = polyline(f"{name}/legs", [(pose.x, pose.y) for pose in (start, *poses)], colour, _LEG_WIDTH)
+    arrows = (Arrow(f"{name}/subgoal{step}", pose, colour) for step, pose in enumerate(poses))
+    return [legs, *arrows]
+
+
+def picture_of(start: Pose, advice: Advice) -> list[Shape]:
+    """Return what is drawn of an advice for a robot at `start`."""
+    return [
+        *picture_of_chain("naive", start, advice.naive, GREY),
+        *picture_of_chain("chain", start, advice.chain, BLUE),
+        *rings(advice),
+    ]
+
+
+def rings(advice: Advice) -> list[Segments]:
+    """Return the rings of all subgoals whose heading was searched."""
+    return [shape for curve in advice.curves for shape in rings_of(advice.chain, curve)]

@@ -1,0 +1,263 @@
+"""The desk of a view: what is edited, what refinement says of it, and what is executed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+from ator_ros.actions.base import Goal
+from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
+from ator_ros.geometry import Pose
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.top import Top
+from ator_ros.viewing.advice import Advice
+from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.runs import Race, Run
+from ator_ros.viewing.stage import StageError, ViewStage
+from ator_ros.world.state import RobotState, World
+
+_MOVED = 0.01
+"""Distance in m by which a robot that cannot be placed must have moved to ask refinement again."""
+NAIVE, REFINED = "naive", "refined"
+
+
+class Desk:
+    """Edits a draft, keeps what refinement says of it up to date, and plays chains. For one thread only.
+
+    Parameters
+    ----------
+    stage : ViewStage
+        Where everything happens.
+    domain : Domain
+        Source of situations.
+    libraries : mapping of str to TopLibrary
+        By action set; the first one is used at the start.
+
+    Attributes
+    ----------
+    draft : Draft
+        What is edited.
+    advice : Advice or None
+        What refinement says of it; None while `problem` says why not.
+    problem : str
+        What went wrong last; empty if nothing did.
+    runs : list of Run
+        The executions since the last edit, the newest last.
+    paused : bool
+        Whether time stands still.
+    edition : int
+        Grows with every change of draft or advice.
+    """
+
+    def __init__(self, stage: ViewStage, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
+        self.stage, self.domain, self.libraries = stage, domain, libraries
+        self.chain_name = next(iter(domain.chains))
+        self.seed, self.index = 0, 0
+        self.advice: Advice | None = None
+        self.problem, self.paused = "", False
+        self.runs: list[Run] = []
+        self.race: Race | None = None
+        self.edition = 0
+        self._waiting: list[Run] = []
+        self._stale, self._displaced = True, True
+        self.draft = self._drawn()
+
+    # Situations
+
+    def _drawn(self) -> Draft:
+        action_set = self.draft.action_set if hasattr(self, "draft") else next(iter(self.libraries))
+        library = self.libraries[action_set]
+        trial = random_trial(self.domain, self.chain_name, library, seed=self.seed, index=self.index)
+        return Draft(trial.world, open_speeds(trial.chain), action_set)
+
+    def situation(self, *, chain: str = "", seed: int | None = None, index: int | None = None) -> None:
+        """Go to a situation of a chain of the domain; what is not named stays."""
+        self.chain_name = chain or self.chain_name
+        self.seed = self.seed if seed is None else seed
+        self.index = self.index if index is None else index
+        self.take(self._drawn())
+
+    def show(self, trial: Trial) -> None:
+        """Go to a situation with its plan as it is, such as one of an evaluation."""
+        self.take(Draft(trial.world, trial.chain, self.draft.action_set))
+
+    def take(self, draft: Draft) -> None:
+        """Go to another draft: what is executed is stopped, and robot and objects are placed."""
+        self._stop()
+        self._edited(draft)
+        self._displaced = True
+
+    # Edits
+
+    def move_robot(self, pose: Pose) -> None:
+        """Put the robot somewhere."""
+        self._restored()
+        self._edited(self.draft.with_robot(pose))
+        self.stage.place_robot(pose)
+
+    def move_object(self, name: str, x: float, y: float) -> None:
+        """Put an object somewhere (m), also while a chain is executed: then only in the world."""
+        if not self.playing:
+            self._restored()
+            self._edited(self.draft.with_object(name, x, y))
+        self.stage.place_object(name, x, y)
+
+    def move_goal(self, step: int, pose: Pose) -> None:
+        """Put the goal of a step somewhere."""
+        self._edited(self.draft.with_goal(step, pose))
+
+    def open(self, step: int, name: str, *, is_open: bool) -> None:
+        """Open a goal variable of a step, or commit to it."""
+        self._edited(self.draft.with_open(step, name, is_open=is_open))
+
+    def use_actions(self, action_set: str) -> None:
+        """Execute the chain with the actions of another set."""
+        self._edited(self.draft.with_library(self.libraries[action_set]))
+
+    def _edited(self, draft: Draft) -> None:
+        self.draft, self._stale = draft, True
+        if not self.playing:
+            self.runs.clear()
+            self.race = None
+
+    def _restored(self) -> None:
+        """Put everything where the draft has it, if an execution has moved it."""
+        if self._displaced and self.stage.can_place:
+            self.stage.place(self.draft.world)
+            self.stage.pause(paused=False)
+            self.paused = False
+        self._displaced = False
+
+    # Playing
+
+    @property
+    def playing(self) -> bool:
+        """Whether a chain is executed, or one waits for its turn."""
+        return bool(self._waiting) or any(not run.ended for run in self.runs)
+
+    def play(self, *labels: str) -> None:
+        """Execute the chain from the draft's start: `NAIVE`, `REFINED`, or one after the other, a race."""
+        self._stop()
+        self.runs.clear()
+        self._waiting = [Run(label) for label in labels]
+        self.race = Race(*self._waiting) if len(self._waiting) == 2 else None
+
+    def go_to(self, pose: Pose) -> None:
+        """Drive to a pose from where the robot is, with the TOP that is for that.
+
+        Raises
+        ------
+        StageError
+            The domain has none, or no state is known.
+        """
+        library, world = self.libraries[self.draft.action_set], self.stage.world()
+        top = next((top for top in library.values() if _goes(top)), None)
+        if top is None or world is None:
+            raise StageError("expected a TOP that only drives to a pose, and odometry, to drive there")
+        here = dataclasses.replace(world, robot=RobotState(world.robot.pose))
+        call = TopCall(top, Goal(pose, 0.0, top.point))
+        self.take(Draft(here, TopChain((call,)), self.draft.action_set))
+        self._waiting = [Run(REFINED)]
+
+    def stop(self) -> None:
+        """Cancel what is executed."""
+        self._stop()
+
+    def back(self) -> None:
+        """Put everything back to the draft's start."""
+        self.take(self.draft)
+
+    def pause(self, *, paused: bool) -> None:
+        """Let time stand still, or go on."""
+        self.stage.pause(paused=paused)
+        self.paused = paused
+
+    def _stop(self) -> None:
+        if any(not run.ended for run in self.runs):
+            self.stage.stop()
+        self._waiting.clear()
+
+    @property
+    def run(self) -> Run | None:
+        """The newest execution; None if there is none."""
+        return self.runs[-1] if self.runs else None
+
+    def ghost(self) -> Pose | None:
+        """Return where the first of a race was as long after its start as the second is now."""
+        if self.race is None or len(self.runs) < 2:
+            return None
+        return self.race.first.pose_at(self.race.second.elapsed)
+
+    # The loop
+
+    def step(self, wishes: Sequence[Callable[[], None]] = ()) -> None:
+        """Fulfil wishes, ask refinement if the draft has changed, follow what is executed."""
+        for wish in wishes:
+            self._tried(wish)
+        world = self.stage.world()
+        if world is None:
+            return
+        if not self.stage.can_place and not self.playing:
+            self._follow(world)
+        if self._stale:
+            self._stale = False
+            self._ask()
+        run = self.run
+        if run is not None and not run.ended:
+            run.saw(world.time, world.robot.pose)
+        elif self._waiting and not self._stale:
+            self._tried(self._begin)
+        elif self._displaced and not self.runs and not self._waiting:
+            self._tried(self._restored)
+
+    def _tried(self, wish: Callable[[], None]) -> None:
+        try:
+            wish()
+        except (StageError, ValueError) as error:
+            self.problem = str(error)
+            self.edition += 1
+            self._waiting.clear()
+
+    def _follow(self, world: World) -> None:
+        """Let the draft start where the robot is, where nothing can be placed."""
+        here = dataclasses.replace(world, robot=RobotState(world.robot.pose))
+        draft = self.draft
+        for name, there in here.objects.items():
+            draft = draft.with_object(name, there.x, there.y)
+        draft = dataclasses.replace(draft, world=here)
+        moved = draft.world.robot.pose.distance(self.draft.world.robot.pose) > _MOVED
+        if moved or draft.chain != self.draft.chain:
+            self.draft, self._stale = draft, True
+
+    def _ask(self) -> None:
+        try:
+            self.advice, self.problem = self.stage.refine(self.draft), ""
+        except StageError as error:
+            self.advice, self.problem = None, str(error)
+        self.edition += 1
+
+    def _begin(self) -> None:
+        """Execute the chain that waits longest."""
+        if self.advice is None:
+            raise StageError(self.problem or "expected a chain that can be executed")
+        run = self._waiting.pop(0)
+        if self.stage.can_place:
+            self.stage.place(self.draft.world)
+        self.paused, self._displaced = False, True
+        refine = run.label == REFINED
+        run.predicted = list(self.advice.predicted if refine else self.advice.before)
+        self.runs.append(run)
+        chain = self.draft.chain if refine else self.advice.naive
+        try:
+            self.stage.execute(run, chain, self.draft.action_set, refine=refine)
+        except StageError:
+            run.ended, run.status = True, "could not start"
+            raise
+
+
+def _goes(top: Top) -> bool:
+    """Return whether a TOP drives the robot to a pose, whatever the situation."""
+    placed = {term.variable for term in top.post.terms}
+    return not top.pre.terms and {"robot.x", "robot.y", "robot.yaw"} <= placed

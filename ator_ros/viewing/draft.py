@@ -1,0 +1,92 @@
+"""A situation with a plan, as somebody edits it: robot, objects and goals are moved, variables opened."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+from ator_ros.geometry import Pose
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import followed
+from ator_ros.world.state import ObjectState, RobotState, World
+
+_SAME_PLACE = 0.15
+"""Distance in m up to which a goal counts as lying at an object that its step follows."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Draft:
+    """The start and the plan that a view shows; each change makes a new draft.
+
+    Attributes
+    ----------
+    world : World
+        The situation in which the chain starts, everything at rest.
+    chain : TopChain
+        The plan, with open variables.
+    action_set : str
+        Name of the set of actions that executes it.
+    """
+
+    world: World
+    chain: TopChain
+    action_set: str
+
+    def with_robot(self, pose: Pose) -> Draft:
+        """Return the draft with the robot standing at `pose`."""
+        return dataclasses.replace(self, world=dataclasses.replace(self.world, robot=RobotState(pose)))
+
+    def with_object(self, name: str, x: float, y: float) -> Draft:
+        """Return the draft with an object at (x, y) m, and the goals of steps that follow it there too."""
+        before = self.world.objects.get(name)
+        calls = [
+            _moved(call, x, y) if before is not None and _follows(call, name, before) else call
+            for call in self.chain.calls
+        ]
+        world = self.world.with_object(name, ObjectState(x, y))
+        return dataclasses.replace(self, world=world, chain=TopChain(tuple(calls)))
+
+    def with_goal(self, step: int, pose: Pose) -> Draft:
+        """Return the draft with the goal of a step (from 0) at `pose`."""
+        goal = dataclasses.replace(self.chain.calls[step].goal, pose=pose)
+        return dataclasses.replace(self, chain=self.chain.with_goal(step, goal))
+
+    def with_open(self, step: int, name: str, *, is_open: bool) -> Draft:
+        """Return the draft with a goal variable of a step (from 0) opened, or committed to."""
+        calls = list(self.chain.calls)
+        opened = calls[step].open | {name} if is_open else calls[step].open - {name}
+        calls[step] = dataclasses.replace(calls[step], open=opened)
+        return dataclasses.replace(self, chain=TopChain(tuple(calls)))
+
+    def with_library(self, library: TopLibrary) -> Draft:
+        """Return the draft with its steps executed by the actions of another set."""
+        calls = (
+            dataclasses.replace(
+                call,
+                top=(top := library[call.top.name]),
+                goal=dataclasses.replace(call.goal, point=top.point),
+            )
+            for call in self.chain.calls
+        )
+        return dataclasses.replace(self, chain=TopChain(tuple(calls)), action_set=library.action_set)
+
+    @property
+    def movable_goals(self) -> Mapping[int, Pose]:
+        """The goals that lie at no object, by step: those that can be moved by themselves."""
+        return {
+            step: call.goal.pose
+            for step, call in enumerate(self.chain.calls)
+            if not any(_follows(call, name, there) for name, there in self.world.objects.items())
+        }
+
+
+def _follows(call: TopCall, name: str, there: ObjectState) -> bool:
+    """Return whether a step starts with an object at its goal, and that is where the object lies now."""
+    pose = call.goal.pose
+    return followed(call.top) == name and pose.distance(Pose(there.x, there.y, 0.0)) <= _SAME_PLACE
+
+
+def _moved(call: TopCall, x: float, y: float) -> TopCall:
+    pose = call.goal.pose._replace(x=x, y=y)
+    return dataclasses.replace(call, goal=dataclasses.replace(call.goal, pose=pose))

@@ -1,0 +1,61 @@
+"""What a view writes: clock, times step by step, the gate's reason, the rules that decided."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.refinement.projection import chain_situations
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.viewing.advice import Advice
+from ator_ros.viewing.runs import Run
+from ator_ros.world.state import World
+
+
+def clock(world: World | None, *, paused: bool, status: str) -> str:
+    """Return the simulated time, and what is going on."""
+    if world is None:
+        return "waits for odometry"
+    return f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {status}"
+
+
+def times(advice: Advice | None, runs: Sequence[Run]) -> str:
+    """Return a Markdown table: predictions for both chains, and each run's actual times, step by step."""
+    if advice is None:
+        return ""
+    tops = [call.top.name for call in advice.chain.calls]
+    rows = [
+        ("naive, predicted", advice.before, sum(advice.before)),
+        ("best, predicted", advice.after, sum(advice.after)),
+        *((f"{run.label}, driven", tuple(run.actual), run.elapsed) for run in runs),
+    ]
+    table = [f"| s | {' | '.join(tops)} | chain |", f"|---|{'---|' * (len(tops) + 1)}"]
+    for label, values, whole in rows:
+        cells = [_seconds(value) for value in (*values, *[math.nan] * (len(tops) - len(values)))]
+        table.append(f"| {label} | {' | '.join(cells)} | {_seconds(whole)} |")
+    return "\n".join(table)
+
+
+def gate(advice: Advice | None, problem: str) -> str:
+    """Return why the chain was refined or left alone, or why that is not known."""
+    if problem:
+        return f"**not refined:** {problem}"
+    if advice is None:
+        return "no chain"
+    return f"**{'refined' if advice.refined else 'left alone'}:** {advice.reason}"
+
+
+def rules(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:
+    """Return, step by step, the rule that predicts the duration and what its terms add in this situation."""
+    parts = []
+    for call, situation in zip(chain.calls, chain_situations(world, chain, robot), strict=True):
+        model = models.get(call.top.action)
+        told = "no model" if model is None else model.explain(situation)
+        parts.append(f"**{call.top.name}**\n```\n{told}\n```")
+    return "\n\n".join(parts)
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "-"

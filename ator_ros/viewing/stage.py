@@ -1,0 +1,54 @@
+"""What a view needs of whatever simulates, refines and executes."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ator_ros.geometry import Pose
+from ator_ros.tops.chain import TopChain
+from ator_ros.viewing.advice import Advice
+from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.runs import Run
+from ator_ros.world.state import World
+
+
+class StageError(RuntimeError):
+    """Something that was asked of a stage did not happen; the message says what."""
+
+
+class ViewStage(Protocol):
+    """Robot, objects, refinement and executor, as a view uses them. All but `world` may raise StageError."""
+
+    @property
+    def can_place(self) -> bool:
+        """Whether robot and objects can be placed, as in a simulation."""
+
+    def world(self) -> World | None:
+        """Return the newest state; None before the first one."""
+
+    def refine(self, draft: Draft) -> Advice:
+        """Return what refinement says of a draft."""
+
+    def place_robot(self, pose: Pose) -> None:
+        """Put the robot somewhere, at rest; not waited for."""
+
+    def place_object(self, name: str, x: float, y: float) -> None:
+        """Put an object somewhere (m), at rest; not waited for."""
+
+    def place(self, world: World) -> None:
+        """Put robot and objects to their places, and take other objects away; wait until they are seen there.
+
+        Time stands still afterwards.
+        """
+
+    def execute(self, run: Run, chain: TopChain, action_set: str, *, refine: bool) -> None:
+        """Start to execute a chain, and let time go on; `run` is told how it goes."""
+
+    def stop(self) -> None:
+        """Cancel what is executed."""
+
+    def pause(self, *, paused: bool) -> None:
+        """Let time stand still, or go on."""
+
+    def set_factor(self, factor: float) -> None:
+        """Set the simulated seconds per real second."""

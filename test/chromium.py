@@ -1,0 +1,129 @@
+"""A headless Chromium that a test drives over its DevTools protocol."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+EXECUTABLE = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+WIDTH, HEIGHT = 1280, 800
+_OPTIONS = (
+    "--headless",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--remote-debugging-port=0",
+    f"--window-size={WIDTH},{HEIGHT}",
+)
+
+
+class Chromium:
+    """One tab; a context manager.
+
+    Parameters
+    ----------
+    folder : Path
+        Empty folder for its profile.
+    url : str
+        Page to open.
+    patience : float
+        Seconds that each thing may take.
+    """
+
+    def __init__(self, folder: Path, url: str, *, patience: float = 120.0) -> None:
+        assert EXECUTABLE is not None
+        self.patience = patience
+        self._numbers = itertools.count(1)
+        words = [EXECUTABLE, *_OPTIONS, f"--user-data-dir={folder}", url]
+        self._process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        port_file = folder / "DevToolsActivePort"
+        self.until(lambda: port_file.is_file() and len(port_file.read_text().split()) == 2, "Chromium's port")
+        self._connect(port_file.read_text().split()[0], url)
+
+    def _connect(self, port: str, url: str) -> None:
+        import urllib.request
+
+        from websockets.sync.client import connect
+
+        def tab() -> str | None:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
+                tabs = json.load(answer)
+            found = (t["webSocketDebuggerUrl"] for t in tabs if t["type"] == "page" and url in t["url"])
+            return next(found, None)
+
+        self.until(lambda: tab() is not None, "the tab")
+        self._socket = connect(str(tab()), max_size=None)
+
+    def ask(self, method: str, **parameters: Any) -> Any:
+        """Call a method of the DevTools protocol."""
+        number = next(self._numbers)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        while True:
+            answer = json.loads(self._socket.recv(timeout=self.patience))
+            if answer.get("id") == number:
+                assert "error" not in answer, answer
+                return answer["result"]
+
+    def script(self, text: str) -> Any:
+        """Evaluate JavaScript and return its value."""
+        return self.ask("Runtime.evaluate", expression=text, returnByValue=True)["result"].get("value")
+
+    def text(self) -> str:
+        """Return the text of the page."""
+        return str(self.script("document.body ? document.body.innerText : ''"))
+
+    def press(self, label: str) -> None:
+        """Click the button whose text begins with `label`."""
+        buttons = "[...document.querySelectorAll('button')]"
+        find = f"{buttons}.find(b => b.innerText.trim().startsWith({json.dumps(label)}))"
+        self.until(lambda: self.script(f"!!{find}"), f"the button {label}")
+        self.script(f"{find}.click()")
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float], *, steps: int = 20) -> None:
+        """Drag with the left button from one point of the page (pixels) to another, in about 2 s."""
+        self._mouse("mouseMoved", start, 0)
+        time.sleep(0.3)
+        self._mouse("mousePressed", start, 1)
+        for step in range(1, steps + 1):
+            share = step / steps
+            place = (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
+            self._mouse("mouseMoved", place, 1)
+            time.sleep(0.08)
+        self._mouse("mouseReleased", end, 0)
+
+    def _mouse(self, kind: str, place: tuple[float, float], buttons: int) -> None:
+        self.ask(
+            "Input.dispatchMouseEvent",
+            type=kind,
+            x=place[0],
+            y=place[1],
+            buttons=buttons,
+            button="left" if kind != "mouseMoved" or buttons else "none",
+            clickCount=0 if kind == "mouseMoved" else 1,
+        )
+
+    def picture(self) -> bytes:
+        """Return what is seen as a PNG file's content."""
+        return base64.b64decode(self.ask("Page.captureScreenshot", format="png")["data"])
+
+    def until(self, happened: Callable[[], Any], what: str) -> None:
+        """Wait until something has happened."""
+        end = time.monotonic() + self.patience
+        while not happened():
+            assert time.monotonic() < end, f"expected {what} within {self.patience:g} s"
+            time.sleep(0.1)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.wait(timeout=10)

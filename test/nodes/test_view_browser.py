@@ -1,0 +1,118 @@
+"""The view's page in a headless Chromium, with the nodes that it starts."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from chromium import EXECUTABLE, Chromium
+from nav_msgs.msg import Odometry
+from PIL import Image
+from view_camera import seen_at
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.nodes.spun_node import SpunNode
+
+pytestmark = [pytest.mark.node, pytest.mark.long]
+ROBOT = SOCCER.robot()
+START = random_trial(SOCCER, "dribble", SOCCER.library(ROBOT), seed=0, index=0).world
+TARGET = (0.5, 1.0)
+
+
+class Watch:
+    """Hears where robot and ball are."""
+
+    def __init__(self, domain: int) -> None:
+        self._own = SpunNode("watch", domain=domain)
+        self.at: dict[str, tuple[float, float]] = {}
+        for name in ("odom", "ball"):
+            self._own.node.create_subscription(
+                Odometry, name, lambda message, name=name: self._hear(name, message), SENSOR_DATA
+            )
+        self._own.start()
+        self.close = self._own.close
+
+    def _hear(self, name: str, message: Odometry) -> None:
+        place = message.pose.pose.position
+        self.at[name] = (place.x, place.y)
+
+    def off(self, name: str, x: float, y: float) -> float:
+        there = self.at.get(name, (np.inf, np.inf))
+        return float(np.hypot(there[0] - x, there[1] - y))
+
+
+@pytest.fixture
+def view() -> Iterator[tuple[str, int]]:
+    """Yield the page's address and the nodes' ROS domain."""
+    command = [sys.executable, "-m", "ator_ros.tools.view", "--port", "18231"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ})
+    assert process.stdout is not None
+    try:
+        domain = re.search(r"domain (\d+)", process.stdout.readline())
+        address = re.search(r"http://\S+", process.stdout.readline())
+        assert domain
+        assert address
+        yield address[0], int(domain[1])
+    finally:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=20) == 0
+
+
+def canvas_of(browser: Chromium) -> tuple[float, float, float, float]:
+    left, top, width, height = browser.script(
+        "(() => {const r = document.querySelector('canvas').getBoundingClientRect();"
+        "return [r.left, r.top, r.width, r.height]})()"
+    )
+    return left, top, width, height
+
+
+def red_around(picture: bytes, place: tuple[float, float]) -> float:
+    """Return the share of pixels around a place that have the colour of the robot's body."""
+    x, y = (round(value) for value in place)
+    image = np.asarray(Image.open(BytesIO(picture)).convert("RGB"), dtype=int)
+    red, green, blue = np.moveaxis(image[y - 25 : y + 25, x - 25 : x + 25], 2, 0)
+    return float(np.mean((red > 90) & (red > 2 * green) & (red > 2 * blue)))
+
+
+@pytest.mark.skipif(EXECUTABLE is None, reason="needs Chromium: apt install chromium")
+def test_the_page_shows_the_robot_and_the_ball_is_dragged_and_a_race_is_driven(
+    view: tuple[str, int], tmp_path: Path
+) -> None:
+    address, domain = view
+    watch = Watch(domain)
+    profile = tmp_path / "profile"
+    profile.mkdir()
+    with Chromium(profile, address) as browser:
+        browser.until(lambda: "Race" in browser.text() and "best, predicted" in browser.text(), "the panel")
+        browser.until(lambda: watch.off("odom", *START.robot.pose[:2]) < 0.02, "the robot at its start")
+        canvas, radius = canvas_of(browser), ROBOT.scene.radius("ball")
+        robot = seen_at(ROBOT, (*START.robot.pose[:2], 0.1), canvas)
+        elsewhere = seen_at(ROBOT, (0.0, -2.0, 0.1), canvas)
+        browser.until(lambda: red_around(browser.picture(), robot) > 0.02, "the robot where odometry says")
+        assert red_around(browser.picture(), elsewhere) == 0.0
+
+        ball = START.objects["ball"]
+        before = browser.text()
+        browser.drag(
+            seen_at(ROBOT, (ball.x, ball.y, radius), canvas), seen_at(ROBOT, (*TARGET, radius), canvas)
+        )
+        browser.until(lambda: watch.off("ball", *TARGET) < 0.1, "the ball where it was dragged to")
+        browser.until(lambda: browser.text() != before and "refined:" in browser.text(), "new predictions")
+
+        browser.press("Race")
+        verdict = r"naive (\d+\.\d\d) s, refined (\d+\.\d\d) s: gain"
+        browser.until(lambda: re.search(verdict, browser.text()), "two times")
+        times = re.search(verdict, browser.text())
+        assert times is not None
+        assert 0.0 < float(times[2]) < float(times[1])
+    watch.close()

@@ -1,0 +1,233 @@
+"""What a view draws, edits and plays, without its page and without ROS."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from in_process_stage import InProcessStage
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.geometry import Pose
+from ator_ros.refinement.answer import SubgoalCurve
+from ator_ros.robot.wheels import Wheels
+from ator_ros.viewing import panel
+from ator_ros.viewing.chain_picture import picture_of
+from ator_ros.viewing.desk import NAIVE, REFINED, Desk
+from ator_ros.viewing.inbox import Inbox
+from ator_ros.viewing.ring import rings_of, times_by_heading
+from ator_ros.viewing.runs import Race, Run
+from ator_ros.viewing.shapes import Arrow, Segments
+from ator_ros.viewing.surroundings import surroundings
+from ator_ros.viewing.worst import worst_trials
+
+ROBOT = SOCCER.robot()
+EVALUATION = Path(__file__).resolve().parents[1] / "docs" / "evaluation"
+
+
+def desk_and_stage() -> tuple[Desk, InProcessStage]:
+    stage = InProcessStage(SOCCER, ROBOT)
+    desk = Desk(stage, SOCCER, stage.libraries)
+    desk.step()
+    return desk, stage
+
+
+def test_the_ring_is_nearest_where_the_chain_is_fastest_and_marks_the_chosen_heading() -> None:
+    desk, _ = desk_and_stage()
+    assert desk.advice is not None
+    [curve] = desk.advice.curves
+    headings, costs = times_by_heading(curve)
+    ring, chosen = rings_of(desk.advice.chain, curve)
+    centre = desk.advice.chain.calls[0].goal.pose
+    radii = np.hypot(*(ring.points[:, 0] - (centre.x, centre.y)).T)
+    assert len(headings) >= 36
+    assert np.all(np.diff(headings) > 0.0)
+    assert np.argmin(radii) == np.argmin(costs)
+    assert np.argmax(radii) == np.argmax(costs)
+    assert ring.colours[np.argmin(costs)] == pytest.approx((0.0, 0.8, 0.0))
+    # The mark lies behind the subgoal, on the side that the robot comes from.
+    across = chosen.points[0, 1] - (centre.x, centre.y)
+    assert math.atan2(*-across[::-1]) == pytest.approx(centre.yaw)
+    assert headings[np.argmin(costs)] == pytest.approx(centre.yaw, abs=1e-5)
+
+
+def test_without_searched_headings_there_is_no_ring() -> None:
+    desk, _ = desk_and_stage()
+    assert desk.advice is not None
+    speeds = SubgoalCurve(0, ("speed",), np.array([[0.0], [0.5], [1.0]]), np.array([3.0, 2.0, 4.0]))
+    assert rings_of(desk.advice.chain, speeds) == ()
+    endless = SubgoalCurve(0, ("yaw",), np.zeros((4, 1)), np.full(4, np.inf))
+    assert rings_of(desk.advice.chain, endless) == ()
+
+
+def test_naive_is_grey_and_the_chain_to_execute_is_coloured() -> None:
+    desk, _ = desk_and_stage()
+    assert desk.advice is not None
+    assert desk.advice.refined
+    shapes = {shape.name: shape for shape in picture_of(desk.draft.world.robot.pose, desk.advice)}
+    grey, blue = shapes["naive/subgoal0"], shapes["chain/subgoal0"]
+    assert isinstance(grey, Arrow)
+    assert isinstance(blue, Arrow)
+    assert np.ptp(grey.colour) < 0.1 < np.ptp(blue.colour)
+    assert (grey.pose, blue.pose) == tuple(
+        chain.calls[0].goal.pose for chain in (desk.advice.naive, desk.advice.chain)
+    )
+    legs = shapes["chain/legs"]
+    assert isinstance(legs, Segments)
+    assert len(legs.points) == 2
+
+
+def test_surroundings_hold_area_bays_and_the_domains_lines() -> None:
+    names = [shape.name for shape in surroundings(SOCCER, ROBOT)]
+    assert names == ["area", "line0", "line1", "bay0", "bay1"]
+
+
+def test_a_moved_object_takes_its_subgoal_along_and_refinement_follows() -> None:
+    desk, stage = desk_and_stage()
+    asked, edition = len(stage.asked), desk.edition
+    desk.step([lambda: desk.move_object("ball", 1.0, 0.5)])
+    first, last = desk.draft.chain.calls
+    assert first.goal.pose[:2] == (1.0, 0.5)
+    assert last.goal == stage.asked[0].chain.calls[1].goal
+    assert stage.state.objects["ball"].x == 1.0
+    assert len(stage.asked) == asked + 1
+    assert desk.edition > edition
+    assert desk.problem == ""
+
+
+def test_goals_that_lie_at_no_object_can_be_moved() -> None:
+    desk, _ = desk_and_stage()
+    assert list(desk.draft.movable_goals) == [1]
+    desk.step([lambda: desk.move_goal(1, Pose(0.5, 0.25, 1.0))])
+    assert desk.advice is not None
+    assert desk.advice.chain.calls[1].goal.pose == Pose(0.5, 0.25, 1.0)
+
+
+def test_what_is_committed_to_is_not_refined() -> None:
+    desk, _ = desk_and_stage()
+    desk.step([lambda: desk.open(0, "yaw", is_open=False), lambda: desk.open(0, "speed", is_open=False)])
+    assert desk.advice is not None
+    assert not desk.advice.refined
+    assert "nothing is open" in desk.advice.reason
+
+
+def test_a_race_gives_two_times_from_the_same_start() -> None:
+    desk, stage = desk_and_stage()
+    desk.play(NAIVE, REFINED)
+    assert desk.playing
+    for _ in range(4):
+        desk.step()
+    assert not desk.playing
+    assert desk.race is not None
+    naive, refined = desk.runs
+    assert 0.0 < refined.duration < naive.duration
+    assert desk.race.verdict.startswith(f"naive {naive.duration:.2f} s, refined {refined.duration:.2f} s")
+    assert desk.advice is not None
+    assert stage.executed == [desk.advice.naive, desk.advice.chain]
+
+
+def test_after_a_run_a_drag_begins_at_the_drafts_start() -> None:
+    desk, stage = desk_and_stage()
+    desk.play(NAIVE)
+    desk.step()
+    stage.calls.clear()
+    desk.step([lambda: desk.move_object("ball", 0.5, 0.5)])
+    assert stage.calls == ["place", "go on"]
+    assert stage.state.robot.pose == desk.draft.world.robot.pose
+    assert not desk.runs
+
+
+def test_a_goal_pose_is_a_chain_of_one_step_from_where_the_robot_is() -> None:
+    desk, stage = desk_and_stage()
+    stage.place_robot(Pose(-1.0, 0.5, 0.0))
+    desk.step([lambda: desk.go_to(Pose(1.0, 1.0, 0.5))])
+    desk.step()
+    (chain,) = stage.executed
+    assert [(call.top.name, call.goal.pose) for call in chain.calls] == [("goToPose", Pose(1.0, 1.0, 0.5))]
+    assert desk.draft.world.robot.pose == Pose(-1.0, 0.5, 0.0)
+    assert desk.runs[0].duration > 1.0
+
+
+def test_a_plan_that_is_none_is_told_and_not_played() -> None:
+    desk, stage = desk_and_stage()
+    desk.situation(chain="shoot", seed=5)
+    desk.step([lambda: desk.move_goal(0, Pose(0.0, 0.0, 0.0))])  # goToBall, away from the ball
+    assert desk.advice is None
+    assert "goToBall" in desk.problem
+    desk.play(NAIVE)
+    desk.step()
+    assert not desk.playing
+    assert not stage.executed
+
+
+def test_worst_runs_of_an_evaluation_are_its_situations_again() -> None:
+    runs = worst_trials(EVALUATION, SOCCER, ROBOT)
+    data = json.loads((EVALUATION / "evaluation.json").read_text())["runs"]["policies"]
+    losses = [a - b for a, b in zip(data["gated"]["duration"], data["naive"]["duration"], strict=True)]
+    label, trial = runs[0]
+    assert losses[trial.index] == max(losses)
+    assert label.startswith(f"situation {trial.index}: {max(losses):+.2f} s")
+    desk, _ = desk_and_stage()
+    desk.show(trial)
+    desk.step()
+    assert desk.draft.world == trial.world
+
+
+def test_a_folder_without_an_evaluation_is_told(tmp_path: Path) -> None:
+    with pytest.raises(EvaluationError, match=r"evaluation\.json"):
+        worst_trials(tmp_path, SOCCER, ROBOT)
+
+
+def test_of_wishes_with_the_same_key_the_newest_counts() -> None:
+    inbox, done = Inbox(), list[int]()
+    for number in range(3):
+        inbox.put("drag", lambda number=number: done.append(number))
+    inbox.put("press", lambda: done.append(10))
+    for wish in inbox.take():
+        wish()
+    assert done == [2, 10]
+    assert inbox.take() == []
+
+
+def test_the_ghost_is_where_the_first_run_was_as_long_after_its_start() -> None:
+    first, second = Run(NAIVE), Run(REFINED)
+    for tick in range(5):
+        first.saw(10.0 + tick, Pose(tick, 0.0, 0.0))
+    assert first.pose_at(2.0) == Pose(2, 0.0, 0.0)
+    assert first.pose_at(99.0) == Pose(4, 0.0, 0.0)
+    assert second.pose_at(0.0) is None
+    first.ended = second.ended = True
+    first.duration = 4.0
+    assert Race(first, second).verdict == "refined failed"
+
+
+def test_the_panel_tells_times_reason_and_the_rule_with_this_situations_numbers() -> None:
+    desk, stage = desk_and_stage()
+    assert desk.advice is not None
+    run = Run(NAIVE, actual=[4.5], duration=9.25)
+    table = panel.times(desk.advice, [run]).splitlines()
+    assert table[0] == "| s | goToBall | dribbleBall | chain |"
+    assert table[-1] == "| naive, driven | 4.50 | - | 9.25 |"
+    assert panel.gate(desk.advice, "").startswith("**refined:** predicted gain")
+    assert panel.gate(None, "no service") == "**not refined:** no service"
+    told = panel.rules(desk.draft.world, desk.advice.chain, ROBOT, stage.refiner.models)
+    assert told.count("here time = ") == 2
+    predicted = float(told.split("here time = ")[1].split(" ")[0])
+    assert predicted == pytest.approx(desk.advice.after[0], abs=0.01)
+
+
+def test_wheels_roll_with_the_base() -> None:
+    wheels = Wheels(ROBOT)
+    wheels.roll(0.0, 1.0, 0.0)
+    wheels.roll(0.1, 0.5, 0.0)
+    assert wheels.angles == pytest.approx([0.05 / ROBOT.wheel_radius] * 2)
+    wheels.roll(0.2, 0.0, 1.0)
+    turn = 0.1 * ROBOT.track / 2.0 / ROBOT.wheel_radius
+    assert wheels.angles[1] - wheels.angles[0] == pytest.approx(2.0 * turn)
+    before = list(wheels.angles)
+    wheels.roll(0.1, 1.0, 0.0)  # a clock that goes back
+    assert wheels.angles == before
