@@ -111,9 +111,7 @@ class RefinementNode(Node):
         self.get_logger().info(f"refining chains of the action sets {there}")
 
     def _load(self, folder: str) -> Refiners:
-        return load_refiners(
-            self, self._domain, self._libraries, folder, gated=self._settings["gate"]
-        )
+        return load_refiners(self, self._domain, self._libraries, folder, gated=self._settings["gate"])
 
     def _change(self, values: Mapping[str, Any]) -> None:
         """Use the gates from now on, or no longer."""

@@ -7,7 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.tools.command_line import add_factor, add_models, add_setting, whole
+from ator_ros.tools.command_line import add_factor, add_models, add_setting
+from ator_ros.tools.option_types import whole
 
 _PORTS = (1024, 65535)
 

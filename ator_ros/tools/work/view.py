@@ -20,7 +20,7 @@ from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.tools.command_line import write_plainly
+from ator_ros.tools.guard import write_plainly
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
 from ator_ros.viewing.desk import Desk
 from ator_ros.viewing.stage import StageError
