@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 from geometry_msgs.msg import Twist
 from process import PATIENCE
 from rclpy.action import ActionClient
-from ros_client import RETRY, Client
+from ros_client import Client
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, GoalValue, Outcome, TopCall
@@ -78,6 +77,7 @@ class ChainClient:
         self.chains: list[ChainPerformance] = client.listen(ChainPerformance, "performance/chain", LATCHED)
         self.commands: list[Twist] = client.listen(Twist, "cmd_vel", SENSOR_DATA)
         self._server = ActionClient(client.node, ExecuteChain, "execute_chain")
+        self._known = False
 
     def until_heard(self) -> None:
         """Wait until what the executor publishes can be heard."""
@@ -93,22 +93,16 @@ class ChainClient:
         """Send a chain; options are fields of the goal."""
         assert self._server.wait_for_server(timeout_sec=PATIENCE), "execute_chain is missing"
         self.until_heard()
+        if not self._known:
+            self.ros.meet("execute_chain")
+            self._known = True
         goal = ExecuteChain.Goal(**options)
         goal.chain.calls = calls
-        sent: Sent = self.ros.eventually(lambda: self._accepted(goal), "the goal's acceptance")
-        return sent
-
-    def _accepted(self, goal: ExecuteChain.Goal) -> Sent | None:
-        """Send once; None when no answer came: the server may not have discovered this client yet."""
         feedback: list[Any] = []
         future = self.ros.within(
             lambda: self._server.send_goal_async(goal, lambda message: feedback.append(message.feedback))
         )
-        end = time.monotonic() + RETRY
-        while not future.done() and time.monotonic() < end:
-            time.sleep(0.005)
-        if not future.done():
-            return None
+        self.ros.eventually(future.done, "the goal's acceptance")
         assert future.result().accepted
         return Sent(self.ros, future.result(), feedback)
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
 from hosted import Hosted
-from process import Process, Processes
+from process import LOGS, Process, Processes
 from ros_client import Client
 
 from ator_ros.nodes.network import PROFILES, free_domain
+
+_SHOWN = 3000  # characters of each log
 
 Start = Callable[..., Process]
 Host = Callable[..., Hosted]
@@ -21,6 +23,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "start" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.node)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Show what the nodes wrote where a test fails."""
+    report = yield
+    if report.failed:
+        tails = [(log.name, log.read_text(encoding="utf-8")[-_SHOWN:]) for log in LOGS if log.exists()]
+        report.sections += [(f"Log {name}", tail) for name, tail in tails]
+    return report
 
 
 @pytest.fixture

@@ -15,6 +15,10 @@ PATIENCE = 30.0
 """Real seconds after which something that should have happened counts as missing."""
 
 
+LOGS: list[Path] = []
+"""Where the processes of the present test, or of its file, write: shown where a test fails."""
+
+
 class Process:
     """An installed executable, running.
 
@@ -41,6 +45,7 @@ class Process:
         environment: Mapping[str, str | None] | None = None,
     ) -> None:
         self.name, self._log = name, log
+        LOGS.append(log)
         executable = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", name)
         variables: dict[str, str | None] = {
             **os.environ,
@@ -144,3 +149,4 @@ class Processes:
             program.wait()
         for process in self._started:
             process.kill()
+        LOGS.clear()

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from process import PATIENCE
@@ -17,6 +18,7 @@ from rclpy.node import Node
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import object_from, pose_of, robot_from, seconds_from
+from ator_ros.nodes.meeting import nobodys_goal
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -111,6 +113,10 @@ class Client:
             client.remove_pending_request(future)
             return None
         return future.result()
+
+    def meet(self, action: str) -> None:
+        """Wait until an action server knows this node, whose action client was made before."""
+        self.call(CancelGoal, f"{action}/_action/cancel_goal", nobodys_goal())
 
     def place(self, robot: Pose | None = None, ball: tuple[float, float] | None = None) -> None:
         """Place robot and ball at rest."""

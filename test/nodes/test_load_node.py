@@ -106,6 +106,7 @@ def goals(nodes: Nodes, number: int) -> None:
     depths = {f"{name}_service_qos_profile": SERVICES for name in services}
     server = ActionClient(client.node, ExecuteChain, "execute_chain", **depths)
     assert server.wait_for_server(timeout_sec=PATIENCE)
+    client.meet("execute_chain")
     goal = ExecuteChain.Goal(chain=short_request().chain)
     handles = answers(client.within(lambda: [server.send_goal_async(goal) for _ in range(number)]))
     assert len(handles) == number

@@ -27,6 +27,7 @@ def run(*words: object, patience: float = PATIENCE) -> subprocess.CompletedProce
 
 
 @pytest.mark.node
+@pytest.mark.long
 def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
     file, drives = tmp_path / "drives.parquet", 3
     ended = run(

@@ -24,6 +24,7 @@ from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import PlaceBall, PlaceRobot, RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of, robot_from, situation_of
+from ator_ros.nodes.meeting import meeting_client, nobodys_goal
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.tools.work.demo_report import DemoRun
 from ator_ros.world.state import World
@@ -31,6 +32,7 @@ from ator_ros.world.state import World
 _FRAME = "odom"
 _NEAR = 0.02
 _OUR_LISTENERS = 2
+_AGAIN = 3.0  # real s
 """Of odom: the executor, and this client."""
 _POLL = 0.005
 
@@ -69,6 +71,7 @@ class DemoClient:
         self._pause = self._node.create_client(SetBool, "pause")
         self._refine = self._node.create_client(RefineSubgoal, "refine_subgoal")
         self._server = ActionClient(self._node, ExecuteChain, "execute_chain")
+        self._meeting = meeting_client(self._node, "execute_chain")
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -90,6 +93,7 @@ class DemoClient:
         for what in (self._place_robot, *self._place_object.values(), self._pause, self._refine):
             self._until(what.service_is_ready, f"the service {what.srv_name}")
         self._until(self._server.server_is_ready, "the action execute_chain")
+        self._asked(self._meeting, nobodys_goal())
         for name in servers:
             there = functools.partial(self._node.count_services, f"{name}/_action/send_goal")
             self._until(lambda there=there: there() > 0, f"the action {name}")  # type: ignore[misc]
@@ -142,10 +146,24 @@ class DemoClient:
         return record
 
     def _call(self, client: Any, request: Any) -> Any:
-        answer = self._answer(client.call_async(request), f"the service {client.srv_name}")
+        answer = self._asked(client, request)
         if getattr(answer, "success", True):
             return answer
         raise DemoError(f"{client.srv_name}: {answer.message}")
+
+    def _asked(self, client: Any, request: Any) -> Any:
+        """Return a service's answer. It is asked again meanwhile: see `ator_ros.nodes.meeting`."""
+        future, since = client.call_async(request), time.monotonic()
+
+        def answered() -> bool:
+            nonlocal future, since
+            if time.monotonic() - since > _AGAIN:
+                client.remove_pending_request(future)
+                future, since = client.call_async(request), time.monotonic()
+            return bool(future.done())
+
+        self._until(answered, f"an answer of the service {client.srv_name}")
+        return future.result()
 
     def _within(self, ask: Callable[[], Future]) -> Future:
         """Ask in the thread that spins: rclpy's action client loses answers that outrun the call."""
