@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from chain_client import ChainClient, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
-from process import Process
+from process import PATIENCE, Process
 from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
 
@@ -251,4 +251,5 @@ def test_health_is_published(chains: ChainClient) -> None:
         errors = [value.value for told in status for value in told.values if value.key == "last error"]
         return any("chain.calls: expected 1 to 32 items, got 0" in error for error in errors)
 
-    chains.ros.eventually(known, "diagnostics with the last error")
+    # A node killed by the test before is forgotten after 20 s only, and may hold up discovery until then.
+    chains.ros.eventually(known, "diagnostics with the last error", 2 * PATIENCE)

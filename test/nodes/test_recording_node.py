@@ -94,9 +94,9 @@ def execute(chains: ChainClient, calls: list[TopCall]) -> ChainPerformance:
 
 
 def rest(client: Client) -> None:
-    """Let a second pass, so that one drive can be told from the next."""
+    """Let time pass, so that one drive can be told from the next also where messages are taken late."""
     ended = client.time()
-    client.eventually(lambda: client.time() > ended + 1.0, "a second of rest")
+    client.eventually(lambda: client.time() > ended + 4.0, "four seconds of rest")
 
 
 def starts(frame: pd.DataFrame) -> pd.DataFrame:
