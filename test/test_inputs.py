@@ -232,3 +232,11 @@ def test_each_object_is_known_and_overdue_by_itself() -> None:
     after = both.robot(0.05, robot)
     assert after is not None
     assert after.objects == {}
+
+
+def test_the_pace_is_that_of_the_stamps_over_real_time() -> None:
+    both = inputs()
+    assert both.pace == 1.0
+    for stamp, now in ((1.0, 7.0), (1.5, 7.05)):
+        both.robot(stamp, RobotState(Pose(0.0, 0.0, 0.0)), now)
+    assert both.pace == pytest.approx(10.0)

@@ -39,8 +39,8 @@ from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
 
 _WARNING_PERIOD = 2.0
-_RESET_PERIOD = 1.0
-"""Real s within which nobody resets twice: then two nodes publish odometry."""
+_RESET_PERIOD = 1.0  # real s within which nobody resets twice: then two nodes publish odometry
+_HURRIED = 2.0  # times real time
 
 
 class ExecutorNode(Node):
@@ -58,13 +58,12 @@ class ExecutorNode(Node):
         odom (nav_msgs/Odometry), and the topics of the domain's objects: their stamps, `latency` later, are
         the time of the control programs.
     Publishes
-        cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active.
+        cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active, unless a server executes it.
         performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Calls
-        refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it; the action servers that the
-        domain names, and cmd_vel is silent while one of them moves the robot.
+        refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it; the domain's action servers.
     """
 
     def __init__(self) -> None:
@@ -85,7 +84,6 @@ class ExecutorNode(Node):
         self._driving = Driving(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
         self._world: World | None = None
-        self.rests = lambda: self._run is None and not self._remotes.ending()
         self._run: GoalRun | None = None
         self._heard, self._jumped = 0.0, -math.inf
         self._ticks = Ticks()
@@ -111,6 +109,10 @@ class ExecutorNode(Node):
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
         )
         self._watchdog = Watchdog(self, self._watch)
+
+    def rests(self) -> bool:
+        """Return whether inputs may gather. At several times real time objects would be far ahead of odom."""
+        return self._run is None and not self._remotes.ending() and self._inputs.pace < _HURRIED
 
     # Inputs
 

@@ -41,6 +41,8 @@ class Inputs:
         self._time: float | None = None
         self._ahead: float | None = None
         self._came = 0.0
+        self.pace = 1.0
+        """Seconds by which the last two stamps of odometry differ, over the real time between them."""
 
     def _forget(self) -> None:
         """Forget all objects because time was reset."""
@@ -83,6 +85,8 @@ class Inputs:
             the new clock counts.
         """
         last, most = self._time, JUMP + _FASTEST * min(now - self._came, _LONGEST)
+        if last is not None and now > self._came:
+            self.pace = (time - last) / (now - self._came)
         self._came = now
         self._check_stamp(time, last, most)
         self._time, self._ahead = time, None

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from chain_client import ChainClient, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
-from process import PATIENCE, Process
+from process import Process
 from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
 
@@ -251,5 +251,13 @@ def test_health_is_published(chains: ChainClient) -> None:
         errors = [value.value for told in status for value in told.values if value.key == "last error"]
         return any("chain.calls: expected 1 to 32 items, got 0" in error for error in errors)
 
-    # A node killed by the test before is forgotten after 20 s only, and may hold up discovery until then.
-    chains.ros.eventually(known, "diagnostics with the last error", 2 * PATIENCE)
+    chains.ros.eventually(known, "diagnostics with the last error")
+
+
+def test_without_a_goal_nothing_is_ignored_at_ten_times_real_time(
+    executor: Process, chains: ChainClient
+) -> None:
+    before = len(executor.output)
+    now = chains.ros.time()
+    chains.ros.eventually(lambda: chains.ros.time() > now + 30.0, "half a minute without a goal")
+    assert "ignored" not in executor.output[before:]
