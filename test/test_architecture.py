@@ -135,10 +135,9 @@ OF_SOCCER = {
 """Tools that show soccer, or the paper's experiments in it; with what lies in domains/soccer."""
 SAID = {
     "domains/__init__.py": ('DEFAULT = "soccer"',),  # the default of `find_domain`
-    "nodes/live_stage.py": ("PlaceBall",),
+    "nodes/placing.py": ("PlaceBall",),
     "nodes/simulation.py": ("PlaceBall",),  # an interface whose name is in use
     "robot/description.py": ('"pioneer.yaml"',),  # the default description
-    "tools/work/demo_client.py": ("PlaceBall",),  # the same
     "performance/accuracy.py": ("ball",),  # labels in the files of models
     "robot/former_names.py": None,  # names in files, and in digests, that exist
 }

@@ -14,18 +14,18 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-from std_srvs.srv import SetBool
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, Outcome
-from ator_interfaces.srv import PlaceBall, PlaceRobot, RefineSubgoal
+from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes import checks
 from ator_ros.nodes.advice import advice_from
 from ator_ros.nodes.checks import MessageError, bounds_of
-from ator_ros.nodes.conversions import chain_of, pose_from, pose_of, robot_from, situation_of
+from ator_ros.nodes.conversions import chain_of, pose_from, robot_from, situation_of
 from ator_ros.nodes.object_sources import ObjectSources, Reader
+from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.robot.description import Robot
@@ -76,14 +76,9 @@ class LiveStage:
         node.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
         node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
         node.create_subscription(PoseStamped, "goal_pose", self._take_goal, RESULTS)
-        self._place_robot = node.create_client(PlaceRobot, "place_robot", qos_profile=SERVICES)
-        self._pause = node.create_client(SetBool, "pause", qos_profile=SERVICES)
+        self._placing = Placing(own, robot.scene.objects)
         self._refine = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         self._factor = node.create_client(SetParameters, "simulation/set_parameters")
-        self._placing = {
-            name: node.create_client(PlaceBall, f"place_{name}", qos_profile=SERVICES)
-            for name in robot.scene.objects
-        }
         self._server = ActionClient(node, ExecuteChain, "execute_chain")
 
     def ready(self, *, simulated: bool) -> None:
@@ -94,11 +89,12 @@ class LiveStage:
         StageError
             One did not in time.
         """
-        simulation = (self._place_robot, self._pause, *self._placing.values())
-        for client in (*simulation, self._refine) if simulated else (self._refine,):
-            self._own.until(client.service_is_ready, f"the service {client.srv_name}")
+        if simulated:
+            self._placing.ready()
+        self._own.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
         self._own.until(self._server.server_is_ready, "the action execute_chain")
-        self.can_place = simulated or self._place_robot.wait_for_service(_DISCOVERY)
+        self._own.meet("execute_chain")
+        self.can_place = simulated or self._placing.offered(_DISCOVERY)
 
     # What is heard
 
@@ -157,26 +153,15 @@ class LiveStage:
 
     def place_robot(self, pose: Pose) -> None:
         """Put the robot somewhere, at rest; not waited for."""
-        request = PlaceRobot.Request()
-        request.pose.pose = pose_of(pose)
-        self._own.sent(self._place_robot, request)
+        self._placing.robot(pose)
 
     def place_object(self, name: str, x: float, y: float) -> None:
         """Put an object somewhere (m), at rest; not waited for."""
-        self._own.sent(self._placing[name], _placement(x, y))
+        self._placing.object(name, x, y)
 
     def place(self, world: World) -> None:
         """Put everything to its place and wait until it is seen there; time then stands still."""
-        self._own.call(self._pause, SetBool.Request(data=True))
-        for name, client in self._placing.items():
-            if name not in world.objects:
-                self._own.call(client, PlaceBall.Request(remove=True))
-        request = PlaceRobot.Request()
-        request.pose.pose = pose_of(world.robot.pose)
-        self._own.call(self._place_robot, request)
-        for name, there in world.objects.items():
-            if name in self._placing:
-                self._own.call(self._placing[name], _placement(there.x, there.y))
+        self._placing.everything(world)
         self._own.until(partial(self._is_there, world), "robot and objects at their start")
 
     def _is_there(self, wanted: World) -> bool:
@@ -184,13 +169,15 @@ class LiveStage:
         if seen is None or seen.robot.pose.distance(wanted.robot.pose) > _NEAR:
             return False
         pairs = [
-            (there, seen.objects.get(name)) for name, there in wanted.objects.items() if name in self._placing
+            (there, seen.objects.get(name))
+            for name, there in wanted.objects.items()
+            if self._placing.knows(name)
         ]
         return all(o is not None and math.hypot(o.x - there.x, o.y - there.y) < _NEAR for there, o in pairs)
 
     def pause(self, *, paused: bool) -> None:
         """Let time stand still, or go on."""
-        self._own.call(self._pause, SetBool.Request(data=paused))
+        self._placing.pause(paused=paused)
 
     def set_factor(self, factor: float) -> None:
         """Set the simulated seconds per real second."""
@@ -231,12 +218,6 @@ class LiveStage:
             self.pause(paused=False)  # the robot can stand only in time
         self._own.within(handle.cancel_goal_async)
         self._own.until(lambda: run.ended, "the end of the chain")
-
-
-def _placement(x: float, y: float) -> PlaceBall.Request:
-    request = PlaceBall.Request()
-    request.position.point.x, request.position.point.y = x, y
-    return request
 
 
 def _finish(run: Run, future: Future) -> None:

@@ -12,10 +12,13 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
+from ator_ros.nodes.meeting import meeting_client, nobodys_goal
 from ator_ros.viewing.stage import StageError
 
 _POLL = 0.002
 _CHECK_PERIOD = 0.1
+_AGAIN = 3.0
+"""Real s after which a service that has not answered is asked again: see `ator_ros.nodes.meeting`."""
 
 
 class SpunNode:
@@ -33,6 +36,8 @@ class SpunNode:
         Called while something is waited for; raises when waiting makes no sense.
     patience : float
         Real time in s that each thing may take.
+    fails : type
+        Of the error that is raised when something does not come in time, or a service says that it failed.
     """
 
     def __init__(
@@ -43,8 +48,9 @@ class SpunNode:
         words: Sequence[str] = (),
         check: Callable[[], None] = lambda: None,
         patience: float = 10.0,
+        fails: type[RuntimeError] = StageError,
     ) -> None:
-        self._check, self._patience = check, patience
+        self._check, self._patience, self._fails = check, patience, fails
         self._context = rclpy.Context()
         self._context.init(args=list(words), domain_id=domain)
         self.node = Node(name, context=self._context)
@@ -62,19 +68,41 @@ class SpunNode:
         except ExternalShutdownException:
             return
 
+    def meet(self, action: str) -> None:
+        """Wait until the server of an action knows this node, whose ActionClient was made before."""
+        client = meeting_client(self.node, action)
+        self.until(client.service_is_ready, f"the action {action}")
+        self._asked(client, nobodys_goal())
+
     def call(self, client: Any, request: Any) -> Any:
-        """Call a service and return its answer; raise StageError where that says that it failed."""
-        answer = self.answer(self.sent(client, request), client.srv_name)
+        """Call a service that is there and return its answer; raise where that says that it failed.
+
+        What it does twice must be what it does once, since it may be asked again.
+        """
+        self._expect(client)
+        answer = self._asked(client, request)
         if not getattr(answer, "success", True):
-            raise StageError(f"{client.srv_name}: {answer.message}")
+            raise self._fails(f"{client.srv_name}: {answer.message}")
         return answer
 
     def sent(self, client: Any, request: Any) -> Future:
         """Call a service that is there; do not wait for the answer."""
-        if not client.service_is_ready():
-            raise StageError(f"expected the service {client.srv_name}, it is not there")
+        self._expect(client)
         future: Future = client.call_async(request)
         return future
+
+    def _expect(self, client: Any) -> None:
+        if not client.service_is_ready():
+            raise self._fails(f"expected the service {client.srv_name}, it is not there")
+
+    def _asked(self, client: Any, request: Any) -> Any:
+        end = time.monotonic() + self._patience
+        while True:
+            future = client.call_async(request)
+            if self._arrives(future, min(end, time.monotonic() + _AGAIN)):
+                return future.result()
+            client.remove_pending_request(future)
+            self._checked(end, f"an answer of the service {client.srv_name}")
 
     def within(self, ask: Callable[[], Future]) -> Future:
         """Ask in the thread that spins: rclpy's action client loses answers that outrun who asks."""
@@ -84,16 +112,24 @@ class SpunNode:
         return asked
 
     def answer(self, future: Future, what: str) -> Any:
-        """Wait for an answer; raise StageError if it does not come."""
-        arrived = threading.Event()
-        future.add_done_callback(lambda _: arrived.set())
+        """Wait for an answer; raise if it does not come."""
         end = time.monotonic() + self._patience
-        while not arrived.wait(_CHECK_PERIOD):
+        while not self._arrives(future, end):
             self._checked(end, f"an answer of {what}")
         return future.result()
 
+    def _arrives(self, future: Future, end: float) -> bool:
+        """Wait until `end` for an answer, and return whether it came."""
+        arrived = threading.Event()
+        future.add_done_callback(lambda _: arrived.set())
+        while not arrived.wait(_CHECK_PERIOD):
+            self._check()
+            if time.monotonic() > end:
+                return False
+        return True
+
     def until(self, happened: Callable[[], bool], what: str) -> None:
-        """Wait until something has happened; raise StageError if it does not."""
+        """Wait until something has happened; raise if it does not."""
         end = time.monotonic() + self._patience
         while not happened():
             self._checked(end, what)
@@ -102,7 +138,7 @@ class SpunNode:
     def _checked(self, end: float, what: str) -> None:
         self._check()
         if time.monotonic() > end:
-            raise StageError(f"expected {what} within {self._patience:g} s, it did not come")
+            raise self._fails(f"expected {what} within {self._patience:g} s, it did not come")
 
     def close(self) -> None:
         """Leave the graph."""

@@ -97,7 +97,7 @@ def test_goals_are_sent_where_answers_are_taken(domain: int, monkeypatch: pytest
 
     ended = SimpleNamespace(result=ExecuteChain.Result())
     with DemoClient(domain, lambda: None, ("ball",)) as client:
-        monkeypatch.setattr(client, "_call", lambda *_: None)
+        monkeypatch.setattr(client._own, "call", lambda *_: None)
         handle = SimpleNamespace(get_result_async=answered(ended))
         monkeypatch.setattr(client._server, "send_goal_async", answered(handle))
         assert not client.execute(ExecuteChain.Goal().chain, refine=False).success

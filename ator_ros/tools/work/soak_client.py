@@ -27,7 +27,7 @@ class SoakClient(DemoClient):
         self._came: float | None = None
         self._answers: list[Answer] = []
         super().__init__(domain, check, objects, patience)
-        self._node.create_subscription(Twist, "cmd_vel", self._hear_command, COMMANDS)
+        self._own.node.create_subscription(Twist, "cmd_vel", self._hear_command, COMMANDS)
 
     def _hear(self, message: Odometry) -> None:
         super()._hear(message)
