@@ -50,7 +50,7 @@ BY_TEST = {
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
     r"scripts/run COMMAND …": "test_documentation.py::test_a_command_keeps_its_exit_code",
     r"scripts/run python test/nodes/fuzz_refinement\.py .*": "test_documentation.py::test_the_fuzz_runs",
-    r"collect --domain my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
+    r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
     r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",
     r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
