@@ -89,9 +89,10 @@ def _planned(action: Action, world: World, goal: Goal) -> bool:
         action.start(world, goal)
     except ActionError:
         return False
-    planned = _search_ends(action, world)
-    action.end("rehearsed")
-    return planned
+    try:
+        return _search_ends(action, world)
+    finally:
+        action.end("rehearsed")
 
 
 def _search_ends(action: Action, world: World) -> bool:
