@@ -8,6 +8,7 @@ from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.features import MOTIONS, SHOT
 from ator_ros.domains.soccer.field import field_in
+from ator_ros.domains.soccer.measurements import MEASUREMENTS
 from ator_ros.domains.soccer.presentation import PRESENTATION
 from ator_ros.domains.soccer.ranges import RANGES
 from ator_ros.domains.soccer.tops import TOPS
@@ -22,4 +23,5 @@ SOCCER = Domain(
     presentation=PRESENTATION,
     bays=field_in,
     features=(*MOTIONS, *SHOT),
+    measurements=MEASUREMENTS,
 )
