@@ -56,7 +56,7 @@ class SignsOfLife:
 
     def silence(self, now: float) -> float:
         """Return for how many real s nothing has been heard at `now`; 0 of one who never answers."""
-        # What came while we ourselves were stalled has not been read yet: a long time between looks counts less.
+        # What came while we ourselves were stalled has not been read yet: a long time counts less.
         self._quiet += min(max(now - self._looked, 0.0), self._period)
         self._looked = now
         if self._asked is None and now >= self._next:
