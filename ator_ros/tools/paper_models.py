@@ -19,7 +19,7 @@ from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
 from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy
-from ator_ros.performance.features import PAPER_3, PAPER_11
+from ator_ros.performance.features import PAPER_3, PAPER_6, PAPER_11
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot, load_robot
@@ -32,6 +32,7 @@ PAPER = {"goToPose": (0.31, 0.75), "dribbleBall": (0.29, 0.73)}
 """The paper's mean absolute and root-mean-square errors in s; the first is of its goToBall routine."""
 
 LEARNED = {
+    "the 6 direct variables, starts": (PAPER_6, Training()),
     "its 11, all examples at 10 Hz": (PAPER_11, Training(later_weight=1.0)),
     "its 11, starts of episodes": (PAPER_11, Training()),
     "the 3 its trees chose, starts": (PAPER_3, Training()),

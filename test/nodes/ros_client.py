@@ -96,6 +96,12 @@ class Client:
         message.linear.x, message.angular.z = v, w
         self._commands.publish(message)
 
+    def drive_a_tick(self, v: float) -> None:
+        """Send one velocity command and wait for the next odometry."""
+        heard = len(self.robots)
+        self.command(v=v)
+        self.eventually(lambda: len(self.robots) > heard, "the next tick")
+
     def call(self, kind: type, name: str, request: Any | None = None) -> Any:
         """Call a service and give its answer."""
         if name not in self._callers:
