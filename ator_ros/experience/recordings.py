@@ -17,10 +17,11 @@ from typing import Any
 import pandas as pd
 
 from ator_ros.experience.columns import MOST_OBJECTS
-from ator_ros.experience.drives import SHORTEST, Streams, drives
+from ator_ros.experience.drives import SHORTEST, drives
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of, finite, pose_of, sound
+from ator_ros.experience.streams import Streams
 from ator_ros.experience.table import Experience, episode_frame, join, library_versions
 from ator_ros.experience.validation import checked_rows
 from ator_ros.experience.vocabulary import Vocabulary
