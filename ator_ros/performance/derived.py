@@ -131,8 +131,8 @@ class Geometry:
         ends = np.empty((len(columns), *turn.shape))
         for row, column in zip(ends, columns, strict=True):
             row[...] = column
-        motions = fastest_motions(ends.reshape(len(columns), -1), family, hold=self.robot.hold)
-        return motions.best_of(len(opening)).after(opening)
+        shaped = ends.reshape(len(columns), -1, len(opening))
+        return fastest_motions(shaped, family, hold=self.robot.hold).after(opening)
 
     @cached_property
     def path(self) -> Motions:
