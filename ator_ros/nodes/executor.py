@@ -22,6 +22,7 @@ from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
+from ator_ros.nodes.execution_drawing import ExecutionDrawing
 from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.learned_sets import LearnedSets
@@ -61,7 +62,7 @@ class ExecutorNode(Node):
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active, unless a server executes it.
         performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
-        /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
+        planned_path and markers (see `ExecutionDrawing`); /diagnostics, once a second.
     Calls
         refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it; the domain's action servers.
     """
@@ -92,12 +93,12 @@ class ExecutorNode(Node):
         self._offer()
         topics = {"odom": Odometry, **self._objects.topics}
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
+        self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
         self.get_logger().info("ready for chains")
 
     def _offer(self) -> None:
-        self._commands = CommandPublisher(
-            self, stamped=self._settings["stamped_commands"], frame=self._settings["robot_frame"]
-        )
+        stamped, robot_frame = self._settings["stamped_commands"], self._settings["robot_frame"]
+        self._commands = CommandPublisher(self, stamped=stamped, frame=robot_frame)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = refinement_client(self)
@@ -149,6 +150,7 @@ class ExecutorNode(Node):
             self._ticks.took(done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
+        self._drawing.objects(world)
 
     def _stand_by(self, run: GoalRun) -> None:
         """Command the robot to stand while a server may still move it though its goal was canceled."""
@@ -239,6 +241,7 @@ class ExecutorNode(Node):
             self._actions.publish(record)
         run.request_refinement()
         run.publish_feedback()
+        self._drawing.follow(run.execution, self._world)
         if not run.ended:
             return
         self._run = None
@@ -252,10 +255,7 @@ class ExecutorNode(Node):
         self.get_logger().info(f"goal ended: {run.summary}")
 
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
-        """Send a command, which counts as sent now, or with the newest state where it answers that.
-
-        None: somebody else moves the robot, so nothing is published.
-        """
+        """Send a command, as of now or of the state that it `answers`; None where others move the robot."""
         if self._inputs.time is not None:
             now = time.monotonic()
             after = 0.0 if answers else now - self._heard

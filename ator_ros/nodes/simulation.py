@@ -22,7 +22,6 @@ from ator_ros.nodes.parameters import (
     OBJECT,
     declare_with_domain,
     digest_of,
-    domain_of,
     robot_of,
 )
 from ator_ros.nodes.qos import SENSOR_DATA, SERVICES, STATES
@@ -49,7 +48,7 @@ class SimulationNode(Node):
         header's frame; nothing while the object is not there.
         /clock (rosgraph_msgs/Clock), when `publish_clock`.
     Publishes
-        tf, joint_states, robot_description, scene_markers: see `Embodiment`.
+        tf, joint_states, robot_description: see `Embodiment`.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
         place_robot, and place_NAME of each object (ator_interfaces): teleport, with a velocity.
@@ -90,7 +89,7 @@ class SimulationNode(Node):
             self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
         settings = self._settings
         frames = {name: settings[name] for name in ("frame", "robot_frame")}
-        self._embodiment = Embodiment(self, domain_of(settings), self._robot, **frames)
+        self._embodiment = Embodiment(self, self._robot, **frames)
         self._command_type = TwistStamped if self._settings["stamped_commands"] else Twist
         self.create_subscription(self._command_type, "cmd_vel", self._command, SENSOR_DATA)
 
