@@ -141,17 +141,6 @@ def test_after_a_run_a_drag_begins_at_the_drafts_start() -> None:
     assert not desk.runs
 
 
-def test_a_goal_pose_is_a_chain_of_one_step_from_where_the_robot_is() -> None:
-    desk, stage = desk_and_stage()
-    stage.place_robot(Pose(-1.0, 0.5, 0.0))
-    desk.step([lambda: desk.go_to(Pose(1.0, 1.0, 0.5))])
-    desk.step()
-    (chain,) = stage.executed
-    assert [(call.top.name, call.goal.pose) for call in chain.calls] == [("goToPose", Pose(1.0, 1.0, 0.5))]
-    assert desk.draft.world.robot.pose == Pose(-1.0, 0.5, 0.0)
-    assert desk.runs[0].duration > 1.0
-
-
 def test_a_plan_that_is_none_is_told_and_not_played() -> None:
     desk, stage = desk_and_stage()
     desk.situation(chain="shoot", seed=5)

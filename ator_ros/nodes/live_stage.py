@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
@@ -20,10 +18,9 @@ from ator_interfaces.msg import ActionPerformance, Outcome
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
-from ator_ros.nodes import checks
 from ator_ros.nodes.advice import advice_from
 from ator_ros.nodes.checks import MessageError, bounds_of
-from ator_ros.nodes.conversions import chain_of, pose_from, robot_from, situation_of
+from ator_ros.nodes.conversions import chain_of, robot_from, situation_of
 from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA, SERVICES
@@ -54,11 +51,6 @@ class LiveStage:
         What is played, and by whom.
     frame : str
         The frame of odometry and goals.
-
-    Attributes
-    ----------
-    go_to : callable
-        Called in another thread with each pose that comes on the topic goal_pose, as RViz sends it.
     """
 
     def __init__(self, own: SpunNode, domain: Domain, robot: Robot, *, frame: str = "odom") -> None:
@@ -66,7 +58,6 @@ class LiveStage:
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._robot: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
-        self.go_to: Callable[[Pose], None] = lambda _: None
         self._run: Run | None = None
         self._goal: Any = None
         self.can_place = False
@@ -75,7 +66,6 @@ class LiveStage:
         self._sources = ObjectSources(node, sources, self._take_object, frame=frame, bounds=bounds_of(robot))
         node.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
         node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
-        node.create_subscription(PoseStamped, "goal_pose", self._take_goal, RESULTS)
         self._placing = Placing(own, robot.scene.objects)
         self._refine = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         self._factor = node.create_client(SetParameters, "simulation/set_parameters")
@@ -109,13 +99,6 @@ class LiveStage:
             self._objects[name] = read(message)
         except MessageError as error:
             self._own.node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
-
-    def _take_goal(self, message: PoseStamped) -> None:
-        try:
-            checks.frame(message.header.frame_id, "goal_pose.header.frame_id", expected=self._frame)
-            self.go_to(pose_from(message.pose, "goal_pose.pose"))
-        except MessageError as error:
-            self._own.node.get_logger().warning(f"ignored: {error}")
 
     def _take_action(self, message: ActionPerformance) -> None:
         run = self._run

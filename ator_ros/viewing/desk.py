@@ -5,13 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
-from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.geometry import Pose
-from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.top import Top
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Race, Run
@@ -144,23 +141,6 @@ class Desk:
         self._waiting = [Run(label) for label in labels]
         self.race = Race(*self._waiting) if len(self._waiting) == 2 else None
 
-    def go_to(self, pose: Pose) -> None:
-        """Drive to a pose from where the robot is, with the TOP that is for that.
-
-        Raises
-        ------
-        StageError
-            The domain has none, or no state is known.
-        """
-        library, world = self.libraries[self.draft.action_set], self.stage.world()
-        top = next((top for top in library.values() if _goes(top)), None)
-        if top is None or world is None:
-            raise StageError("expected a TOP that only drives to a pose, and odometry, to drive there")
-        here = dataclasses.replace(world, robot=RobotState(world.robot.pose))
-        call = TopCall(top, Goal(pose, 0.0, top.point))
-        self.take(Draft(here, TopChain((call,)), self.draft.action_set))
-        self._waiting = [Run(REFINED)]
-
     def stop(self) -> None:
         """Cancel what is executed."""
         self._stop()
@@ -255,9 +235,3 @@ class Desk:
         except StageError:
             run.ended, run.status = True, "could not start"
             raise
-
-
-def _goes(top: Top) -> bool:
-    """Return whether a TOP drives the robot to a pose, whatever the situation."""
-    placed = {term.variable for term in top.post.terms}
-    return not top.pre.terms and {"robot.x", "robot.y", "robot.yaw"} <= placed
