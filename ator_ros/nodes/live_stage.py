@@ -18,15 +18,14 @@ from ator_interfaces.msg import ActionPerformance, Outcome
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
-from ator_ros.nodes.advice import advice_from
+from ator_ros.nodes.advice import advice_from, goal_of, request_of
 from ator_ros.nodes.checks import MessageError, bounds_of
-from ator_ros.nodes.conversions import chain_of, robot_from, situation_of
+from ator_ros.nodes.conversions import robot_from
 from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Run
@@ -119,11 +118,7 @@ class LiveStage:
     def refine(self, draft: Draft) -> Advice:
         """Ask the node `refinement`."""
         library = self._libraries[draft.action_set]
-        request = RefineSubgoal.Request(
-            situation=situation_of(draft.world, frame=self._frame),
-            chain=chain_of(draft.chain, action_set=draft.action_set, frame=self._frame),
-            want_curve=True,
-        )
+        request = request_of(draft, frame=self._frame)
         answer = self._own.call(self._refine, request)
         if not answer.accepted:
             raise StageError(answer.reason)
@@ -171,10 +166,9 @@ class LiveStage:
 
     # Execution
 
-    def execute(self, run: Run, chain: TopChain, action_set: str, *, refine: bool) -> None:
+    def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
         """Start to execute a chain, and let time go on once the executor steers."""
-        message = chain_of(chain, action_set=action_set, frame=self._frame)
-        goal = ExecuteChain.Goal(chain=message, refine=refine)
+        goal = goal_of(draft, frame=self._frame, refine=refine)
         self._run = run
         told = threading.Event()
 

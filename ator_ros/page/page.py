@@ -18,7 +18,7 @@ from ator_ros.page.grips import Grip
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.robot.description import Robot
 from ator_ros.viewing import panel
-from ator_ros.viewing.chain_picture import picture_of
+from ator_ros.viewing.chain_picture import alternatives, picture_of
 from ator_ros.viewing.desk import NAIVE, REFINED, Desk
 from ator_ros.viewing.inbox import Inbox
 from ator_ros.viewing.shapes import BLUE, ORANGE, polyline
@@ -166,7 +166,8 @@ class Page:
     def _show_chain(self) -> None:
         desk = self._desk
         start = desk.draft.world.robot.pose
-        self._chain.draw([] if desk.advice is None else picture_of(start, desk.advice))
+        others = alternatives(start, desk.draft.alternatives)
+        self._chain.draw(others if desk.advice is None else [*others, *picture_of(start, desk.advice)])
         self._controls.show_open()
 
     def _show_grips(self) -> None:

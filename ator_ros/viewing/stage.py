@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 from ator_ros.geometry import Pose
-from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Run
@@ -41,8 +40,8 @@ class ViewStage(Protocol):
         Time stands still afterwards.
         """
 
-    def execute(self, run: Run, chain: TopChain, action_set: str, *, refine: bool) -> None:
-        """Start to execute a chain, and let time go on; `run` is told how it goes."""
+    def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
+        """Start to execute the chain of a draft, and let time go on; `run` is told how it goes."""
 
     def stop(self) -> None:
         """Cancel what is executed."""
