@@ -7,7 +7,7 @@ import math
 
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.alternatives import choosing
 from ator_ros.refinement.errors import RefinementError
@@ -17,6 +17,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice, advice_of
 from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.history import History
 from ator_ros.viewing.runs import Run
 from ator_ros.viewing.stage import StageError
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -33,7 +34,11 @@ class InProcessStage:
         self.state = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
         self.asked: list[Draft] = []
         self.calls: list[str] = []
+        self.history, self.learned = History(), ""
         self.executed: list[TopChain] = []
+
+    def way(self) -> FloatArray | None:
+        return None
 
     def world(self) -> World | None:
         return self.state

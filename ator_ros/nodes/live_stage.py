@@ -17,10 +17,11 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, Outcome
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import Domain
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.advice import advice_from, goal_of, request_of
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.conversions import robot_from
+from ator_ros.nodes.heard import Heard
 from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA, SERVICES
@@ -61,6 +62,8 @@ class LiveStage:
         self._goal: Any = None
         self.can_place = False
         node = own.node
+        self._heard = Heard(node)
+        self.history = self._heard.history
         sources = map(domain.source, domain.objects)
         self._sources = ObjectSources(node, sources, self._take_object, frame=frame, bounds=bounds_of(robot))
         node.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
@@ -103,6 +106,15 @@ class LiveStage:
         run = self._run
         if run is not None and not run.ended and message.outcome.code == Outcome.SUCCEEDED:
             run.actual.append(message.actual.duration)
+
+    @property
+    def learned(self) -> str:
+        """What the refinement node tells of the learned set of models in use."""
+        return self._heard.learned
+
+    def way(self) -> FloatArray | None:
+        """Return the way that the executor last said is planned."""
+        return self._heard.way
 
     def world(self) -> World | None:
         """Return the newest state; objects that nobody sees any more are not in it."""
