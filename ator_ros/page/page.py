@@ -99,7 +99,8 @@ class Page:
     def _look(server: viser.ViserServer, robot: Robot) -> None:
         area, (position, look_at, fov) = robot.scene.area, camera_over(robot)
         server.scene.set_up_direction("+z")
-        server.gui.configure_theme(control_layout="fixed", show_logo=False, show_share_button=False)
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = position, look_at, fov
         size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
