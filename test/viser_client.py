@@ -1,4 +1,4 @@
-"""A client of a page without a browser: it receives what viser sends and keeps where the scene's nodes are."""
+"""A client of a page without a browser: it receives what viser sends and keeps the places of the nodes."""
 
 from __future__ import annotations
 
