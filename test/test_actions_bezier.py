@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -21,7 +22,7 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
 from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
-from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver
+from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver, Style
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
@@ -53,6 +54,14 @@ def test_set_offers_the_same_actions_as_the_default_set() -> None:
 
 def test_commands_and_velocities_stay_within_limits(runs: dict[str, list[Run]]) -> None:
     assert all(always_within_limits(run) for of_action in runs.values() for run in of_action)
+
+
+@pytest.mark.parametrize("style", [TO_POSE, TO_BALL])
+def test_a_robot_that_turns_slowly_is_commanded_within_its_limits(robot: Robot, style: Style) -> None:
+    limits = dataclasses.replace(robot.limits, w=1.0)
+    driver, state = Driver(limits, style), RobotState(Pose(0.0, 0.0, 0.0))
+    commands = [driver.follow(state, Pose(-1.0, 1.0, math.pi), 0.0) for _ in range(40)]
+    assert max(abs(command.w) for command in commands) == limits.w
 
 
 def test_go_to_pose_arrives(runs: dict[str, list[Run]]) -> None:

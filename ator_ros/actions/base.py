@@ -1,4 +1,7 @@
-"""What an action is: a control program from estimated state to velocity command (paper, section 2.1)."""
+"""What an action is: a control program from estimated state to velocity commands (paper, section 2.1).
+
+There is no command where another program moves the robot.
+"""
 
 from __future__ import annotations
 

@@ -10,7 +10,6 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
-from ator_ros.actions.base import Goal
 from ator_ros.nodes import checks
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.conversions import chain_of, pose_from
@@ -51,7 +50,8 @@ class GoalPoseNode(Node):
         settings = declare_parameters(self, PARAMETERS)
         self._frame = settings["frame"]
         domain = domain_of(settings)
-        top = driving_top(domain.library(robot_of(settings)))
+        self._library = domain.library(robot_of(settings))
+        top = driving_top(self._library)
         if top is None:
             raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")
         self._top = top
@@ -69,7 +69,7 @@ class GoalPoseNode(Node):
         if not self._chains.server_is_ready():
             self.get_logger().warning("ignored: expected the action execute_chain, it is not there")
             return
-        chain = TopChain((TopCall(self._top, Goal(pose, 0.0, self._top.point)),))
+        chain = TopChain((TopCall(self._top, self._library.goal(self._top, pose)),))
         goal = ExecuteChain.Goal(chain=chain_of(chain, action_set="", frame=self._frame))
         self._chains.send_goal_async(goal).add_done_callback(self._accepted)
 

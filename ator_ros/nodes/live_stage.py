@@ -26,6 +26,7 @@ from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.spun_node import SpunNode
+from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.robot.description import Robot
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
@@ -65,7 +66,8 @@ class LiveStage:
         self._heard = Heard(node)
         self.history = self._heard.history
         sources = map(domain.source, domain.objects)
-        self._sources = ObjectSources(node, sources, self._take_object, frame=frame, bounds=bounds_of(robot))
+        tf, bounds = TfListener(node), bounds_of(robot)
+        self._sources = ObjectSources(node, sources, self._take_object, tf, frame=frame, bounds=bounds)
         node.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
         node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
         self._placing = Placing(own, robot.scene.objects)

@@ -36,7 +36,7 @@ class Style:
     sharpest : float
         Greatest curvature in 1/m; far above 1/wheel track is turning on the spot.
     rotation : float
-        Greatest rotational velocity in rad/s; a curve is driven as fast as it allows.
+        Greatest rotational velocity in rad/s, within the limits; a curve is driven as fast as it allows.
     braking : float
         Deceleration in m/s^2 before the goal and before sharper curves.
     """
@@ -60,6 +60,7 @@ class Driver:
 
     def __init__(self, limits: Limits, style: Style) -> None:
         self._limits, self._style = limits, style
+        self._rotation = min(style.rotation, limits.w)  # rad/s
         self.reset(Command())
 
     def reset(self, last: Command) -> None:
@@ -87,7 +88,7 @@ class Driver:
 
     def _time(self, curve: Curve) -> float:
         """Return an estimate in s of the time that a curve takes: its straight part and its two turns."""
-        return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._style.rotation
+        return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._rotation
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
@@ -100,8 +101,8 @@ class Driver:
         """Return the greatest speed in m/s here, from which the rest of the curve can be driven, too."""
         style = self._style
         left = max(curve.left - v * PERIOD, 0.0)
-        here = style.rotation / max(abs(bend), 1e-6)
-        circle = style.rotation * style.shape.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
+        here = self._rotation / max(abs(bend), 1e-6)
+        circle = self._rotation * style.shape.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
         before_end = math.sqrt(end_speed**2 + 2.0 * style.braking * left)
         before_circle = math.sqrt(circle**2 + 2.0 * style.braking * curve.straight)
         most = min(self._limits.v, here, before_end, before_circle)
@@ -109,7 +110,7 @@ class Driver:
 
     def command(self, v: float, bend: float) -> Command:
         """Return the command nearest to v (m/s) on a curve (1/m) that the base can follow."""
-        last, most = self._last, self._style.rotation
+        last, most = self._last, self._rotation
         braking = min(_RESERVE * self._style.braking, self._limits.brake)
         v = max(last.v - braking * PERIOD, min(last.v + self._limits.a * PERIOD, v))
         return self.send(v, max(-most, min(most, max(v, 0.0) * bend)))
