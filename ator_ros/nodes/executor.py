@@ -88,9 +88,8 @@ class ExecutorNode(Node):
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard, self._jumped = 0.0, -math.inf
-        self._ticks = Ticks()
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
-        self._last_error, self._goals = "", 0
+        self._last_error, self._goals, self._ticks = "", 0, Ticks()
         self._offer(robot)
         topics = self._state.topics | self._objects.topics
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
