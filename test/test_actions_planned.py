@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from candidates import candidates_between
+from planned import planned
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
@@ -217,4 +218,4 @@ def test_the_one_way_between_a_ball_and_a_post_is_found() -> None:
     ball = ObjectState(-3.083061780344872, 0.9067296040989139)
     start = RobotState(Pose(-0.6482129645433838, 0.7611405535092324, 1.371227109379472))
     goal = Goal(Pose(ball.x, ball.y, -0.33530771881104204), 0.0, Point.HOLD)
-    GoToPose(ROBOT).start(World(0.0, start, objects_of(ball)), goal)
+    planned(ROBOT, GoToPose(ROBOT), World(0.0, start, objects_of(ball)), goal)

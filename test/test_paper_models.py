@@ -9,8 +9,9 @@ import pytest
 
 from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.quality.paper_models import at_rest
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.paper_models import at_rest, main
+from ator_ros.tools.paper_models import main
 
 
 @pytest.mark.parametrize("action", ["goToPose", "dribbleBall"])

@@ -19,6 +19,7 @@ from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT as DEFAULT
 from ator_ros.domains import DEFAULT_SET as DEFAULT_SET
 from ator_ros.domains.consistency import inconsistencies
+from ator_ros.domains.measurements import Measurements
 from ator_ros.domains.presentation import Presentation
 from ator_ros.domains.programs import Program
 from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature
@@ -90,6 +91,8 @@ class Domain:
         Programs of others that its actions need; tools that start our nodes start them too.
     time_limit : float
         Time in s that an action or a chain may take in a simulation without ROS.
+    measurements : Measurements
+        What only the domain can measure of its actions, for the tools that do so; by default nothing.
 
     Raises
     ------
@@ -113,6 +116,7 @@ class Domain:
     description: Path | None = None
     programs: tuple[Program, ...] = ()
     time_limit: float = TIME_LIMIT
+    measurements: Measurements = field(default_factory=Measurements)
 
     def __post_init__(self) -> None:
         """Check that its parts agree."""

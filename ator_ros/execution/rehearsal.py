@@ -57,15 +57,15 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     """Plan and predict each TOP of `library` in the open and beside a bay, where the search is long."""
     area, bays = robot.scene.area, robot.scene.bays
     x, y, width = (bays[-1].x, bays[-1].y, bays[-1].width) if bays else (area.length / 2.0, 0.0, 0.0)
-    post = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
+    corner = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
     for top in library.usable():
         if held_first(top) is not None:
-            starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, post, top))
+            starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, corner, top))
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
         else:
             starts, goals = (
                 (_world(robot, _AWAY, _THERE, top),) * 2,
-                (Pose(0.0, 0.0, 0.0), post._replace(yaw=2.5)),
+                (Pose(0.0, 0.0, 0.0), corner._replace(yaw=2.5)),
             )
         for world, goal in zip(starts, goals, strict=True):
             call = TopCall(top, library.goal(top, goal))
@@ -89,9 +89,10 @@ def _planned(action: Action, world: World, goal: Goal) -> bool:
         action.start(world, goal)
     except ActionError:
         return False
-    planned = _search_ends(action, world)
-    action.end("rehearsed")
-    return planned
+    try:
+        return _search_ends(action, world)
+    finally:
+        action.end("rehearsed")
 
 
 def _search_ends(action: Action, world: World) -> bool:

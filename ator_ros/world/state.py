@@ -12,7 +12,7 @@ from ator_ros.geometry import Pose
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A velocity command, the output of every action.
+    """A velocity command, the output of actions.
 
     Attributes
     ----------
