@@ -131,6 +131,22 @@ def test_a_ball_that_rolls_is_followed() -> None:
     assert math.hypot(hold.x - ball_of(world).x, hold.y - ball_of(world).y) < 0.06
 
 
+def test_a_ball_that_others_play_elsewhere_keeps_nobody_from_driving() -> None:
+    action = GoToPose(ROBOT)
+    with Simulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        simulation.place_object(BALL, 0.0, -1.5)
+        action.start(simulation.world(), Goal(Pose(1.0, 1.5, 0.5)))
+        for tick in range(600):
+            step = action.step(simulation.world())
+            if step.status is not Status.RUNNING:
+                break
+            simulation.place_object(BALL, 2.0 * math.sin(0.05 * tick), -1.5)
+            simulation.command(step.command)
+            simulation.tick()
+    assert step.status is Status.SUCCEEDED, step.message
+
+
 def test_a_ball_taken_away_while_dribbling_is_reported() -> None:
     action = DribbleBall(ROBOT)
     with Simulation(ROBOT) as simulation:

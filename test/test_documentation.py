@@ -50,11 +50,14 @@ BY_TEST = {
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
     r"scripts/run COMMAND …": "test_documentation.py::test_a_command_keeps_its_exit_code",
     r"scripts/run python test/nodes/fuzz_refinement\.py .*": "test_documentation.py::test_the_fuzz_runs",
-    r"collect --domain my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
+    r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
     r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",
     r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
-    r"ros2 action send_goal .*": f"{_ROS}::test_the_printed_requests",
+    r"ros2 action send_goal --feedback .*": f"{_ROS}::test_the_printed_requests",
+    r"ros2 action send_goal /(ann|bob)/.*": f"{_ROS}::test_two_robots_play_at_the_same_time",
+    r"ros2 run ator_ros simulation .*robots:=.*": f"{_ROS}::test_two_robots_play_at_the_same_time",
+    r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_play_at_the_same_time",
     r"ros2 topic echo .*/performance/(action|chain) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*real_time_factor.*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*learning:=.*": "test_launch_file.py::test_it_starts_the_nodes_in_one_namespace",
@@ -157,8 +160,9 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("workshop")
     shutil.copytree(ROOT / "models", folder / "models")
     shutil.copytree(ROOT / "docs" / "ruler", folder / "ruler")
+    shutil.copytree(ROOT / "config", folder / "my_config")
     for seed, name in (("101", "experience"), ("211", "fresh")):
-        run(["collect", "--seed", seed, "--episodes", "30", "--out", f"{name}.parquet"], folder)
+        run(["collect", "--seed", seed, "--episodes", "50", "--out", f"{name}.parquet"], folder)
     run(["train", "experience.parquet", "--models", "my_models"], folder)
     policies = ["--policies", "naive", "refined", "refined_speed"]
     run(["evaluate", "--situations", "24", *policies, "--out", "results", "--jobs", "1"], folder)

@@ -119,6 +119,8 @@ def test_what_is_not_declared_cannot_be_driven(tour: Domain) -> None:
 def test_an_action_on_a_server_declares_goal_variables(tmp_path: Path) -> None:
     data = copy.deepcopy(TOUR)
     action, top = data["actions"][0], data["tops"][0]
+    action["drives"] = {"start": [PLACE], "goal": [PLACE]}
+    data["chains"] = [CHAIN]
     action["goal_variables"] = [{"name": "height", "unit": "m", "low": 0.0, "high": 1.5, "rest": 0.2}]
     action["remote"]["goal"].append({"field": "lift", "source": "goal.height"})
     top["pre"].append({"variable": "robot.v", "target": "goal.height", "high": 0.0})
@@ -128,4 +130,8 @@ def test_an_action_on_a_server_declares_goal_variables(tmp_path: Path) -> None:
     assert height == GoalVariable("height", "m", 0.0, 1.5, rest=0.2)
     assert library.goal(library["visit"], Pose(0.0, 0.0, 0.0)).values == {"height": 0.2}
     assert "height" in library.ranges
+    robot, rng = load_robot(), np.random.default_rng(0)
+    assert 0.0 < domain.actions()["navigate"].sample(robot, rng).goal.values["height"] < 1.5
+    _, chain = domain.chains["walk"](robot, library, rng)
+    assert chain.calls[0].goal.values == {"height": 0.2}
     assert not library.goal_variables(library["fetch"])

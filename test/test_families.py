@@ -22,10 +22,15 @@ every_robot = pytest.mark.parametrize("robot", [PIONEER, *OTHERS], ids=lambda ro
 
 
 def ends(limits: Limits, count: int = 150) -> FloatArray:
-    """Return starts and destinations on the field, half of them at half the greatest speed."""
+    """Return starts and destinations on the field, (5, 1, n), half of them at half the greatest speed."""
     rng = np.random.default_rng(1)
     x, y, turn = (rng.uniform(-most, most, count) for most in (4.0, 3.0, np.pi))
-    return np.stack((x, y, turn, *(0.5 * limits.v * rng.integers(0, 2, (2, count)))))
+    return np.stack((x, y, turn, *(0.5 * limits.v * rng.integers(0, 2, (2, count)))))[:, None]
+
+
+def columns(drawn: FloatArray) -> list[FloatArray]:
+    """Return each situation of (5, m, n) alone, (5, m, 1)."""
+    return [drawn[:, :, [number]] for number in range(drawn.shape[2])]
 
 
 def excess(family: Family, grid: Family, robot: Robot) -> float:
@@ -68,6 +73,27 @@ def test_dribbles_are_nearly_as_fast_as_those_of_a_fine_grid(robot: Robot) -> No
         kinds.append(Kind(*turns, after, entry * limits.v))
     grid = Family(limits, tuple(kinds), run=None, forward=True)
     assert excess(dribble_family(robot), grid, robot) < 0.08
+
+
+@every_robot
+def test_each_motion_is_what_it_is_alone(robot: Robot) -> None:
+    """What is kept from one situation to the next changes nothing, though speeds outnumber what is kept."""
+    for family in (drive_family(robot.limits), approach_family(robot), dribble_family(robot)):
+        drawn = ends(family.limits)
+        drawn[3:, 0, 50:] = np.random.default_rng(2).uniform(0.0, family.limits.v, (2, drawn.shape[2] - 50))
+        together = fastest_motions(drawn, family, hold=robot.hold).time
+        alone = [fastest_motions(each, family, hold=robot.hold).time[0] for each in columns(drawn)]
+        assert together.tolist() == alone
+
+
+@every_robot
+def test_the_destination_that_is_reached_first_counts(robot: Robot) -> None:
+    family = shot_family(robot)
+    drawn = ends(family.limits).reshape(5, 3, -1)
+    drawn[3] = drawn[3, 0]  # one start, and three destinations
+    drawn[:2, 2, :10] *= 0.01  # some of them too near
+    each = [fastest_motions(drawn[:, [choice]], family, hold=robot.hold).time for choice in range(3)]
+    assert fastest_motions(drawn, family, hold=robot.hold).time.tolist() == np.min(each, axis=0).tolist()
 
 
 @every_robot

@@ -14,6 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
+from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT as DEFAULT
 from ator_ros.domains import DEFAULT_SET as DEFAULT_SET
@@ -127,6 +128,12 @@ class Domain:
         """The goal variables that actions declare, by name: each means the same in all of them."""
         specs = itertools.chain.from_iterable(self.action_sets.values())
         return {variable.name: variable for spec in specs for variable in spec.goal_variables}
+
+    @cached_property
+    def remote_calls(self) -> Mapping[str, RemoteCall]:
+        """How the servers of remote actions are called, by the names of the actions of the default set."""
+        specs = self.action_sets[DEFAULT_SET]
+        return {spec.name: spec.remote for spec in specs if spec.remote is not None}
 
     @cached_property
     def ranges(self) -> Ranges:

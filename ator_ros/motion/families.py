@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.motion.durations import rates_of
-from ator_ros.motion.motion_search import KIND, Rows, Rules
+from ator_ros.motion.durations import rates_of, turn_time
+from ator_ros.motion.motion_ends import KIND, Rows, Rules
 from ator_ros.motion.turn_tables import TurnTables, Way, turn_tables
 from ator_ros.robot.description import Limits
 
@@ -98,6 +98,12 @@ class Family:
             for kind in self.kinds
         ]
         return np.array(rows, dtype=KIND)
+
+    @cached_property
+    def missed(self) -> tuple[float, float]:
+        """Time (s) and angle (rad) where the ends are so near each other that no motion has room."""
+        turned = 2.0 * np.pi if self.forward else np.pi
+        return float(2.0 * turn_time(turned, self.limits.w, self.limits.aw)), 2.0 * turned
 
     def rules(self, hold: float) -> Rules:
         """Return what holds for all kinds, with an object `hold` m ahead of the destination."""

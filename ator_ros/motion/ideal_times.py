@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import turn_time
 from ator_ros.motion.families import Family
 from ator_ros.motion.motion_search import search_fastest
 
@@ -33,36 +32,25 @@ class Motions:
     time: FloatArray
     turn: FloatArray
 
-    def best_of(self, count: int) -> Motions:
-        """Return the fastest of several motions in each of `count` situations, from shape (m * count,)."""
-        if len(self.time) == count:
-            return self
-        best = self.time.reshape(-1, count).argmin(axis=0) * count + np.arange(count)
-        return Motions(self.time[best], self.turn[best])
-
     def after(self, time: FloatArray) -> Motions:
         """Return the motions with `time` (s) before them."""
         return Motions(self.time + time, self.turn)
 
 
 def fastest_motions(ends: FloatArray, family: Family, *, hold: float) -> Motions:
-    """Return the fastest motion of `family` in each of n situations.
+    """Return the fastest motion of `family` in each of n situations to one of m destinations.
 
     Parameters
     ----------
-    ends : ndarray, shape (5, n)
+    ends : ndarray, shape (5, m, n)
         Both ends, in the frame of the start: destination x, y of the axle in m and heading there in rad,
-        forward speeds at the start and at the destination in m/s.
+        forward speeds at the start and at the destination in m/s. Whichever destination is reached first
+        counts.
     family : Family
         Which motions there are.
     hold : float
         Distance in m from the destination to the object in front of it.
     """
-    time, turn = result = np.empty((2, ends.shape[1]))
-    search_fastest(ends, family.rows, family.tables, family.rules(hold), result)
-    missed = time == np.inf
-    if missed.any():  # ends so near each other that no motion has room
-        turned = 2.0 * np.pi if family.forward else np.pi
-        time[missed] = 2.0 * turn_time(turned, family.limits.w, family.limits.aw)
-        turn[missed] = 2.0 * turned
+    time, turn = result = np.empty((2, ends.shape[2]))
+    search_fastest(ends, family.rows, family.tables, family.rules(hold), family.missed, result)
     return Motions(time, turn)

@@ -2,6 +2,9 @@
 
 A motion turns, drives straight, turns, and runs straight to the goal. The heading of the drive is the only
 unknown. Its roots are bracketed on a grid of first turns, where the parts of both turns just add.
+
+Motions that are surely slower than another are left out early, by bounds that never exceed their times. So
+the bounds change no result.
 """
 
 from __future__ import annotations
@@ -10,68 +13,38 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import Rates, change_distance, drive_time, forward_time, turn_time
+from ator_ros.motion.durations import change_distance, drive_time, forward_time, turn_time
+from ator_ros.motion.motion_ends import ENTRY, LEAVE, Rows, Rules, set_arrival, set_speed
 from ator_ros.motion.turn_tables import (
     HALF,
     STEP,
     TURNS,
     WIDEST,
+    WIDTH,
     RealArray,
     TurnTables,
     look_up,
     place_of,
-    row_of,
     window_of,
 )
 
 _FULL_TURN = 2.0 * math.pi
 _MOST_TURNED = math.radians(450.0)
-_BRACKETS = 2 * HALF + 1
-_COS, _SIN = np.cos(TURNS.astype(np.float32)), np.sin(TURNS.astype(np.float32))
 _STEP = np.float32(STEP)
-_INNER = (1 << (_BRACKETS - 1)) - 1  # the bits of all of TURNS that another one follows
+_INNER = (1 << (2 * HALF)) - 1  # the bits of all of TURNS that another one follows
+_KEPT = 32  # arrival speeds whose ends are kept: those of a grid come again and again
+_SLACK, _SLACK_S = 1e-5, 1e-3  # m and s: more than the errors of `_drive`, and what they make of a time
 
-
-KIND = np.dtype(
-    [("first_way", np.intp), ("last_way", np.intp)]
-    + [(f"{turn}_{what}", float) for what in ("change", "rate") for turn in ("first", "last")]
-    + [("share", float), ("entry", float), ("direction", np.float32)],
-    align=True,
-)
-"""A kind of motion as a row; see `families.Kind`."""
-
-_LANE = np.dtype(
-    [
-        ("entry", float),  # speeds in m/s where the first turn begins
-        ("junction", float),  # and where the last one ends
-        ("lead", float),  # straight before the first turn
-        ("run", float),  # and after the last one in m
-        ("time", float),  # of both in s
-        ("first", np.intp),  # rows of the turns in the tables
-        ("last", np.intp),
-    ]
-)
-"""What of a kind's motions depends on the speeds at both ends alone."""
-
-Rows = NDArray[np.void]
-
-
-class Rules(NamedTuple):
-    """What holds for all kinds of a family; see `families.Family`.
-
-    run: NaN where it is as long as needed. detour: s per m that a straight drive passes too near the object.
-    """
-
-    rates: Rates
-    run: float
-    passing: float
-    detour: float
-    forward: bool
-    hold: float
+# TURNS and a few more, which fill the processor's vectors and are left out by _INNER.
+_WIDE = STEP * np.arange(-HALF, WIDTH - HALF)
+_COS, _SIN = np.cos(_WIDE.astype(np.float32)), np.sin(_WIDE.astype(np.float32))
+_FINE_COS, _FINE_SIN = np.cos(_WIDE), np.sin(_WIDE)
+_BITS = (1 << np.arange(WIDTH)).astype(np.uint32)
+_NUMBERS = np.zeros(37, dtype=np.intp)  # of bits, by the remainders of their values
+_NUMBERS[(1 << np.arange(WIDTH)) % 37] = np.arange(WIDTH)
 
 
 class _Way(NamedTuple):
@@ -83,64 +56,77 @@ class _Way(NamedTuple):
     object_y: float
 
 
+class _Turns(NamedTuple):
+    """Angles of both turns in rad; the first lies `beyond` the one of TURNS whose number is `step`."""
+
+    first: float
+    last: float
+    step: int
+    beyond: float
+
+
 @compiled
 def search_fastest(
-    ends: FloatArray, kinds: Rows, tables: TurnTables, rules: Rules, result: FloatArray
+    ends: FloatArray,
+    kinds: Rows,
+    tables: TurnTables,
+    rules: Rules,
+    missed: tuple[float, float],
+    result: FloatArray,
 ) -> None:
-    """Find the fastest motion in each of n situations.
+    """Find the fastest motion in each of n situations to one of m destinations, whichever is reached first.
 
     Parameters
     ----------
-    ends : ndarray, shape (5, n)
-        Destination x, y (m) and heading (rad) in the frame of the start, speeds (m/s) at both ends.
+    ends : ndarray, shape (5, m, n)
+        Destination x, y (m) and heading (rad) in the frame of the start, speeds (m/s) at both ends; that at
+        the start is the same for all destinations.
     kinds : ndarray of KIND
         The kinds of motion.
     tables, rules
         How they turn, and what holds for all of them.
+    missed : tuple of float
+        Time (s) and angle (rad) that stand for a destination to which no motion has room.
     result : ndarray, shape (2, n)
-        Becomes the time in s, infinite where no motion has room, and the sum of the angles turned in rad.
+        Becomes the time in s, and the sum of the angles turned in rad.
     """
-    lanes = np.empty(len(kinds), dtype=_LANE)
-    gaps = np.empty(_BRACKETS, dtype=np.float32)
-    likely = 0  # what was fastest just before is tried first: then more of the others are hopeless
-    for at in range(ends.shape[1]):
-        speed, arrival = ends[3, at], ends[4, at]
-        if at == 0 or speed != ends[3, at - 1] or arrival != ends[4, at - 1]:
-            _set_speeds(lanes, speed, arrival, kinds, tables, rules)
-        result[0, at], result[1, at], likely = _fastest(
-            ends[0, at], ends[1, at], ends[2, at], likely, lanes, gaps, kinds, tables, rules
-        )
+    entries = np.empty(len(kinds), dtype=ENTRY)
+    leaves = np.empty((_KEPT, len(kinds)), dtype=LEAVE)
+    arrivals = np.full(_KEPT, np.nan)
+    gaps = np.empty(WIDTH, dtype=np.float32)
+    likely, kept = 0, 0  # what was fastest just before is tried first: then more of the others are hopeless
+    for at in range(ends.shape[2]):
+        speed = ends[3, 0, at]
+        if at == 0 or speed != ends[3, 0, at - 1]:
+            set_speed(entries, speed, kinds, tables, rules)
+        best, turned = np.inf, 0.0
+        for choice in range(ends.shape[1]):
+            arrival = ends[4, choice, at]
+            kept = _place_of(arrival, arrivals, kept)
+            if arrivals[kept] != arrival:
+                arrivals[kept] = arrival
+                set_arrival(leaves[kept], arrival, kinds, tables, rules)
+            x, y, turn = ends[0, choice, at], ends[1, choice, at], ends[2, choice, at]
+            # Slower motions than to another destination don't count, but a missed one may be faster still.
+            most = best if best <= missed[0] else np.inf
+            time, angles, likely = _fastest(
+                x, y, turn, most, likely, entries, leaves[kept], gaps, kinds, tables, rules
+            )
+            if time == np.inf and most == np.inf:
+                time, angles = missed
+            if time < best:
+                best, turned = time, angles
+        result[0, at], result[1, at] = best, turned
 
 
 @compiled
-def _set_speeds(
-    lanes: Rows, speed: float, arrival: float, kinds: Rows, tables: TurnTables, rules: Rules
-) -> None:
-    rates = rules.rates
-    for index in range(len(kinds)):
-        kind, lane = kinds[index], lanes[index]
-        junction, run = _before_run(kind["share"], arrival, rules)
-        entry = speed if math.isnan(kind["entry"]) else kind["entry"]
-        gain = entry - speed
-        leading = max(gain * (1.0 / rates.a), gain * (-1.0 / rates.brake))
-        lane["entry"], lane["junction"] = entry, junction
-        lane["lead"], lane["run"] = 0.5 * (entry + speed) * leading, run
-        lane["time"] = leading + forward_time(run, junction, arrival, rates)
-        lane["first"] = row_of(tables, kind["first_way"], entry)
-        lane["last"] = row_of(tables, kind["last_way"], junction)
-
-
-@compiled
-def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, float]:
-    """Return speed (m/s) and distance (m) to the goal where the straight run begins."""
-    rates, square = rules.rates, arrival * arrival
-    if math.isnan(rules.run):
-        junction = share * rates.v
-        change = junction * junction - square
-        return junction, max(change * (0.5 / rates.brake), change * (-0.5 / rates.a))
-    greatest = min(math.sqrt(square + 2.0 * rates.brake * rules.run), rates.v)
-    least = math.sqrt(max(square - 2.0 * rates.a * rules.run, 0.0))
-    return least + share * (greatest - least), rules.run
+def _place_of(arrival: float, arrivals: FloatArray, kept: int) -> int:
+    """Return where the ends for an arrival speed are kept, or shall be; they mostly follow each other."""
+    for ahead in range(_KEPT):
+        place = (kept + ahead) % _KEPT
+        if arrivals[place] == arrival or math.isnan(arrivals[place]):
+            return place
+    return (kept + 1) % _KEPT
 
 
 @compiled
@@ -148,47 +134,58 @@ def _fastest(
     x: float,
     y: float,
     turn: float,
+    most: float,
     likely: int,
-    lanes: Rows,
+    entries: Rows,
+    leaves: Rows,
     gaps: RealArray,
     kinds: Rows,
     tables: TurnTables,
     rules: Rules,
 ) -> tuple[float, float, int]:
-    """Return time (s), turned angle (rad) and kind of the fastest motion to one destination."""
+    """Return time (s), turned angle (rad) and kind of the fastest motion; infinite unless below `most`."""
     cos, sin = math.cos(turn), math.sin(turn)
     object_x, object_y = x + rules.hold * cos, y + rules.hold * sin
     # The whole change of heading may go either way round, or a circle more.
     circle = math.copysign(_FULL_TURN, turn)
     totals = (turn, turn - circle, turn + circle)
     windows = (window_of(-totals[0]), window_of(-totals[1]), window_of(-totals[2]))
-    best, turned, fastest = np.inf, 0.0, likely
+    best, result, turned, fastest = most, np.inf, 0.0, likely
     for number in range(len(kinds)):
         index = (likely + number) % len(kinds)
-        kind, lane = kinds[index], lanes[index]
-        lead, run = lane["lead"], lane["run"]
-        way = _Way(x - lead - run * cos, y - run * sin, object_x - lead, object_y)
+        kind, entry, leave = kinds[index], entries[index], leaves[index]
+        way = _Way(
+            x - entry["way"] - leave["way"] * cos,
+            y - leave["way"] * sin,
+            object_x - entry["way"],
+            object_y,
+        )
+        straight = entry["time"] + leave["time"]
         rate = max(kind["first_rate"], kind["last_rate"])
         for around in range(3 if rules.forward else 2):
             total = totals[around]
-            if lane["time"] + turn_time(abs(total), rate, rules.rates.aw) > best:
+            if straight + turn_time(abs(total), rate, rules.rates.aw) > best:
                 continue
             above = _fill_gaps(
-                gaps, way, windows[around], kind["direction"], lane, tables.brackets, tables.fractions
+                gaps, way, windows[around], kind["direction"], entry, leave, tables.brackets, tables.fractions
             )
             # Through zero from above the drive then goes the way of this kind, else the other way.
-            roots, step = above & ~(above >> 1) & _INNER, 0
+            roots = above & ~(above >> 1) & _INNER
             while roots:
-                if roots & 1:
-                    first = TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
-                    last = total - first
-                    angles = abs(first) + abs(last)
-                    if abs(last) < WIDEST and angles < _MOST_TURNED:
-                        time = _time(first, last, best, way, kind, lane, tables.along, tables.across, rules)
-                        if time < best:
-                            best, turned, fastest = time, angles, index
-                roots, step = roots >> 1, step + 1
-    return best, turned, fastest
+                bit = roots & -roots
+                roots ^= bit
+                step = _NUMBERS[bit % 37]
+                beyond = _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
+                first = TURNS[step] + beyond
+                turns = _Turns(first, total - first, step, beyond)
+                angles = abs(first) + abs(turns.last)
+                if abs(turns.last) < WIDEST and angles < _MOST_TURNED:
+                    time = _time(
+                        turns, straight, best, way, kind, entry, leave, tables.along, tables.across, rules
+                    )
+                    if time < best:
+                        best, result, turned, fastest = time, time, angles, index
+    return result, turned, fastest
 
 
 @compiled
@@ -197,7 +194,8 @@ def _fill_gaps(
     way: _Way,
     window: tuple[int, int],
     direction: float,
-    lane: Any,
+    entry: Any,
+    leave: Any,
     brackets: RealArray,
     fractions: RealArray,
 ) -> int:
@@ -205,52 +203,80 @@ def _fill_gaps(
 
     Return a number whose bits tell which of them are above 0: to check all of them in turn would take longer.
     """
-    x, y, first, last = np.float32(way.x), np.float32(way.y), lane["first"], lane["last"]
+    x, y = np.float32(way.x), np.float32(way.y)
     fraction, column = window
-    near, far = brackets[first], fractions[last, fraction, column : column + _BRACKETS]
-    above = 0
-    for step in range(_BRACKETS):
-        gaps[step] = direction * (y * _COS[step] - x * _SIN[step] - near[step] - far[step])
-        if gaps[step] > 0.0:
-            above |= 1 << step
-    return above
+    near, far = brackets[entry["row"]], fractions[leave["row"], fraction, column : column + WIDTH]
+    above = np.uint32(0)
+    for step in range(WIDTH):
+        gap = direction * (y * _COS[step] - x * _SIN[step] - near[step] - far[step])
+        gaps[step] = gap
+        above |= _BITS[step] if gap > np.float32(0.0) else np.uint32(0)
+    return int(above)
 
 
 @compiled
 def _time(
-    first: float,
-    last: float,
+    turns: _Turns,
+    straight: float,
     best: float,
     way: _Way,
     kind: Any,
-    lane: Any,
+    entry: Any,
+    leave: Any,
     along: FloatArray,
     across: FloatArray,
     rules: Rules,
 ) -> float:
     """Return the time in s of a motion: infinite where it is not allowed, or surely above `best`."""
     rates = rules.rates
-    turning1 = turn_time(abs(first), kind["first_rate"], rates.aw)
-    turning2 = turn_time(abs(last), kind["last_rate"], rates.aw)
-    result: float = turning1 + turning2 + lane["time"]
+    turning1 = turn_time(abs(turns.first), kind["first_rate"], rates.aw)
+    turning2 = turn_time(abs(turns.last), kind["last_rate"], rates.aw)
+    result: float = turning1 + turning2 + straight
     if result > best:
         return np.inf
-    cos, sin = math.cos(first), math.sin(first)
-    begin, share = place_of(lane["first"], first)
-    end, end_share = place_of(lane["last"], -last)  # the last turn is driven from the goal
-    begun = look_up(along, begin, share)
-    length = cos * way.x + sin * way.y - begun - look_up(along, end, end_share)
-    before = min(max(lane["entry"] + kind["first_change"] * turning1, -rates.v), rates.v)
-    after = min(max(lane["junction"] + kind["last_change"] * turning2, -rates.v), rates.v)
-    if rules.forward:
-        if length < change_distance(before, after, rates):
-            return np.inf
-        result += forward_time(length, before, after, rates)
-    else:
-        result += drive_time(length, before, after, rates)
+    begin, share = place_of(entry["row"], turns.first)
+    end, end_share = place_of(leave["row"], -turns.last)  # the last turn is driven from the goal
+    begun, ended = look_up(along, begin, share), look_up(along, end, end_share)
+    before = min(max(entry["speed"] + kind["first_change"] * turning1, -rates.v), rates.v)
+    after = min(max(leave["speed"] + kind["last_change"] * turning2, -rates.v), rates.v)
+    nearly = _drive(turns, way) - begun - ended
+    if result + abs(nearly) * (1.0 / rates.v) > best + _SLACK_S:
+        return np.inf
+    if _straight(nearly, _SLACK, before, after, rules) + result > best + _SLACK_S:
+        return np.inf
+    cos, sin = math.cos(turns.first), math.sin(turns.first)
+    length = cos * way.x + sin * way.y - begun - ended
+    result += _straight(length, 0.0, before, after, rules)
     if rules.passing > 0.0:
         to_object = cos * way.object_x + sin * way.object_y - begun
         if min(length, 0.0) < to_object < max(length, 0.0):
             beside = cos * way.object_y - sin * way.object_x - look_up(across, begin, share)
             result += rules.detour * max(rules.passing - abs(beside), 0.0)
+    return result
+
+
+@compiled
+def _straight(length: float, slack: float, before: float, after: float, rules: Rules) -> float:
+    """Return the time in s of the drive between both turns, infinite where it lacks more than `slack` m."""
+    if not rules.forward:
+        return drive_time(length, before, after, rules.rates)
+    if length < change_distance(before, after, rules.rates) - slack:
+        return np.inf
+    return forward_time(length, before, after, rules.rates)
+
+
+@compiled
+def _drive(turns: _Turns, way: _Way) -> float:
+    """Return nearly how far in m the way leads in the direction after the first turn: no sine, no cosine.
+
+    Between two of TURNS their series, ended so early, miss by less than 1e-10 of the way.
+    """
+    beyond = float(turns.beyond)
+    square = beyond * beyond
+    cos = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square * (1.0 / 40320.0))))
+    sin = 1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square / 362880.0)))
+    sin *= beyond
+    ahead_cos, ahead_sin = _FINE_COS[turns.step], _FINE_SIN[turns.step]
+    x, y = way.x * cos + way.y * sin, way.y * cos - way.x * sin
+    result: float = ahead_cos * x + ahead_sin * y
     return result

@@ -19,6 +19,7 @@ STEP = np.pi / 8.0  # rad between the turns among which motions are bracketed
 HALF = 12  # turns of up to 270 degrees either way
 FINE = 36  # entries of the tables per step
 SPEED_STEP = 0.02  # m/s
+WIDTH = 32  # columns of the tables in which all of TURNS are looked up at once: whole vectors
 TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
 WIDEST = (HALF + 0.99) * STEP  # up to which turns can be looked up
 EDGE = (HALF + 1) * FINE  # entries of the tables either side of no turn
@@ -41,8 +42,8 @@ class TurnTables(NamedTuple):
     ----------
     along, across : ndarray, shape (rows * angles,)
         In m; a row for each way and speed.
-    brackets : ndarray, shape (rows, len(TURNS))
-        Across, at TURNS.
+    brackets : ndarray, shape (rows, WIDTH)
+        Across, at TURNS; what follows does not matter.
     fractions : ndarray, shape (rows, FINE, columns)
         Across, at turns that are whole steps apart, beginning with any entry; see `window_of`.
     lowest : float
@@ -100,8 +101,9 @@ def turn_tables(limits: Limits, ways: tuple[Way, ...]) -> TurnTables:
     # TURNS moved by up to 2 * HALF steps either way; what lies beyond the table is found, and then left out.
     beyond = (2 * HALF - 1) * FINE
     wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
-    fractions = np.ascontiguousarray(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2))
-    brackets = across[:, FINE:-FINE:FINE].astype(np.float32)
+    filled = ((0, 0), (0, WIDTH - len(TURNS)))
+    fractions = np.pad(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2), ((0, 0), *filled))
+    brackets = np.pad(across[:, FINE:-FINE:FINE].astype(np.float32), filled)
     return TurnTables(along.ravel(), across.ravel(), brackets, fractions, -limits.v, len(speeds))
 
 

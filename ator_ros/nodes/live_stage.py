@@ -28,6 +28,7 @@ from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.spun_node import SpunNode
+from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice
@@ -72,7 +73,8 @@ class LiveStage:
         self.can_place = False
         node = own.node
         sources = map(domain.source, domain.objects)
-        self._sources = ObjectSources(node, sources, self._take_object, frame=frame, bounds=bounds_of(robot))
+        tf, bounds = TfListener(node), bounds_of(robot)
+        self._sources = ObjectSources(node, sources, self._take_object, tf, frame=frame, bounds=bounds)
         node.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
         node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
         node.create_subscription(PoseStamped, "goal_pose", self._take_goal, RESULTS)

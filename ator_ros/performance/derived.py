@@ -12,7 +12,13 @@ from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.durations import drive_time, rates_of, turn_time
 from ator_ros.motion.families import Family
 from ator_ros.motion.ideal_times import Motions, fastest_motions
-from ator_ros.performance.direct import Direct, direct_arrays
+from ator_ros.performance.compiled_geometry import (
+    derive_angles,
+    derive_openings,
+    derive_ways,
+    see_ends,
+)
+from ator_ros.performance.direct import DIRECT_VARIABLES, Direct, V, direct_table
 from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.performance.paths import path_times
 from ator_ros.robot.description import Robot
@@ -43,7 +49,9 @@ class Geometry:
         *,
         further: Iterable[str] = (),
     ) -> None:
-        self.direct = direct_arrays(direct, further)
+        further = tuple(further)
+        self._table = direct_table(direct, further)
+        self.direct = dict(zip((*DIRECT_VARIABLES, *further), self._table, strict=True))
         self.robot = robot
         self.driving = driving if driving is not None else plain_driving(robot)
         self._kept: dict[Callable[[Geometry], Any], Any] = {}
@@ -56,60 +64,65 @@ class Geometry:
         return kept
 
     @cached_property
+    def _ways(self) -> tuple[FloatArray, ...]:
+        """What `derive_ways` writes, six arrays."""
+        ways = np.empty((6, self._table.shape[1]))
+        derive_ways(self._table, self.robot.hold, ways)
+        return tuple(ways)
+
+    @property
     def destination(self) -> tuple[FloatArray, FloatArray]:
         """Where the axle shall come, in m: behind the goal's position if a held object shall come there."""
-        d = self.direct
-        back = self.robot.hold * d["hold"]
-        return d["xg"] - back * np.cos(d["yawg"]), d["yg"] - back * np.sin(d["yawg"])
+        return self._ways[0], self._ways[1]
 
-    @cached_property
+    @property
     def dx(self) -> FloatArray:
         """From start to destination along x in m."""
-        return self.destination[0] - self.direct["x"]
+        return self._ways[2]
 
-    @cached_property
+    @property
     def dy(self) -> FloatArray:
         """From start to destination along y in m."""
-        return self.destination[1] - self.direct["y"]
+        return self._ways[3]
 
-    @cached_property
+    @property
     def dist(self) -> FloatArray:
         """Distance from start to destination in m."""
-        return np.asarray(np.sqrt(self.dx * self.dx + self.dy * self.dy))
+        return self._ways[4]
 
-    @cached_property
-    def _bearing(self) -> FloatArray:
-        return np.arctan2(self.dy, self.dx)
-
-    @cached_property
-    def to_dest(self) -> FloatArray:
-        """Signed angle in rad from the heading to the destination's bearing."""
-        return wrap_angles(self._bearing - self.direct["yaw"])
-
-    @cached_property
-    def at_dest(self) -> FloatArray:
-        """Signed angle in rad from the destination's bearing to the heading there."""
-        return wrap_angles(self.direct["yawg"] - self._bearing)
-
-    @cached_property
+    @property
     def turn(self) -> FloatArray:
         """Signed angle in rad from the heading at the start to that at the destination."""
-        return wrap_angles(self.direct["yawg"] - self.direct["yaw"])
+        return self._ways[5]
 
     @cached_property
+    def _angles(self) -> tuple[FloatArray, ...]:
+        """What `derive_angles` writes, three arrays."""
+        angles = np.empty((3, self._table.shape[1]))
+        derive_angles(self._table, np.arctan2(self.dy, self.dx), angles)
+        return tuple(angles)
+
+    @property
+    def to_dest(self) -> FloatArray:
+        """Signed angle in rad from the heading to the destination's bearing."""
+        return self._angles[0]
+
+    @property
+    def at_dest(self) -> FloatArray:
+        """Signed angle in rad from the destination's bearing to the heading there."""
+        return self._angles[1]
+
+    @property
     def side(self) -> FloatArray:
         """1 where the destination lies to the left, else -1."""
-        return np.where(self.to_dest >= 0.0, 1.0, -1.0)
+        return self._angles[2]
 
     @cached_property
-    def _opening(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Pose (m, m, rad) and time (s) at which the rotation of the start is lost, at constant speed."""
-        d, aw = self.direct, self.robot.limits.aw
-        time = np.abs(d["w"]) * (1.0 / aw)
-        half = 0.5 * d["w"] * time
-        heading = d["yaw"] + (2.0 / 3.0) * half  # in the mean
-        way = d["v"] * time
-        return d["x"] + way * np.cos(heading), d["y"] + way * np.sin(heading), d["yaw"] + half, time
+    def _openings(self) -> FloatArray:
+        """What `derive_openings` writes, shape (4, n); until then the speed stays what it is."""
+        openings = np.empty((4, self._table.shape[1]))
+        derive_openings(self._table, self.robot.limits.aw, openings)
+        return openings
 
     def fastest_to(
         self, family: Family, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray
@@ -123,21 +136,16 @@ class Geometry:
         x, y, heading, speed : ndarray, shape (n,) or (m, n)
             Where the axle shall come (m), and heading (rad) and speed (m/s) there.
         """
-        from_x, from_y, yaw, opening = self._opening
-        dx, dy = x - from_x, y - from_y
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        turn = wrap_angles(heading - yaw)
-        columns = (cos * dx + sin * dy, cos * dy - sin * dx, turn, self.direct["v"], speed)
-        ends = np.empty((len(columns), *turn.shape))
-        for row, column in zip(ends, columns, strict=True):
-            row[...] = column
-        motions = fastest_motions(ends.reshape(len(columns), -1), family, hold=self.robot.hold)
-        return motions.best_of(len(opening)).after(opening)
+        goals = (column.reshape(-1, self._table.shape[1]) for column in (x, y, heading, speed))
+        to_x, to_y, headings, arrivals = goals
+        ends = np.empty((5, *to_x.shape))
+        see_ends(self._openings, self._table[V], to_x, to_y, headings, arrivals, ends)
+        return fastest_motions(ends, family, hold=self.robot.hold).after(self._openings[3])
 
     @cached_property
     def path(self) -> Motions:
         """The fastest turn-straight-turn path at the limits that were observed."""
-        d, (from_x, from_y, yaw, opening) = self.direct, self._opening
+        d, (from_x, from_y, yaw, opening) = self.direct, self._openings
         x, y = self.destination
         dx, dy, cos, sin = x - from_x, y - from_y, np.cos(yaw), np.sin(yaw)
         turn = wrap_angles(d["yawg"] - yaw)
@@ -162,4 +170,6 @@ class Geometry:
         rates = rates_of(self.robot.limits)
         rest = np.zeros_like(self.dist)
         driving = drive_time(self.dist, rest, self.direct["speedg"], rates)
-        return turn_time(first, rates.w, rates.aw) + driving + turn_time(last, rates.w, rates.aw)
+        turning = turn_time(first, rates.w, rates.aw)
+        result: FloatArray = turning + driving + turn_time(last, rates.w, rates.aw)
+        return result

@@ -25,12 +25,20 @@ DIRECT_VARIABLES: dict[str, str] = {
 axle (hold 0) or an object held in front (hold 1); yawg, speedg: heading and forward speed there.
 All in the world frame. Goal variables that an action declares come besides, as NAMEg."""
 
+X, Y, YAW, V, W, XG, YG, YAWG, SPEEDG, HOLD = range(len(DIRECT_VARIABLES))
+"""Rows of a table of direct variables."""
+
 Direct = Mapping[str, Any]
 Arrays = dict[str, FloatArray]
 
 
 def direct_arrays(direct: Direct, further: Iterable[str] = ()) -> Arrays:
-    """Bring direct variables into arrays of one shape (n,).
+    """Bring direct variables into arrays of one shape (n,), see `direct_table`."""
+    return dict(zip((*DIRECT_VARIABLES, *further), direct_table(direct, further), strict=True))
+
+
+def direct_table(direct: Direct, further: Iterable[str] = ()) -> FloatArray:
+    """Bring direct variables into the rows of a table, shape (names, n).
 
     Scalars are spread, so that one situation and a thousand go through the same operations: numpy computes
     them the same to the last bit only then.
@@ -58,12 +66,12 @@ def direct_arrays(direct: Direct, further: Iterable[str] = ()) -> Arrays:
         raise ValueError(f"direct variables: expected numbers or arrays of one shape (n,), got {shapes}")
     count = next(iter(sizes))[0] if sizes else 1
     table = np.empty((len(given), count))
-    for index, values in enumerate(given):
-        table[index] = values
+    for row, values in zip(table, given, strict=True):
+        row.fill(values) if isinstance(values, float) else np.copyto(row, values)
     if not np.isfinite(table).all():
         wrong = [name for name, row in zip(names, table, strict=True) if not np.isfinite(row).all()]
         raise ValueError(f"direct variables: expected finite numbers; not finite: {', '.join(wrong)}")
-    return dict(zip(names, table, strict=True))
+    return table
 
 
 def _number_or_array(value: Any) -> float | FloatArray:

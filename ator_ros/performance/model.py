@@ -36,6 +36,8 @@ class Prediction:
         Probability.
     accuracy, heading : ndarray or None
         Expected errors at the end in m and rad.
+    dist, ideal : ndarray or None
+        Distance in m to the destination, and time in s of the ideal motion; None where no feature is one.
     """
 
     duration: FloatArray | None = None
@@ -43,6 +45,8 @@ class Prediction:
     success: FloatArray | None = None
     accuracy: FloatArray | None = None
     heading: FloatArray | None = None
+    dist: FloatArray | None = None
+    ideal: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +137,10 @@ class PerformanceModel:
                 else:
                     values = np.full(len(geometry.direct["x"]), tree.constant)
                 fields[name] = np.minimum(np.maximum(values, low), high)
+        if "dist" in measures:
+            fields["dist"] = geometry.dist
+        if "ideal" in measures and self.ideal_time is not None:
+            fields["ideal"] = geometry.once(self.ideal_time.compute)
         return Prediction(**fields)
 
     def rules(self, measure: str = "duration") -> str:

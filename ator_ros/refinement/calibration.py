@@ -19,12 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.performance.features import GENERAL, feature_table
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.projection import Columns, chain_situations, stacked
+from ator_ros.refinement.projection import Columns, chain_situations
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
@@ -197,20 +196,10 @@ def chain_steps(
     situations = [chain_situations(world, chain, robot) for chain, _ in predictions]
     calls = predictions[0][0].calls
     chosen = chosen_headings(predictions[0][0], models, robot) if chosen is None else chosen
-    for action in dict.fromkeys(call.top.action for call in calls):
-        places = [
-            (chain, index)
-            for chain in range(len(predictions))
-            for index, call in enumerate(calls)
-            if call.top.action == action
-        ]
-        direct = [situations[chain][index] for chain, index in places]
-        fields = [predictions[chain][1].actions[index] for chain, index in places]
-        for (chain, index), step in zip(
-            places, _steps(direct, fields, models.get(action), robot), strict=True
-        ):
-            if step is not None:
-                steps[chain][index] = dataclasses.replace(step, heading_open=chosen[index])
+    for number, (of_chain, (_, prediction)) in enumerate(zip(situations, predictions, strict=True)):
+        for index, (call, direct) in enumerate(zip(calls, of_chain, strict=True)):
+            if isinstance(models.get(call.top.action), PerformanceModel):
+                steps[number][index] = _step(direct, prediction.actions[index], heading_open=chosen[index])
     return steps
 
 
@@ -220,26 +209,13 @@ def chosen_headings(chain: TopChain, models: Mapping[str, Any], robot: Robot) ->
     return [index in free for index in range(len(chain.calls))]
 
 
-def _steps(
-    situations: Sequence[Columns], actions: Sequence[Mapping[str, float]], model: Any, robot: Robot
-) -> list[PredictedStep | None]:
-    """Return the executions of one action in chains; the features of all are computed at once."""
-    if not isinstance(model, PerformanceModel):
-        return [None] * len(actions)
-    with np.errstate(all="ignore"):
-        features = [feature for feature in (GENERAL["dist"], model.ideal_time) if feature is not None]
-        table = feature_table(stacked(situations), robot, features).tolist()
-    return [_step(*row) for row in zip(situations, actions, table, strict=True)]
-
-
-def _step(direct: Columns, action: Mapping[str, float], features: Sequence[float]) -> PredictedStep | None:
-    predicted = action.get("duration", math.nan)
+def _step(direct: Columns, action: Mapping[str, float], *, heading_open: bool) -> PredictedStep | None:
+    predicted, dist = action.get("duration", math.nan), action.get("dist", math.nan)
+    ideal = action.get("ideal", predicted)
     # Squares of places that are far away overflow.
-    if not all(map(math.isfinite, (predicted, *features))):
+    if not all(map(math.isfinite, (predicted, dist, ideal))):
         return None
-    return PredictedStep(
-        direct, predicted, action.get("spread", 0.0), [predicted, *features[1:]][-1], features[0]
-    )
+    return PredictedStep(direct, predicted, action.get("spread", 0.0), ideal, dist, heading_open)
 
 
 def model_digest(model: Any) -> str:

@@ -30,8 +30,8 @@ from ator_ros.world.state import World
 
 Memory = dict[tuple[Any, ...], Any]
 
-#: What is reported of every action, whatever the objective needs.
-REPORTED = ("duration", "spread", "success", "accuracy")
+#: What is told of every action, whatever the objective needs: to report it, and to calibrate it.
+REPORTED = ("duration", "spread", "success", "accuracy", "dist", "ideal")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +42,8 @@ class ChainPrediction:
     ----------
     actions : tuple of mapping
         For each action the predicted fields: duration (s), spread (s), success (probability), accuracy (m),
-        and what else the objective needs; a field that the model does not predict is left out, and all are
-        for an action without a model.
+        dist (m) and ideal (s) as in `Prediction`, and what else the objective needs; a field that the model
+        does not predict is left out, and all are for an action without a model.
     cost : float
         The objective summed over the actions that have a model.
     """

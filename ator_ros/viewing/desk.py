@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
-from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.geometry import Pose
@@ -157,7 +156,7 @@ class Desk:
         if top is None or world is None:
             raise StageError("expected a TOP that only drives to a pose, and odometry, to drive there")
         here = dataclasses.replace(world, robot=RobotState(world.robot.pose))
-        call = TopCall(top, Goal(pose, 0.0, top.point))
+        call = TopCall(top, library.goal(top, pose))
         self.take(Draft(here, TopChain((call,)), self.draft.action_set))
         self._waiting = [Run(REFINED)]
 

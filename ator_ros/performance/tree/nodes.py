@@ -89,12 +89,7 @@ class ModelTree:
         array of int, shape (n,)
             Numbers of nodes.
         """
-        if X.ndim != 2 or X.shape[1] != len(self.names):
-            names = ", ".join(self.names)
-            raise ValueError(f"expected features of shape (n, {len(self.names)}) ({names}), got {X.shape}")
-        leaf = np.empty(len(X), dtype=np.intp)
-        _walk(X, self.feature, self.threshold, self.children, leaf)
-        return leaf
+        return self._evaluated(X)[1]
 
     @property
     def constant(self) -> float | None:
@@ -103,38 +98,53 @@ class ModelTree:
 
     def predict(self, X: FloatArray) -> FloatArray:
         """Predict the target of each row, in its unit; shapes as in `apply`."""
-        return self._evaluate(X, self.apply(X))
+        return self._evaluated(X)[0]
 
     def predict_with_spread(self, X: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the target of each row and the standard deviation to expect of its error, each (n,)."""
-        leaf = self.apply(X)
-        return self._evaluate(X, leaf), self.spread.take(leaf)
+        value, leaf = self._evaluated(X)
+        return value, self.spread.take(leaf)
 
-    def _evaluate(self, X: FloatArray, leaf: IntArray) -> FloatArray:
-        value = np.empty(len(X))
-        _evaluate(X, leaf, self.intercept, self.coefficients, value)
-        bounded: FloatArray = np.minimum(np.maximum(value, self.lower.take(leaf)), self.upper.take(leaf))
-        return bounded
+    def _evaluated(self, X: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return the prediction for each row, and its leaf."""
+        if X.ndim != 2 or X.shape[1] != len(self.names):
+            names = ", ".join(self.names)
+            raise ValueError(f"expected features of shape (n, {len(self.names)}) ({names}), got {X.shape}")
+        value, leaf = np.empty(len(X)), np.empty(len(X), dtype=np.intp)
+        _evaluate(
+            X,
+            self.feature,
+            self.threshold,
+            self.children,
+            self.intercept,
+            self.coefficients,
+            self.lower,
+            self.upper,
+            value,
+            leaf,
+        )
+        return value, leaf
 
 
 @compiled
-def _walk(
-    X: FloatArray, feature: IntArray, threshold: FloatArray, children: IntArray, leaf: IntArray
+def _evaluate(
+    X: FloatArray,
+    feature: IntArray,
+    threshold: FloatArray,
+    children: IntArray,
+    intercept: FloatArray,
+    coefficients: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    value: FloatArray,
+    leaf: IntArray,
 ) -> None:
     for row in range(len(X)):
         node = 0
         while children[node, 0] != node:
             node = children[node, 1 if X[row, feature[node]] > threshold[node] else 0]
-        leaf[row] = node
-
-
-@compiled
-def _evaluate(
-    X: FloatArray, leaf: IntArray, intercept: FloatArray, coefficients: FloatArray, value: FloatArray
-) -> None:
-    for row in range(len(X)):
-        node = leaf[row]
         result = intercept[node]
         for column in range(X.shape[1]):
             result += X[row, column] * coefficients[node, column]
-        value[row] = result
+        value[row] = np.minimum(np.maximum(result, lower[node]), upper[node])
+        leaf[row] = node

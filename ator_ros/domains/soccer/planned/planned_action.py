@@ -78,6 +78,10 @@ class PlannedAction(Action):
         """Return whether what was planned for has changed."""
         return False
 
+    def chases(self) -> bool:
+        """Return whether plans that are outdated count among those after which it gives up."""
+        return True
+
     def arrive(self, world: World) -> Step:
         """Return the step at the end of the plan."""
         pose, goal = world.robot.pose, self.goal.robot_pose(self.robot)
@@ -98,8 +102,10 @@ class PlannedAction(Action):
             return self._plan_on(world)
         tracker.wait_for_start(world)
         disturbed = tracker.disturbed(world)
-        if disturbed or self.outdated(world):
-            return self.replan(world, "disturbed" if disturbed else "the goal has moved")
+        if disturbed:
+            return self.replan(world, "disturbed")
+        if self.outdated(world):
+            return self.replan(world, "the goal has moved", counts=self.chases())
         left = tracker.left(world)
         if left <= 0.0:
             return self.arrive(world)
@@ -107,11 +113,21 @@ class PlannedAction(Action):
             return self._look_on(world, self._search)
         return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {left:.1f} s to go")
 
-    def replan(self, world: World, why: str) -> Step:
-        """Plan again from here, or fail if that cannot help any more."""
+    def replan(self, world: World, why: str, *, counts: bool = True) -> Step:
+        """Plan again from here, or fail if that cannot help any more.
+
+        Parameters
+        ----------
+        world : World
+            The present state.
+        why : str
+            A sentence on why.
+        counts : bool
+            Whether the new plan is one of those after which it gives up.
+        """
         if world.time == self._deferred:
             return self._following(world, f"{why}; planning in the next tick")
-        self._replans += 1
+        self._replans += counts
         if self._replans > _REPLANS:
             return finished(Status.FAILED, f"{why}; gave up after {_REPLANS} new plans")
         assert self._tracker is not None
