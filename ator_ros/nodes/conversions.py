@@ -65,15 +65,15 @@ def pose_of(pose: Pose) -> PoseMessage:
     return message
 
 
-def command_from(twist: Twist) -> Command:
+def command_from(twist: Twist, where: str = "cmd_vel") -> Command:
     """Read a velocity command; components other than linear.x and angular.z must be 0."""
     linear, angular = twist.linear, twist.angular
     checks.zero(
-        (linear.y, linear.z, angular.x, angular.y), "cmd_vel: linear.y, linear.z, angular.x, angular.y"
+        (linear.y, linear.z, angular.x, angular.y), f"{where}: linear.y, linear.z, angular.x, angular.y"
     )
     return Command(
-        checks.velocity(linear.x, "cmd_vel.linear.x"),
-        checks.velocity(angular.z, "cmd_vel.angular.z", "rad/s"),
+        checks.velocity(linear.x, f"{where}.linear.x"),
+        checks.velocity(angular.z, f"{where}.angular.z", "rad/s"),
     )
 
 
