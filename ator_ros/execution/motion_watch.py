@@ -61,16 +61,18 @@ class Thresholds:
 
 
 class MotionWatch:
-    """Compares what odometry tells with the commands that were sent.
+    """Compares odometry with the commands that were sent.
 
-    Four contradictions are faults: a pose that stands while the velocity says that it moves (frozen
-    odometry), commands without any motion (blocked wheels, or odometry that froze while the robot stood),
-    less than a quarter of the motion (odometry that shows too little, or a base so weak: they look alike),
-    and motion beyond all commands (a base that somebody else steers, or nobody).
+    Four contradictions are faults:
 
-    Where odometry comes so rarely that the robot is commanded to stand between two messages, as with the
-    default `odom_timeout` below 6.7 Hz, a base that is late stands as still as odometry that is frozen: only
-    some of the latter is then noticed, while the robot moves by centimetres.
+    - frozen pose: the pose does not change although the velocity is not zero;
+    - no motion: blocked wheels, or odometry that froze while the robot stood;
+    - too little motion, less than a quarter: wrong odometry, or a weak base;
+    - uncommanded motion: another program steers the base, or it does not stop.
+
+    With odometry below 6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between two
+    messages. Then a late base and frozen odometry look alike. Some frozen odometry is not noticed, and the
+    robot moves by centimetres meanwhile.
 
     Parameters
     ----------
