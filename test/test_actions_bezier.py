@@ -83,6 +83,22 @@ def test_shoot_scores(runs: dict[str, list[Run]]) -> None:
     assert sum(ball_in_the_goal(run) for run in runs["shoot"]) >= COUNT - 2
 
 
+def test_the_way_is_the_curve_from_the_robot_to_the_goal(robot: Robot) -> None:
+    action = SOCCER.actions("bezier")["goToPose"].factory(robot)
+    start, goal = Pose(-1.0, 0.5, 0.3), Pose(1.0, -0.5, 1.2)
+    world = World(0.0, RobotState(start))
+    action.start(world, Goal(goal))
+    assert action.way() is None
+    action.step(world)
+    way = action.way()
+    assert way is not None
+    assert way[0] == pytest.approx(start, abs=0.1)
+    assert way[-1] == pytest.approx(goal)
+    # Where the curve ends, a straight run-in begins.
+    assert abs(Pose(*way[-2]).relative(goal).y) < 0.01
+    assert way[-2] == pytest.approx(goal, abs=0.4)
+
+
 def test_same_start_gives_the_same_steps(robot: Robot, runs: dict[str, list[Run]]) -> None:
     again = run_many(robot, SOCCER.actions("bezier")["goToPose"].factory(robot), seed=11, count=2)
     assert [run.steps for run in again] == [run.steps for run in runs["goToPose"][:2]]

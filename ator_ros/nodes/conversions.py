@@ -65,12 +65,11 @@ def pose_of(pose: Pose) -> PoseMessage:
     return message
 
 
-def command_from(twist: Twist, where: str = "cmd_vel") -> Command:
-    """Read a velocity command; components other than linear.x and angular.z must be 0."""
+def command_from(twist: Twist, where: str) -> Command:
+    """Read a velocity command of the topic `where`; components but linear.x and angular.z must be 0."""
     linear, angular = twist.linear, twist.angular
-    checks.zero(
-        (linear.y, linear.z, angular.x, angular.y), f"{where}: linear.y, linear.z, angular.x, angular.y"
-    )
+    others = (linear.y, linear.z, angular.x, angular.y)
+    checks.zero(others, f"{where}: linear.y, linear.z, angular.x, angular.y")
     return Command(
         checks.velocity(linear.x, f"{where}.linear.x"),
         checks.velocity(angular.z, f"{where}.angular.z", "rad/s"),

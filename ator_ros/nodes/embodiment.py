@@ -1,4 +1,4 @@
-"""What RViz and robot_state_publisher need of a robot: tf, joint_states, robot_description, surroundings."""
+"""What RViz and robot_state_publisher need of a robot: tf, joint_states, robot_description."""
 
 from __future__ import annotations
 
@@ -6,17 +6,13 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
 
-from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes.conversions import stamp_of
-from ator_ros.nodes.markers import marker_array
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.robot.description import Robot
 from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.viewing.surroundings import surroundings
 from ator_ros.world.state import World
 
 try:
@@ -39,23 +35,20 @@ class Embodiment:
         tf_static (tf2_msgs/TFMessage, transient local), with a prefix: from `world` to the frame of odometry.
         joint_states (sensor_msgs/JointState): the wheels, where somebody listens.
         robot_description (std_msgs/String, transient local): URDF.
-        scene_markers (visualization_msgs/MarkerArray, transient local): area, bays, and the domain's lines.
 
     Parameters
     ----------
     node : Node
         Who publishes.
-    domain, robot : Domain, Robot
-        Whose surroundings, and what is described.
+    robot : Robot
+        What is described.
     frame, robot_frame : str
         The frame of odometry, and the robot's own.
     prefix : str
         Put before the names of all topics but tf.
     """
 
-    def __init__(
-        self, node: Node, domain: Domain, robot: Robot, *, frame: str, robot_frame: str, prefix: str = ""
-    ) -> None:
+    def __init__(self, node: Node, robot: Robot, *, frame: str, robot_frame: str, prefix: str = "") -> None:
         self._frame, self._robot_frame = frame, robot_frame
         self._wheels = Wheels(robot)
         self._joints = node.create_publisher(JointState, f"{prefix}joint_states", RESULTS)
@@ -66,8 +59,6 @@ class Embodiment:
             self._fixed.publish(TFMessage(transforms=[beginning]))
         self._description = node.create_publisher(String, f"{prefix}robot_description", LATCHED)
         self._description.publish(String(data=robot_urdf(robot)))
-        self._scene = node.create_publisher(MarkerArray, f"{prefix}scene_markers", LATCHED)
-        self._scene.publish(marker_array(surroundings(domain, robot), "scene", frame))
 
     def publish(self, world: World) -> None:
         """Publish where the robot is, and how its wheels have turned."""

@@ -21,6 +21,7 @@ from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
+from ator_ros.nodes.execution_drawing import ExecutionDrawing
 from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.learned_sets import LearnedSets
@@ -63,7 +64,7 @@ class ExecutorNode(Node):
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active, unless a server executes it.
         performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
-        /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
+        planned_path and markers (see `ExecutionDrawing`); /diagnostics, once a second.
     Calls
         refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it; the domain's action servers.
     """
@@ -87,12 +88,12 @@ class ExecutorNode(Node):
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard, self._jumped = 0.0, -math.inf
-        self._ticks = Ticks()
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
-        self._last_error, self._goals = "", 0
+        self._last_error, self._goals, self._ticks = "", 0, Ticks()
         self._offer(robot)
         topics = self._state.topics | self._objects.topics
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
+        self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
         self.get_logger().info("ready for chains")
 
     def _offer(self, robot: Robot) -> None:
@@ -149,6 +150,7 @@ class ExecutorNode(Node):
             self._ticks.took(done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
+        self._drawing.objects(world)
 
     def _stand_by(self, run: GoalRun) -> None:
         """Command the robot to stand while a server may still move it though its goal was canceled."""
@@ -239,6 +241,7 @@ class ExecutorNode(Node):
             self._actions.publish(record)
         run.request_refinement()
         run.publish_feedback()
+        self._drawing.follow(run.execution, self._world)
         if not run.ended:
             return
         self._run = None
@@ -252,10 +255,7 @@ class ExecutorNode(Node):
         self.get_logger().info(f"goal ended: {run.summary}")
 
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
-        """Send a command, which counts as sent now, or with the newest state where it answers that.
-
-        None: another program moves the robot, so nothing is published.
-        """
+        """Send a command, as of now or of the state that it `answers`; None where others move the robot."""
         if self._inputs.time is not None:
             now = time.monotonic()
             after = 0.0 if answers else now - self._heard

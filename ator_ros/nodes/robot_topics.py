@@ -5,7 +5,6 @@ from __future__ import annotations
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from ator_ros.domains.domain import Domain
 from ator_ros.nodes import conversions
 from ator_ros.nodes.embodiment import Embodiment
 from ator_ros.nodes.qos import STATES
@@ -19,8 +18,6 @@ class RobotTopics:
     ----------
     node : Node
         Who publishes.
-    domain : Domain
-        Whose surroundings are drawn.
     robot : SimulatedRobot
         The robot.
     frame, robot_frame : str
@@ -34,9 +31,7 @@ class RobotTopics:
         The names of the objects that it may observe.
     """
 
-    def __init__(
-        self, node: Node, domain: Domain, robot: SimulatedRobot, *, frame: str, robot_frame: str
-    ) -> None:
+    def __init__(self, node: Node, robot: SimulatedRobot, *, frame: str, robot_frame: str) -> None:
         self._robot = robot
         self._prefix = f"{robot.name}/" if robot.name else ""
         self.frame, self.robot_frame = self.resolved(frame), self.resolved(robot_frame)
@@ -47,7 +42,7 @@ class RobotTopics:
         }
         self.objects = tuple(self._objects)
         self._embodiment = Embodiment(
-            node, domain, robot.robot, frame=self.frame, robot_frame=self.robot_frame, prefix=self._prefix
+            node, robot.robot, frame=self.frame, robot_frame=self.robot_frame, prefix=self._prefix
         )
 
     def resolved(self, name: str) -> str:

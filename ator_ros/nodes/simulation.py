@@ -16,7 +16,7 @@ from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of
+from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of
 from ator_ros.nodes.qos import SENSOR_DATA, SERVICES
 from ator_ros.nodes.robot_topics import RobotTopics
 from ator_ros.nodes.running import run_node
@@ -43,7 +43,7 @@ class SimulationNode(Node):
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         the topic of each object of the domain (nav_msgs/Odometry): position and velocity, both in the
         header's frame; nothing while the object is not there.
-        joint_states, robot_description, scene_markers; tf of all robots: see `Embodiment`.
+        joint_states, robot_description; tf of all robots: see `Embodiment`.
     Publishes
         /clock (rosgraph_msgs/Clock), when `publish_clock`: every tick.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
@@ -91,7 +91,7 @@ class SimulationNode(Node):
         """Offer topics and services of one robot."""
         robot, settings = self._simulated[number], self._settings
         frames = {name: settings[name] for name in ("frame", "robot_frame")}
-        topics = RobotTopics(self, domain_of(settings), robot, **frames)
+        topics = RobotTopics(self, robot, **frames)
         callback = partial(self._command, number)
         self.create_subscription(self._command_type, topics.resolved("cmd_vel"), callback, SENSOR_DATA)
         services: dict[str, tuple[type[Any], Callable[[Any], str]]] = {

@@ -23,7 +23,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
@@ -229,15 +228,13 @@ def test_rviz_and_robot_state_publisher_find_what_they_need(world: Client) -> No
     odometry, balls = (client.listen(Odometry, name, by_default) for name in ("odom", "ball"))
     transforms = client.listen(TFMessage, "tf", by_default)
     joints = client.listen(JointState, "joint_states", by_default)
-    scene = client.listen(MarkerArray, "scene_markers", LATCHED)
-    client.eventually(lambda: odometry and balls and transforms and joints and scene, "all topics")
+    client.eventually(lambda: odometry and balls and transforms and joints, "all topics")
     (transform,) = transforms[-1].transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("odom", "base_link")
     place, turn = transform.transform.translation, transform.transform.rotation
     assert (place.x, place.y) == pytest.approx((1.0, -0.5), abs=0.01)
     assert yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w) == pytest.approx(2.0, abs=0.01)
     assert list(joints[-1].name) == ["left_wheel_joint", "right_wheel_joint"]
-    assert {marker.header.frame_id for marker in scene[0].markers} == {"odom"}
     before = joints[-1].position[0]
     client.eventually(lambda: client.command(v=0.3) or joints[-1].position[0] != before, "the wheels turn")
 

@@ -78,7 +78,7 @@ class Base:
         return self.origin.compose(self.pose)
 
     def _hear(self, message: Twist) -> None:
-        self._command = command_from(message)
+        self._command = command_from(message, "cmd_vel")
 
     def _run(self) -> None:
         while not self._ended.wait(PERIOD):

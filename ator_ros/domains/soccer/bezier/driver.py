@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from ator_ros.actions.base import ActionError, Goal
-from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
-from ator_ros.geometry import Pose
+from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to, sampled
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits
 from ator_ros.world.state import CONTROL_PERIOD, Command, RobotState
 
@@ -64,6 +64,11 @@ class Driver:
         """Begin anew, with `last` as the command that the robot executes."""
         self._last = last
         self._side = 0.0
+        self._laid: tuple[Curve, Pose] | None = None
+
+    def way(self) -> FloatArray | None:
+        """Return the curve of the last tick as poses; see `Action.way`."""
+        return None if self._laid is None else sampled(*self._laid)
 
     def curve(self, pose: Pose, target: Pose, v: float) -> Curve:
         """Return the curve to `target` for a robot at `pose` that drives at v (m/s).
@@ -85,6 +90,7 @@ class Driver:
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
         curve = self.curve(state.pose, target, state.v)
+        self._laid = curve, target
         bend = max(-self._style.sharpest, min(self._style.sharpest, curve.bend))
         return self.command(self._speed(curve, bend, state.v, end_speed), bend)
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.planned.pause import Pause
 from ator_ros.domains.soccer.planned.tracker import Tracker
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import Planning, Search
@@ -61,6 +61,10 @@ class PlannedAction(Action):
     def planning(self) -> bool:
         """Whether there is no plan yet; see `Action.planning`."""
         return self._tracker is None
+
+    def way(self) -> FloatArray | None:
+        """Return the plan that is followed; see `Action.way`."""
+        return None if self._tracker is None else self._tracker.trajectory.poses()
 
     def defer_planning(self, time: float) -> None:
         """Plan nothing in the tick at `time`; see `Action.defer_planning`."""
