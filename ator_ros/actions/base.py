@@ -66,7 +66,7 @@ class Step:
     command : Command or None
         The velocity command; None where another program moves the robot: then nothing is published.
     status : Status
-        Whether the action goes on.
+        Whether the action continues.
     message : str
         A sentence that says why.
     """

@@ -27,7 +27,7 @@ class Thresholds:
         Speed of the faster wheel in m/s from which a command must be answered: 4 % of the greatest speed. The
         dead zone of a base lies below.
     patience : float
-        Time in s without an answer, or with motion that nobody asked for: 0.2 s and three time constants of
+        Time in s without an answer, or with motion that was not commanded: 0.2 s and three time constants of
         the motors. With the time that it takes to brake it stays below half a second.
     frozen : float
         Time in s in which the pose may contradict the velocity: three messages at 20 Hz.
@@ -89,7 +89,7 @@ class MotionWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past, as when a goal begins: nobody knows what the base was commanded to before."""
+        """Forget the past, as when a goal begins: earlier commands to the base are unknown."""
         self._sent: deque[tuple[float, Command]] = deque()
         self._last: tuple[float, RobotState] | None = None
         self._heard = -math.inf
