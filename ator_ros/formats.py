@@ -1,4 +1,4 @@
-"""What files say about themselves: the name of their format and its version."""
+"""Formats of files: name and version, as files state them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Data = dict[str, Any]
 
 @dataclass(frozen=True)
 class Format:
-    """What a file says about itself, and which versions of it are read.
+    """Name and version that a file states, and the versions that are read.
 
     Attributes
     ----------
@@ -24,9 +24,9 @@ class Format:
     version : int
         The version that is written; versions 1 to `version` are read.
     kind : str
-        What the file is, for the message to somebody who named another file.
+        What the file is, for the message about another file.
     name_key, version_key : str
-        Where a file holds them. Files of before `format` and `schema_version` keep their own words.
+        Keys of both in a file; older files keep their own keys.
     upgrades : mapping of int to callable
         Turns the data of a version into those of the next one.
     unversioned : bool

@@ -25,7 +25,7 @@ class Status(enum.Enum):
 
 
 class Point(enum.Enum):
-    """The point of the robot that shall come to the goal's position."""
+    """Reference point of the robot that is placed at the goal."""
 
     AXLE = "axle"
     HOLD = "hold"
@@ -38,7 +38,7 @@ class Goal:
     Attributes
     ----------
     pose : Pose
-        Where `point` shall come to, and the robot's heading there (m, rad, world frame).
+        Destination of `point`, and the robot's heading there (m, rad, world frame).
     speed : float
         Translational velocity at arrival in m/s, not negative.
     point : Point
@@ -64,9 +64,9 @@ class Step:
     Attributes
     ----------
     command : Command or None
-        The velocity command; None where somebody else moves the robot: then nothing is published.
+        The velocity command; None where another program moves the robot: then nothing is published.
     status : Status
-        Whether the action goes on.
+        Whether the action continues.
     message : str
         A sentence that says why.
     """

@@ -63,7 +63,7 @@ class GoalVariable:
 
     @property
     def usual(self) -> float:
-        """A value for where nobody has given one: `rest`, or the middle of the range."""
+        """Default value: `rest`, or the middle of the range."""
         return 0.5 * (self.low + self.high) if self.rest is None else self.rest
 
 

@@ -1,4 +1,4 @@
-"""What is declared of an action that somebody else's action server executes. Nothing here knows ROS."""
+"""What is declared of an action that another program's action server executes. Nothing here knows ROS."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class ActionSpec:
         Makes the action for a robot; the class of the action, for example.
     sample : callable
         Draws a situation to gather experience in, from a robot and a generator, which is its only source of
-        chance. What the robot cannot do is not asked for: such episodes fail and teach nothing.
+        chance. The sampler must not request what the robot cannot do: such episodes fail and teach nothing.
     features : tuple of str
         Names of the candidate features of its performance model, from which the model tree selects: general
         ones (`ator_ros.performance.features.GENERAL`) and those that the domain adds (`Domain.features`). One

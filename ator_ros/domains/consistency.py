@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def inconsistencies(domain: Domain) -> Iterator[str]:
-    """Yield in words what does not fit together, one sentence each; nothing where all does."""
+    """Yield what contradicts, one sentence each; nothing where all parts agree."""
     if DEFAULT_SET not in domain.action_sets:
         yield f"expected an action set {DEFAULT_SET!r}, got {sorted(domain.action_sets)}"
     yield from _of_objects(domain)
@@ -53,7 +53,7 @@ def _of_objects(domain: Domain) -> Iterator[str]:
 
 
 def _of_features(domain: Domain, names: list[str]) -> Iterator[str]:
-    """Yield which of all features, by `names`, have one name, and which derive from what there is not."""
+    """Yield problems with feature names: duplicates, and features derived from unknown variables."""
     variables = [direct_name(name) for name in domain.goal_variables]
     everything = [*names, *variables]
     if twice := sorted({name for name in everything if everything.count(name) > 1}):
@@ -77,7 +77,7 @@ def _of_goal(domain: Domain, spec: ActionSpec) -> Iterator[str]:
 
 
 def _of_declarations(spec: ActionSpec, declared: dict[str, GoalVariable]) -> Iterator[str]:
-    """Yield which declarations contradict those of before, which are kept in `declared`."""
+    """Yield declarations that contradict earlier ones; earlier ones are in `declared`."""
     names = [variable.name for variable in spec.goal_variables]
     if len(names) > MOST_GOAL_VARIABLES or len(set(names)) != len(names):
         yield f"expected at most {MOST_GOAL_VARIABLES}, each name once, got {names}"

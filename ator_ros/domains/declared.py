@@ -47,7 +47,7 @@ class DeclaredTop:
         require(0.0 <= self.settles <= 60.0, "settles", "a time in s from 0 to 60", self.settles)
 
     def check(self, objects: tuple[str, ...], action: DeclaredAction) -> None:
-        """Make sure that the terms name what there is, in a goal of `action` too; raises ValueError."""
+        """Check that all terms name known variables, those of goals of `action` too; ValueError otherwise."""
         variables = (*_ROBOT, *(f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy")))
         for part in ("pre", "post"):
             for number, term in enumerate(getattr(self, part)):
@@ -104,7 +104,7 @@ class DeclaredAction:
     drives: DeclaredDrives | None = None
 
     def __post_init__(self) -> None:
-        """Check that it is one of both."""
+        """Check that exactly one of `local` and `remote` is given."""
         _check_name(self.name)
         given = [kind for kind in ("local", "remote") if getattr(self, kind) is not None]
         require(len(given) == 1, "local, remote", "one of the two", given)

@@ -1,8 +1,8 @@
 """Learning a gate from the episodes that the models learned from: no chain is executed for it.
 
-The episodes are halved. What models of one half choose, models of the other half judge, which do not share
-the errors by which the choice was made; the errors that both share are drawn from what either predicted
-wrongly of the other half's episodes.
+Models of one half of the episodes choose chains. Models of the other half judge them, as they do not share
+the errors that led to the choice. Errors shared by both are resampled from the prediction errors of each
+half's models on the other half's episodes.
 """
 
 from __future__ import annotations

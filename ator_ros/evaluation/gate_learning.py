@@ -151,8 +151,7 @@ def compare_gates(examples: GateExamples) -> dict[str, dict[str, float]]:
 
 def predicted_labels(gate: TreeGate, examples: GateExamples) -> NDArray[np.str_]:
     """Return the tree's label of each example."""
-    sentences = [gate.decide(dict(zip(FEATURES, row, strict=True)))[1] for row in examples.features]
-    return np.array([sentence.split()[0] for sentence in sentences])
+    return np.array([gate.predicted(dict(zip(FEATURES, row, strict=True))) for row in examples.features])
 
 
 def _judged(examples: GateExamples, refine: NDArray[np.bool_]) -> dict[str, float]:

@@ -1,8 +1,9 @@
-"""The oracle of chains whose robot stands between two actions: all open headings jointly, by executing legs.
+"""Search all open headings jointly with dynamic programming over executed legs.
 
-Where every action starts and ends at rest, what one takes depends on the two poses at its ends alone. So each
-leg is executed once for each pair of headings at its ends, and the best headings of the whole chain follow
-from these times (dynamic programming). The chain with them is then executed as a whole, which alone counts.
+It is the oracle of chains whose robot stands between two actions. There the duration of an action depends
+only on the poses at its two ends. So each leg is executed once for each pair of headings at its ends. The
+best headings of the whole chain follow from these times. Then the chain with them is executed as a whole;
+only this duration counts.
 """
 
 from __future__ import annotations

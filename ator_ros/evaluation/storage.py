@@ -25,7 +25,7 @@ LARGEST = 1_000_000_000
 
 
 class PartialResults:
-    """Records of single situations, appended one by one, so that an interrupted evaluation goes on.
+    """Records of single situations, appended one by one, so that an interrupted evaluation can resume.
 
     The first line holds what the records depend on, every other line a digest of it and of its record. A line
     that was cut off by a crash is forgotten.

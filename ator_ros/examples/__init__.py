@@ -1,1 +1,1 @@
-"""Programs of somebody else, as far as ator_ros is concerned: they import nothing of it."""
+"""Example programs from outside: they import nothing of ator_ros."""

@@ -115,7 +115,7 @@ class RotateDriveRotate:
         self._v = self._w = 0.0
 
     def step(self, seen: Seen) -> tuple[float, float]:
-        """Return the velocities (m/s, rad/s) that answer an odometry; `doing` says whether it goes on."""
+        """Return the velocities (m/s, rad/s) that answer an odometry; `doing` says whether it continues."""
         if self._began is None:
             self._begin(seen)
         self.distance = math.hypot(self._goal[0] - seen.x, self._goal[1] - seen.y)

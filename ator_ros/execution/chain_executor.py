@@ -75,7 +75,7 @@ class ChainExecutor:
         self.records: list[ActionRecord] = []
         self.fetched = 0
         self.released = False
-        """Whether somebody else moves the robot: the last tick had no command."""
+        """Whether another program moves the robot: the last tick had no command."""
         self._index = 0
         self._over = False
         self._run = self._new_run(chain, 0)
@@ -211,7 +211,7 @@ class ChainExecutor:
         self._run = self._new_run(self._chain, index, standing_first=standing_first)
 
     def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:
-        """Return a run of the present step with its goal in `chain`; its time limit goes on."""
+        """Return a run of the present step with its goal in `chain`; its time limit keeps running."""
         return self._new_run(chain, self._index, standing_first=standing_first, since=self._run.since)
 
     def _new_run(

@@ -43,7 +43,7 @@ class Driving:
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Record a command sent in response to the state of `time` (s); see `MotionWatch.sent`.
 
-        None: somebody else moves the base, so its motion is not compared with our commands.
+        None: another program moves the base, so its motion is not compared with our commands.
         """
         if command is None:
             self._watch.reset()

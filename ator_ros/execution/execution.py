@@ -154,7 +154,7 @@ class Execution:
     def silent(self, now: float) -> bool:
         """Return whether odometry has been missing for half its deadline, so that the robot should stand.
 
-        A robot that somebody else moves cannot be paused: our commands would only disturb.
+        A robot that another program moves cannot be paused: our commands would only disturb.
         """
         released = self.phase is Phase.EXECUTING and self._progress.released
         waiting = self.phase is not Phase.ENDED and not released
@@ -221,11 +221,11 @@ class Execution:
         self.end(Ending.BASE_FAULT, reason)
 
     def drop(self) -> None:
-        """End at once a goal that stops: nobody waits until the robot stands."""
+        """End a goal that stops at once, without waiting until the robot stands."""
         if self.phase is Phase.STOPPING:
             self._course.take(Signal.DROPPED)
 
-    # How it goes on
+    # Continuation
 
     def _begin(self, world: World, now: float) -> bool:
         """Start once all objects that the chain needs are known; return whether it is executed now."""

@@ -27,7 +27,7 @@ class Thresholds:
         Speed of the faster wheel in m/s from which a command must be answered: 4 % of the greatest speed. The
         dead zone of a base lies below.
     patience : float
-        Time in s without an answer, or with motion that nobody asked for: 0.2 s and three time constants of
+        Time in s without an answer, or with motion that was not commanded: 0.2 s and three time constants of
         the motors. With the time that it takes to brake it stays below half a second.
     frozen : float
         Time in s in which the pose may contradict the velocity: three messages at 20 Hz.
@@ -61,16 +61,18 @@ class Thresholds:
 
 
 class MotionWatch:
-    """Compares what odometry tells with the commands that were sent.
+    """Compares odometry with the commands that were sent.
 
-    Four contradictions are faults: a pose that stands while the velocity says that it moves (frozen
-    odometry), commands without any motion (blocked wheels, or odometry that froze while the robot stood),
-    less than a quarter of the motion (odometry that shows too little, or a base so weak: they look alike),
-    and motion beyond all commands (a base that somebody else steers, or nobody).
+    Four contradictions are faults:
 
-    Where odometry comes so rarely that the robot is commanded to stand between two messages, as with the
-    default `odom_timeout` below 6.7 Hz, a base that is late stands as still as odometry that is frozen: only
-    some of the latter is then noticed, while the robot moves by centimetres.
+    - frozen pose: the pose does not change although the velocity is not zero;
+    - no motion: blocked wheels, or odometry that froze while the robot stood;
+    - too little motion, less than a quarter: wrong odometry, or a weak base;
+    - uncommanded motion: another program steers the base, or it does not stop.
+
+    With odometry below 6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between two
+    messages. Then a late base and frozen odometry look alike. Some frozen odometry is not noticed, and the
+    robot moves by centimetres meanwhile.
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ class MotionWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past, as when a goal begins: nobody knows what the base was commanded to before."""
+        """Forget the past, as when a goal begins: earlier commands to the base are unknown."""
         self._sent: deque[tuple[float, Command]] = deque()
         self._last: tuple[float, RobotState] | None = None
         self._heard = -math.inf

@@ -89,7 +89,7 @@ class Progress:
 
     @property
     def released(self) -> bool:
-        """Whether somebody else moves the robot: the last tick had no command."""
+        """Whether another program moves the robot: the last tick had no command."""
         return self._executor is not None and self._executor.released
 
     def way(self) -> FloatArray | None:

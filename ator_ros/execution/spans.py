@@ -30,11 +30,11 @@ class Span:
 
     @property
     def long(self) -> bool:
-        """Whether it is not known what happened in between."""
+        """Whether the motion within the span is unknown."""
         return self.elapsed > LONGEST_GAP + ROUNDING
 
     def since(self, answered: float | None) -> Span:
-        """Return what counts against a base that was sent the answer to the first state then, in real s.
+        """Return the part of the span after the answer was sent, at `answered` in real s.
 
         A short span counts as a whole: a simulation may have waited for the answer.
         """
@@ -47,13 +47,13 @@ class Span:
 
 
 class Stretch:
-    """How long something has been so without a break, by the stamps and in real time."""
+    """How long a condition has held without a break, by the stamps and in real time."""
 
     def __init__(self) -> None:
         self.seconds, self._since = 0.0, math.inf
 
     def lasts(self, so: bool, span: Span, longest: float) -> bool:
-        """Count a span more, or begin anew; return whether it has lasted as long as it may."""
+        """Add a span if the condition `so` holds, else reset; return whether `longest` (s) is reached."""
         if not so:
             self.seconds, self._since = 0.0, math.inf
             return False

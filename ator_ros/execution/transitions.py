@@ -14,10 +14,10 @@ class Signal(enum.Enum):
 
     READY = "all that the chain needs is known, and no refinement is wanted"
     ASKED = "all that the chain needs is known, and refinement is asked"
-    ANSWERED = "refinement has answered, or has not in time"
-    STOOD = "the robot stands, or has had its time to"
+    ANSWERED = "refinement has answered or timed out"
+    STOOD = "the robot stands, or the time to stop is over"
     SILENT = "odometry is missing, so no state will show that the robot stands"
-    DROPPED = "nobody waits until the robot stands: a newer goal takes over, or the program ends"
+    DROPPED = "the goal does not wait until the robot stands: a newer goal takes over, or the program ends"
 
 
 Event = Signal | Ending

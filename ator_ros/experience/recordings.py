@@ -122,7 +122,7 @@ def _objects(file: Path, domain: Vocabulary, episodes: Iterable[Episode]) -> tup
 
 
 def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
-    """Return the action set that the records tell of; odometry and commands tell of none."""
+    """Return the action set named in the records, or None; odometry and commands name none."""
     found = sorted(set().union(*(recorded.action_sets for recorded in by_robot.values())))
     if len(found) > 1:
         raise RecordingError(f"{file}: expected records of one action set, got {_listed(found)}")

@@ -1,4 +1,4 @@
-"""Episodes that the executor's records (ator_interfaces/msg/ActionPerformance) tell of."""
+"""Convert the executor's records (ator_interfaces/msg/ActionPerformance) to episodes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ENDED = (SUCCEEDED, FAILED)
 
 
 def episode_of(message: Any, domain: Vocabulary) -> Episode:
-    """Return the episode that a record of any action tells of; it has no samples but its start."""
+    """Convert a record of any action to an episode; it has no samples but its start."""
     start, call = message.start, message.call
     objects = {
         item.name: ObjectState(item.position.x, item.position.y, item.velocity.x, item.velocity.y)

@@ -16,8 +16,8 @@ from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
 WINDOWS = (100, 300, 1000)
-"""Newest records from which a model is learned anew; a robot that has changed is told by those after it."""
-_RECENT = (30, 100)  # newest records that tell how the times have changed in all
+"""Newest records from which a model is learned; a change of the robot shows in the records after it."""
+_RECENT = (30, 100)  # newest records from which the overall change of the times is estimated
 _FEWEST = 12
 _SLOPES = (0.3, 3.0)
 BACK = "back to "
@@ -44,8 +44,8 @@ def candidates(
     robot, features
         As for `train`.
     known : mapping
-        Models by the names of their sets that were in use before or are now; of each the times are also
-        scaled and shifted as the newest records have it.
+        Models used now or earlier, by the names of their sets. A copy of each, with its times scaled and
+        shifted to fit the newest records, is a candidate too.
     """
     sizes = [size for size in WINDOWS if size < 0.8 * len(rows)]
     for size in (len(rows), *reversed(sizes)):

@@ -10,12 +10,12 @@ from ator_ros.robot.description import Limits, Robot
 
 @dataclass(frozen=True)
 class Changed:
-    """A change that nobody announces.
+    """An undescribed change of the robot.
 
     Attributes
     ----------
     acceleration : float
-        What the motors gain speed and turn with, as a share of what is described; it brakes as ever.
+        Acceleration of driving and turning as a share of the described one; braking is unchanged.
     lag : float
         Time constant of the motors in s; 0: as described.
     wheels : (float, float)

@@ -32,8 +32,8 @@ class Comparison:
 def compare(before: FloatArray, after: FloatArray) -> Comparison:
     """Compare the errors (n,) in s of two models on the same records.
 
-    Where neither is better, each record's difference might as well have the other sign: the test draws signs.
-    It assumes no distribution, so that a few chains that went wrong decide nothing.
+    Under the null hypothesis the signs of the differences are exchangeable: this is a sign-flip permutation
+    test. It assumes no distribution, so that a few failed chains decide nothing.
     """
     gain = np.abs(before) - np.abs(after)
     signs = np.random.default_rng(_SEED).choice((-1.0, 1.0), (_DRAWS, len(gain)))

@@ -139,7 +139,7 @@ def _best(
     tried: Sequence[tuple[str, PerformanceModel]],
     test: pd.DataFrame,
 ) -> tuple[PerformanceModel | None, str, Comparison]:
-    """Return the best of the models that are better, None without any; and what the best comes to."""
+    """Return the best significant candidate or None, the name of the best candidate, and its comparison."""
     errors = {name: actual - predicted(model, test) for name, model in tried}
     compared = {name: compare(actual - usual, error) for name, error in errors.items()}
     better = [

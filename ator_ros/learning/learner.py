@@ -61,7 +61,7 @@ class Learner:
     Parameters
     ----------
     folder : Path
-        Of the learned sets; nobody else may write there, see `locked`.
+        Of the learned sets; no other process may write there, see `locked`.
     info : StoreInfo
         Robot and domain.
     begin : callable

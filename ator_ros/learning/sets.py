@@ -4,7 +4,7 @@
     FOLDER/current               link to the set in use; replaced at once
     FOLDER/lock                  held by the node that writes here
 
-Who reads resolves `current` first and then reads one folder, so nobody mixes two sets.
+Who reads resolves `current` first and then reads one folder, so two sets are never mixed.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def current_set(folder: Path) -> Path | None:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Let nobody else write to a folder of learned sets during the block; a killed process frees it.
+    """Lock a folder of learned sets against other writers during the block; a killed process frees it.
 
     Raises
     ------

@@ -21,7 +21,7 @@ _COLOURS = {"shipped": BLUE, "learning": ORANGE, "offline": GREEN, ORACLE: RED}
 
 
 def play(settings: StreamSettings, chains: int, folder: Path) -> Iterator[list[dict[str, Any]]]:
-    """Play chains 0 to `chains` - 1, and yield all results so far after each; what is there is gone on with.
+    """Play chains 0 to `chains` - 1, and yield all results so far after each; resume from existing results.
 
     Raises
     ------

@@ -19,7 +19,7 @@ _SURE = 8  # steps after which rounding may have led elsewhere
 
 
 class Bounds(NamedTuple):
-    """What of the `Limits` counts: m/s, m/s^2, m/s^2, rad/s^2."""
+    """Limits that the kernel uses, in m/s, m/s^2, m/s^2 and rad/s^2."""
 
     v: float
     a: float

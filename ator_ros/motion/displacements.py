@@ -96,7 +96,7 @@ def displacement_table(
 ) -> FloatArray:
     """Compute `displacements` for several ways to drive, shape (ways, 2, n), of the `kept` angles or all.
 
-    What a turn rate decides is kept: rates are few, speeds are not, as every start in motion has its own.
+    What depends on the turn rate only is cached. Rates are few; start speeds are not.
     """
     count = len(angles) if kept is None else len(kept)
     grid, table = angles.tobytes(), np.empty((len(ways), 2, count))

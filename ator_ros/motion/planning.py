@@ -1,4 +1,4 @@
-"""Planning in slices, so that no tick takes long: a search that does not fit into one goes on in the next."""
+"""Planning in slices, so that no tick takes long: a search that does not fit continues in the next."""
 
 from __future__ import annotations
 

@@ -31,9 +31,9 @@ class Embodiment:
     Robots of one node have `tf` in common, in which a frame `world` holds their frames together.
 
     Publishes
-        tf (tf2_msgs/TFMessage): from the frame of odometry to the robot's own, where somebody listens.
+        tf (tf2_msgs/TFMessage): from the frame of odometry to the robot's own, where there are subscribers.
         tf_static (tf2_msgs/TFMessage, transient local), with a prefix: from `world` to the frame of odometry.
-        joint_states (sensor_msgs/JointState): the wheels, where somebody listens.
+        joint_states (sensor_msgs/JointState): the wheels, where there are subscribers.
         robot_description (std_msgs/String, transient local): URDF.
 
     Parameters

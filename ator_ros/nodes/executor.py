@@ -42,7 +42,7 @@ from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
 
 _WARNING_PERIOD = 2.0
-_RESET_PERIOD = 1.0  # real s within which nobody resets twice: then two nodes publish odometry
+_RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
 _HURRIED = 2.0  # times real time
 
 
@@ -53,10 +53,10 @@ class ExecutorNode(Node):
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
-        A result can be asked for in the minute after the goal. The robot stands before a goal ends (foreseen
-        with `latency`), or was told to 2 s ago; where a newer goal takes over, odometry is lost or the node
-        ends, it is only told to. Goals outside the fence are refused. A base that does not follow its
-        commands ends a goal, and so does a way that leads out of the fence.
+        Results are kept for a minute. A goal ends when the robot stands (predicted with `latency`), or 2 s
+        after it was commanded to stop. If a newer goal preempts it, odometry is lost or the node ends, the
+        goal ends with the stop command. Goals outside the fence are refused. A goal is aborted when the
+        base does not follow its commands, or when its path leads out of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
         `latency` later, are the time of the control programs.
@@ -159,7 +159,7 @@ class ExecutorNode(Node):
         run.execution.listening(time.monotonic())
 
     def _take_jump(self, jump: ClockJumpError) -> None:
-        """Begin anew after odometry's clock has jumped. One reset is no cause for a warning."""
+        """Reset the state after odometry's clock has jumped. One reset is no cause for a warning."""
         now = time.monotonic()
         if jump.back and now - self._jumped > _RESET_PERIOD:
             self.get_logger().info(str(jump))
@@ -188,14 +188,14 @@ class ExecutorNode(Node):
         self._goals += 1
         try:
             run = self._run_of(handle)
-        except MessageError as error:  # the running goal goes on
+        except MessageError as error:  # the running goal continues
             self._refuse(handle, str(error))
             return
         self._driving.begin(preempts=self._run is not None)
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run = run
         self._watchdog.watch(closely=True)
-        # A simulation as fast as possible waits for who steers: so also while the first action plans.
+        # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
 
     def _run_of(self, handle: ServerGoalHandle) -> GoalRun:
@@ -236,7 +236,7 @@ class ExecutorNode(Node):
         self._follow(self._run)
 
     def _follow(self, run: GoalRun) -> None:
-        """Tell the world what is new about a goal, and answer it when it has ended."""
+        """Publish new records and feedback; finish the goal when it has ended."""
         for record in run.new_records():
             self._actions.publish(record)
         run.request_refinement()

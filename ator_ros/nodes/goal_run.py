@@ -125,7 +125,7 @@ class GoalRun:
         return new
 
     def publish_feedback(self) -> None:
-        """Publish how it stands: when that is something new, and now and then."""
+        """Publish feedback when the status changes, otherwise every 0.1 s."""
         execution = self.execution
         now = execution.elapsed + (execution.start.time if execution.start else 0.0)
         told, when = self._told

@@ -90,7 +90,7 @@ class LearnedSets(Generic[Loaded]):
         try:
             manifest = read_manifest(place)
             self._ready = place, manifest, self._load(str(place))
-        except Exception as error:  # whatever it is, the node goes on with what it has
+        except Exception as error:  # whatever it is, the node continues with what it has
             self._failed = place, str(error) or repr(error)
         finally:
             sys.setswitchinterval(usual)

@@ -1,4 +1,4 @@
-"""What nodes make of a folder of models: refiners and predictors of every action set."""
+"""Load refiners and predictors for every action set."""
 
 from __future__ import annotations
 

@@ -17,13 +17,13 @@ from rclpy.node import Node
 def meeting_client(node: Node, action: str) -> Any:
     """Return a client that can ask the server of an action whether it knows us; made after its ActionClient.
 
-    Discovery keeps the order in which a node's clients were made: who answers the last knows them all.
+    Discovery keeps the order of creation: an answer to the last client implies that all are known.
     """
     return node.create_client(CancelGoal, f"{action}/_action/cancel_goal")
 
 
 def nobodys_goal() -> CancelGoal.Request:
-    """Return the request to cancel a goal that nobody has sent, which a server answers and nothing else."""
+    """Return a cancel request for an unknown goal; the server answers it without effect."""
     request = CancelGoal.Request()
     request.goal_info.goal_id.uuid = list(uuid.uuid4().bytes)
     return request

@@ -18,6 +18,7 @@ from ator_ros.performance.model_file import (
     RobotMismatchWarning,
     load_models,
     model_path,
+    models_folder,
 )
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
@@ -85,7 +86,7 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str, domain: 
     problem = _summary([str(warning.message) for warning in caught])
     if problem:
         log.warning(f"action set {action_set}: {problem}")
-    calibration = _calibration(node, (place / model_path("any", action_set)).parent, action_set, models)
+    calibration = _calibration(node, models_folder(place, action_set), action_set, models)
     return ModelSet(place, models, problem=problem, digest=digest, calibration=calibration)
 
 

@@ -1,4 +1,4 @@
-"""The action of somebody else's action server, as one of ours: started, stepped and ended."""
+"""The action of another program's server, as one of ours: started, stepped and ended."""
 
 from __future__ import annotations
 

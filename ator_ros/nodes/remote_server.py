@@ -1,4 +1,4 @@
-"""An action server of somebody else's, as the executor uses it."""
+"""An action server of another program, as the executor uses it."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def run_node(
     """Make a node and spin it until Ctrl-C or SIGTERM, then end with exit code 0.
 
     The node may have a method `stop`, which is called while it can still publish, and `rests`, which returns
-    whether its inputs need not be taken at once. Unusable parameters and files end the process with one line
+    whether it is idle, so that inputs may gather. Unusable parameters and files end the process with one line
     and exit code 1, unknown arguments with exit code 2. ``--help`` prints the documentation of the node and
     its `parameters`.
     """

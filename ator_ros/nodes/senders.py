@@ -34,7 +34,7 @@ def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
 
 
 def rival_senders(node: Node, topics: Collection[str]) -> str:
-    """Return which of `topics`, each of which has one source, have several publishers, and their names.
+    """Return the topics with several publishers, and the publishers' names. Each should have one source.
 
     Two simulations on one domain are an example. A publisher that was killed counts until DDS drops it after
     20 s.

@@ -52,10 +52,10 @@ class SimulationNode(Node):
         reset (std_srvs/Trigger): a new world; simulated time starts at 0 again.
         pause (std_srvs/SetBool): stop and resume simulated time; a paused world is still published.
 
-    Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for a command, as long as a
-    command holds: nobody who steers is left behind on a busy machine, also where one program hands over to
-    another that takes longer to begin than one tick waits. Of several robots it waits for those that are told
-    to move, the shorter the more there are: who ceases to steer one must not stop the others.
+    Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for a command while a
+    command holds. This keeps simulation and controller in step on a busy machine, also when a program takes
+    over that needs more than one tick to start. With several robots a tick waits for those that are commanded
+    to move, for a shorter time the more there are: a robot whose controller ends must not stop the others.
     """
 
     def __init__(self) -> None:
@@ -108,10 +108,7 @@ class SimulationNode(Node):
     # Time
 
     def _waits_at(self, factor: float) -> bool:
-        """Return whether ticks wait for who steers.
-
-        No faster than real time a base waits for nobody, and who steers by hand sends what he likes.
-        """
+        """Return whether ticks wait for commands. At real time or slower they do not, except in lockstep."""
         return bool(self._settings["lockstep"]) or factor == 0.0 or factor > 1.0
 
     def _change(self, values: Mapping[str, Any]) -> None:

@@ -77,7 +77,7 @@ class SpunNode:
     def call(self, client: Any, request: Any) -> Any:
         """Call a service that is there and return its answer; raise where that says that it failed.
 
-        What it does twice must be what it does once, since it may be asked again.
+        The request must be idempotent, because it may be sent again.
         """
         self._expect(client)
         answer = self._asked(client, request)
@@ -105,7 +105,7 @@ class SpunNode:
             self._checked(end, f"an answer of the service {client.srv_name}")
 
     def within(self, ask: Callable[[], Future]) -> Future:
-        """Ask in the thread that spins: rclpy's action client loses answers that outrun who asks."""
+        """Send from the spinning thread: rclpy loses answers that arrive before the call returns."""
         task = self._executor.create_task(ask)
         self.until(task.done, "the thread that spins")
         asked: Future = task.result()

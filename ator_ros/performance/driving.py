@@ -73,7 +73,7 @@ class DrivingStyle:
 
 
 def plain_driving(robot: Robot) -> DrivingStyle:
-    """Return what is assumed of an action that nobody has observed: all that the base can do."""
+    """Return the assumption for an action that was not observed: all that the base can do."""
     return DrivingStyle(robot.limits)
 
 

@@ -20,6 +20,8 @@ from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, Within, structured
 
 FORMAT = Format("ator_ros performance model", 1, "performance model")
+_BESIDE = {"gate", "baselines", "calibration"}
+"""Names of other JSON files in a folder of models."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,11 @@ def model_path(action: str, action_set: str = "default") -> Path:
         if not is_name(name):
             raise ModelFileError(f"{field}: expected a name of letters, digits and _, got {name!r}")
     return Path(action_set if action_set != "default" else "", f"{action}.json")
+
+
+def models_folder(top: Path, action_set: str = "default") -> Path:
+    """Return the folder below `top` that holds the models of an action set; see `model_path`."""
+    return (top / model_path("any", action_set)).parent
 
 
 def save_model(path: Path | str, model: PerformanceModel) -> None:
@@ -181,7 +188,7 @@ def load_models(
     top = folder if folder is not None else resource_path("models")
     if not top.is_dir():
         raise ModelFileError(f"{top}: expected a folder of models, found none")
-    place = top / model_path("any", action_set).parent
+    place = models_folder(top, action_set)
     files = filter(is_model, sorted(place.glob("*.json")))
     models = {file.stem: load_model(file, robot, features) for file in files}
     if not models:
@@ -198,7 +205,7 @@ def load_models(
 
 def is_model(file: Path) -> bool:
     """Return whether `file` is named as models are: other files, such as the gate's, may lie beside them."""
-    return not file.stem.startswith(("gate", "baselines", "calibration"))
+    return file.stem not in _BESIDE
 
 
 def _read(path: Path | str) -> tuple[dict[str, Any], _ModelFile]:

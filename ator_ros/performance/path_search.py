@@ -1,8 +1,8 @@
 """The search for the fastest way to drive, compiled where numba is there.
 
-Every entry goes with every exit. How both look with the first guess of the straight's direction is computed
-once for each, and bounds the time of each pair; only pairs that might be the fastest are followed further.
-That costs a third of following all of them.
+All combinations of entries and exits are candidates. Each entry and each exit is evaluated once, at the first
+guess of the straight's direction. That bounds the time of each pair. Only pairs that can still be the fastest
+are evaluated further, which costs a third of evaluating all.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _FIRST = 4  # pairs that are followed in the order of their bounds; the others c
 
 
 class PathWays(NamedTuple):
-    """PathWays to drive: each entry with each exit.
+    """All combinations of entries and exits.
 
     `entries` (n, 5) and `exits` (m, 4) hold the fields of `Entry` and `Exit`. Entries from `leads[i]` to
     `leads[i + 1]` begin with the same lead and direction, exits from `runs[i]` to `runs[i + 1]` end with the

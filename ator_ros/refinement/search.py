@@ -99,7 +99,7 @@ def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
 def _first_grids(axes: tuple[tuple[Range, ...], ...]) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return for each subgoal the first candidates, shape (n, k), and their distances, shape (k,).
 
-    Plans are repeated, so grids are kept; nobody may write to them.
+    Plans are repeated, so grids are kept; they must not be written to.
     """
     grids, steps = [], []
     for index, domains in enumerate(axes):

@@ -35,6 +35,10 @@ MEANING: Mapping[str, str] = {
 }
 
 COUNTS = ("higher", "equal", "lower")
+_POLICY_HEAD = (
+    *("policy", "mean s", "of sums %", "95 %", "mean of ratios %", "95 %", *COUNTS, "worst loss %", "failed"),
+    *("of oracle %", "95 %", "behind refined s, 95 %", "behind gated s, 95 %"),
+)
 
 
 def verdict(summary: Mapping[str, Any], place: str) -> str:
@@ -111,58 +115,17 @@ def _behind(name: str, row: Mapping[str, Any], ours: str) -> str:
 
 def policies(summary: Mapping[str, Any], settings: Settings, presentation: Presentation) -> str:
     """Return all policies, as bars and as a table."""
-    head: tuple[str, ...] = ("policy", "mean s", "of sums %", "95 %", "mean of ratios %", "95 %", *COUNTS)
-    rows: list[tuple[str, ...]] = []
-    ours: list[int] = []
-    for name, row in summary.items():
-        if isinstance(row, Mapping):
-            if name.startswith(("gated", "refined")):
-                ours.append(len(rows))
-            share = row["oracle_captured_percent"]
-            rows.append(
-                (
-                    name,
-                    f"{row['mean_duration_s']:.2f}",
-                    f"{row['improvement_percent']:.2f}",
-                    _interval(row["improvement_ci95"]),
-                    f"{row['mean_ratio_improvement_percent']:.2f}",
-                    _interval(row["mean_ratio_improvement_ci95"]),
-                    *(str(row[k]) for k in COUNTS),
-                    f"{row['worst_loss_percent']:.0f}",
-                    str(row["failures"]),
-                    "-" if share is None else f"{share:.1f}",
-                    "-" if share is None else _interval(row["oracle_captured_ci95"]),
-                    _behind(name, row, "refined"),
-                    _behind(name, row, "gated"),
-                )
-            )
-    head = (*head, "worst loss %", "failed", "of oracle %", "95 %")
-    head = (*head, "behind refined s, 95 %", "behind gated s, 95 %")
+    found = {name: row for name, row in summary.items() if isinstance(row, Mapping)}
+    ours = [index for index, name in enumerate(found) if name.startswith(("gated", "refined"))]
     words = {**MEANING, **presentation.policies}
-    meanings = [
-        (name, words[name].format(place=presentation.place))
-        for name, row in summary.items()
-        if isinstance(row, Mapping) and name in words
-    ]
-    oracle = f" The oracle executed {settings.oracle} headings." if settings.oracle else ""
-    if settings.oracle and settings.joint_oracle:
-        oracle = (
-            f" The oracle executed the legs between {settings.oracle} headings, and those that the policies "
-            "chose, at every open step, and then the chain that takes least by them."
-        )
-    limit = find_domain(settings.source.domain).time_limit
-    if settings.oracle_margin is not None:
-        oracle += f" It left out headings predicted {settings.oracle_margin:g} s behind its best."
-    if settings.oracle_speeds:
-        oracle += (
-            f" Its speeds at each heading: {', '.join(f'{v:g}' for v in (0.0, *settings.oracle_speeds))} m/s."
-        )
+    meanings = [(name, words[name].format(place=presentation.place)) for name in found if name in words]
+    limit, oracle = find_domain(settings.source.domain).time_limit, _oracle_note(settings)
     return section(
         "All policies on the same starts",
         figure(
             svg_text(charts.gain_bars(summary)), "Time saved against naive, of the sums, with 95 % intervals."
         ),
-        table(head, rows, ours=ours),
+        table(_POLICY_HEAD, [_policy_row(name, row) for name, row in found.items()], ours=ours),
         paragraph(
             f"Intervals: bootstrap over situations. A failed chain counts {limit:g} s.{oracle} "
             "Of oracle: share of the time that the oracle saves against naive.",
@@ -170,6 +133,41 @@ def policies(summary: Mapping[str, Any], settings: Settings, presentation: Prese
         ),
         table(("policy", "what it chooses"), meanings),
     )
+
+
+def _policy_row(name: str, row: Mapping[str, Any]) -> tuple[str, ...]:
+    share = row["oracle_captured_percent"]
+    return (
+        name,
+        f"{row['mean_duration_s']:.2f}",
+        f"{row['improvement_percent']:.2f}",
+        _interval(row["improvement_ci95"]),
+        f"{row['mean_ratio_improvement_percent']:.2f}",
+        _interval(row["mean_ratio_improvement_ci95"]),
+        *(str(row[k]) for k in COUNTS),
+        f"{row['worst_loss_percent']:.0f}",
+        str(row["failures"]),
+        "-" if share is None else f"{share:.1f}",
+        "-" if share is None else _interval(row["oracle_captured_ci95"]),
+        _behind(name, row, "refined"),
+        _behind(name, row, "gated"),
+    )
+
+
+def _oracle_note(settings: Settings) -> str:
+    """Return what the oracle executed, in sentences that each begin with a space."""
+    note = f" The oracle executed {settings.oracle} headings." if settings.oracle else ""
+    if settings.oracle and settings.joint_oracle:
+        note = (
+            f" The oracle executed the legs between {settings.oracle} headings, and those that the policies "
+            "chose, at every open step, and then the chain that takes least by them."
+        )
+    if settings.oracle_margin is not None:
+        note += f" It left out headings predicted {settings.oracle_margin:g} s behind its best."
+    if settings.oracle_speeds:
+        speeds = ", ".join(f"{v:g}" for v in (0.0, *settings.oracle_speeds))
+        note += f" Its speeds at each heading: {speeds} m/s."
+    return note
 
 
 def _interval(bounds: Sequence[float]) -> str:

@@ -44,7 +44,7 @@ class Foresight:
     def sent(self, time: float, command: Command | None) -> None:
         """Record a command sent for the state of `time` (s); a later one for the same state replaces it.
 
-        None: somebody else moves the robot, which is predicted to keep its velocity.
+        None: another program moves the robot, which is predicted to keep its velocity.
         """
         self._forget(time)
         while self._sent and self._sent[-1][0] >= time:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def _import_without_banner(module: str) -> None:
-    """Import a module that writes to the process's stderr, past Python's, what nobody asked for."""
+    """Import a module and suppress its output to the process's stderr."""
     try:
         kept = os.dup(2)
     except OSError:  # a process without stderr

@@ -25,11 +25,11 @@ class Tick(Protocol):
 
     @property
     def command(self) -> Command | None:
-        """The command; None where nobody commands."""
+        """The command; None where there is none."""
 
     @property
     def status(self) -> Status:
-        """Whether it goes on."""
+        """Whether the run continues."""
 
 
 S = TypeVar("S", bound=Tick)

@@ -1,6 +1,6 @@
 """Study a robot in one folder: collect experience, train models, learn the gate, evaluate, report.
 
-The same command goes on where it was interrupted: what is finished in the folder is not made again.
+The same command resumes where it was interrupted: what is finished in the folder is not made again.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ def drive_over_ros(
     Raises
     ------
     DriveError
-        Odometry is missing or malformed, somebody else commands the base, or it does not move.
+        Odometry is missing or malformed, another program commands the base, or it does not move.
     """
     try:
         check_machine(os.environ, words)
@@ -79,7 +79,7 @@ class _Driver:
         Raises
         ------
         DriveError
-            Odometry is missing, or somebody else commands the base.
+            Odometry is missing, or another program commands the base.
         """
         began = time.monotonic()
         try:

@@ -82,7 +82,7 @@ def _simulated(options: argparse.Namespace, domain: Domain, robot: Robot) -> Ite
 
 
 def _over_ros(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator[pd.DataFrame]:
-    """Drive over ROS, and go on with the drives that an earlier call has kept."""
+    """Drive over ROS, and resume from the drives that an earlier call has kept."""
     try:
         from ator_ros.tools.work.collect_over_ros import Finished, drives
     except ImportError as error:

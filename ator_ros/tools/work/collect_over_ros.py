@@ -33,14 +33,14 @@ _LARGEST = 100_000_000
 
 
 class Finished:
-    """The drives that are finished, kept one by one beside the table, so that a collection goes on.
+    """The drives that are finished, kept one by one beside the table, so that a collection can resume.
 
     Parameters
     ----------
     table : Path
         The table to be.
     identity : mapping
-        What the drives depend on; drives of other settings are not gone on with.
+        What the drives depend on; a collection with other settings is not resumed.
 
     Raises
     ------

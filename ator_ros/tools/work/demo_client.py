@@ -107,7 +107,7 @@ class DemoClient:
         goal = ExecuteChain.Goal(chain=chain, refine=refine)
         future = self._own.within(lambda: self._server.send_goal_async(goal, feedback_callback=told.append))
         ended = self._own.within(self._own.answer(future, "the goal").get_result_async)
-        # Time goes on when the executor is known to steer: at full speed nothing waits for it before.
+        # Time continues when the executor is known to steer: at full speed nothing waits for it before.
         self._own.until(lambda: bool(told) or ended.done(), "feedback")
         self._path.clear()
         self._placing.pause(paused=False)

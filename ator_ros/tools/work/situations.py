@@ -22,7 +22,7 @@ def executed(settings: Settings, options: argparse.Namespace, folder: Path) -> l
     options : argparse.Namespace
         With those of `add_parallel_options`.
     folder : Path
-        For partial results: the same call goes on where it was interrupted.
+        For partial results: the same call resumes where it was interrupted.
     """
     with cluster(options.cluster):
         return run_situations(

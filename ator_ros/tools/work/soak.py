@@ -20,7 +20,7 @@ FORMAT = Format("ator_ros soak", 1, "report of a soak")
 
 
 def report_of(soak: Soak, options: argparse.Namespace, command: str) -> dict[str, Any]:
-    """Return the report to write, also while the run goes on; it explains its own entries."""
+    """Return the report to write, also during the run; it explains its own entries."""
     return {
         "command": command,
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}",

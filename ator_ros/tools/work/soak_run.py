@@ -59,7 +59,7 @@ class SoakRun:
         self.soak = Soak()
 
     def go(self) -> None:
-        """Measure the idle nodes, then run chains; after a hiccup of ROS note it and go on with the next."""
+        """Measure the idle nodes, then run chains; note hiccups of ROS and continue with the next."""
         self._client.ready()
         self._idle()
         began, trial = time.monotonic(), 0
