@@ -22,14 +22,14 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
 from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
-from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver, Style
+from ator_ros.domains.soccer.bezier.driver import Driver, Style
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.quality.action_quality import Task, execute, execute_situation, tasks
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.world.state import Command, ObjectState, RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, RobotState, World
 
 COUNT = 20
 AXLE_GOAL = Goal(Pose(1.0, 0.0, 0.0))
@@ -218,5 +218,5 @@ def test_ramp_changes_no_faster_than_the_limits(robot: Robot) -> None:
     driver = Driver(robot.limits, TO_POSE)
     driver.reset(Command(0.5, 0.0))
     command = driver.command(5.0, -9.0)
-    assert command.v == pytest.approx(0.5 + robot.limits.a * PERIOD)
-    assert command.w == pytest.approx(-robot.limits.aw * PERIOD)
+    assert command.v == pytest.approx(0.5 + robot.limits.a * CONTROL_PERIOD)
+    assert command.w == pytest.approx(-robot.limits.aw * CONTROL_PERIOD)

@@ -42,7 +42,7 @@ BY_TEST = {
     r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
     r"paper_models .*": "test_paper_models.py::test_table_tells_accuracy_beside_the_papers_and_the_rules",
     r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_base_is_described",
-    r"study .*": "test_tools_study.py::test_it_says_what_the_actions_and_refinement_are_like",
+    r"(ros2 run ator_ros )?study .*": "test_tools_study.py::test_it_says_what_the_actions_and_ref",
     r"make view|(ros2 run ator_ros )?view( docs/evaluation)?": f"{_VIEW}::test_the_page_shows_the_robot_",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r".*evaluate --learning.*": "test_learning_stream.py::test_a_stream_goes_on_where_it_was_interrupted",

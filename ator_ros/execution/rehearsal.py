@@ -15,10 +15,9 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import fetched, held_first, kept, objects_in
 from ator_ros.tops.top import Top
-from ator_ros.world.state import ObjectState, RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})
-_PERIOD = 0.05  # s
 _MOST_TICKS = 100
 _AWAY = RobotState(Pose(-1.0, 0.5, 1.0))
 _THERE = ObjectState(0.0, 0.0)
@@ -99,6 +98,6 @@ def _search_ends(action: Action, world: World) -> bool:
     for tick in range(1, _MOST_TICKS):
         if not action.planning:
             return True
-        if action.step(dataclasses.replace(world, time=_PERIOD * tick)).status is not Status.RUNNING:
+        if action.step(dataclasses.replace(world, time=CONTROL_PERIOD * tick)).status is not Status.RUNNING:
             return False
     return False

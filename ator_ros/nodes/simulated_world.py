@@ -13,9 +13,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.simulation.base_controller import COMMAND_TIMEOUT
 from ator_ros.simulation.sensors import Sensors
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.world.state import STOP, Command, RobotState, World
-
-_STANDING_V, _STANDING_W = 0.02, 0.05
+from ator_ros.world.state import STOP, Command, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +75,7 @@ class SimulatedRobot:
         """Observe the true state; return the stop if the robot has come to stand."""
         self.observed = self.sensors.observe(world)
         driving = self.steered(world.time) and self.told_to_move
-        if self._driven is None or driving or not _stands(world.robot):
+        if self._driven is None or driving or not world.robot.is_standing:
             return None
         stop, self._driven = Stop(self.name, self._driven, world.time), None
         return stop
@@ -210,10 +208,6 @@ class SimulatedWorld:
         x_most, y_most = self._scene.area.floor
         checks.number(x, f"{where}.x", low=-x_most, high=x_most, unit="m")
         checks.number(y, f"{where}.y", low=-y_most, high=y_most, unit="m")
-
-
-def _stands(robot: RobotState) -> bool:
-    return abs(robot.v) < _STANDING_V and abs(robot.w) < _STANDING_W
 
 
 def _check_apart(robot: SimulatedRobot, pose: Pose, other: SimulatedRobot, there: Pose, where: str) -> None:

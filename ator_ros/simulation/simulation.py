@@ -17,11 +17,11 @@ from ator_ros.simulation.bodies import (
     set_object_dynamics,
 )
 from ator_ros.simulation.simulated_base import SimulatedBase
-from ator_ros.world.state import Command, ObjectState, World
+from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, World
 
 PHYSICS_RATE = 240
-CONTROL_RATE = 20
-TICK = 1.0 / CONTROL_RATE
+TICK = CONTROL_PERIOD
+CONTROL_RATE = round(1.0 / TICK)
 RAMPS_PER_TICK = 4
 # Converged: with the rotors' inertia in the wheels, 50 iterations give the same speeds to 0.2 %.
 SOLVER_ITERATIONS = 20

@@ -28,6 +28,9 @@ class Command:
 
 STOP = Command()
 
+CONTROL_PERIOD = 0.05
+"""Time in s between two states, and so between two commands: a control tick."""
+
 
 @dataclass(frozen=True, slots=True)
 class RobotState:

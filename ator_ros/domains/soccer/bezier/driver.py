@@ -9,10 +9,7 @@ from ator_ros.actions.base import ActionError, Goal
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to, sampled
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits
-from ator_ros.world.state import Command, RobotState
-
-PERIOD = 0.05
-"""Control period in s for which changes of the command are limited."""
+from ator_ros.world.state import CONTROL_PERIOD, Command, RobotState
 
 LATERAL, HEADING = 0.04, 0.1
 """Greatest distance from the goal's axis (m) and from its heading (rad) with which a goal is reached."""
@@ -100,7 +97,7 @@ class Driver:
     def _speed(self, curve: Curve, bend: float, v: float, end_speed: float) -> float:
         """Return the greatest speed in m/s here, from which the rest of the curve can be driven, too."""
         style = self._style
-        left = max(curve.left - v * PERIOD, 0.0)
+        left = max(curve.left - v * CONTROL_PERIOD, 0.0)
         here = self._rotation / max(abs(bend), 1e-6)
         circle = self._rotation * style.shape.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
         before_end = math.sqrt(end_speed**2 + 2.0 * style.braking * left)
@@ -112,19 +109,19 @@ class Driver:
         """Return the command nearest to v (m/s) on a curve (1/m) that the base can follow."""
         last, most = self._last, self._rotation
         braking = min(_RESERVE * self._style.braking, self._limits.brake)
-        v = max(last.v - braking * PERIOD, min(last.v + self._limits.a * PERIOD, v))
+        v = max(last.v - braking * CONTROL_PERIOD, min(last.v + self._limits.a * CONTROL_PERIOD, v))
         return self.send(v, max(-most, min(most, max(v, 0.0) * bend)))
 
     def turn(self, angle: float) -> Command:
         """Return the command that stops and turns by what is left of an angle (rad)."""
         last, limits = self._last, self._limits
-        v = max(last.v - limits.brake * PERIOD, min(last.v + limits.a * PERIOD, 0.0))
+        v = max(last.v - limits.brake * CONTROL_PERIOD, min(last.v + limits.a * CONTROL_PERIOD, 0.0))
         w = max(-limits.w, min(limits.w, 3.0 * angle))
         return self.send(v, w if abs(v) < 0.2 else last.w)
 
     def send(self, v: float, w: float) -> Command:
         """Return v (m/s) with the rotational velocity (rad/s) that is nearest to w one tick later."""
-        step = self._limits.aw * PERIOD
+        step = self._limits.aw * CONTROL_PERIOD
         self._last = Command(v, max(self._last.w - step, min(self._last.w + step, w)))
         return self._last
 
@@ -134,7 +131,7 @@ def reached(rel: Pose, v: float, end_speed: float) -> bool:
     if abs(rel.y) > LATERAL or abs(rel.yaw) > HEADING:
         return False
     if end_speed > 0.0:
-        return -v * PERIOD / 2 <= rel.x < 0.1
+        return -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
     return standing_place(rel) and abs(v) < _AT_REST
 
 
