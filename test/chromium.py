@@ -87,6 +87,18 @@ class Chromium:
         self.until(lambda: self.script(f"!!{find}"), f"the button {label}")
         self.script(f"{find}.click()")
 
+    def click(self, text: str) -> None:
+        """Click where the page says exactly `text`, such as on a tab."""
+        find = (
+            f"(() => {{const leaf = [...document.querySelectorAll('*')].find(e => !e.childElementCount "
+            f"&& e.textContent.trim() === {json.dumps(text)}); if (!leaf) return null;"
+            "const r = leaf.getBoundingClientRect(); return [r.left + r.width / 2, r.top + r.height / 2]})()"
+        )
+        self.until(lambda: self.script(find), text)
+        place = self.script(find)
+        for kind, buttons in (("mouseMoved", 0), ("mousePressed", 1), ("mouseReleased", 1)):
+            self._mouse(kind, (place[0], place[1]), buttons)
+
     def drag(self, start: tuple[float, float], end: tuple[float, float], *, steps: int = 20) -> None:
         """Drag with the left button from one point of the page (pixels) to another, in about 2 s."""
         self._mouse("mouseMoved", start, 0)

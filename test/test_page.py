@@ -13,6 +13,7 @@ pytest.importorskip("viser", reason="needs viser: docs/install.md")
 from viser_client import ViserClient
 
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.geometry import Pose
 from ator_ros.page.page import Page
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.viewing.desk import Desk
@@ -26,10 +27,14 @@ class Shown:
     def __init__(self) -> None:
         self.stage = InProcessStage(SOCCER, ROBOT)
         self.desk = Desk(self.stage, SOCCER, self.stage.libraries)
+        self.other = InProcessStage(SOCCER, ROBOT)
+        self.other.place_robot(Pose(-1.0, 1.5, 0.5))
+        self.other.place_object("ball", 2.0, -0.5)
+        stages = {"ann": self.stage, "bob": self.other}
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
-        self.page = Page(self.desk, ROBOT, robot_urdf(ROBOT), {}, port=port)
+        self.page = Page(self.desk, ROBOT, robot_urdf(ROBOT), {}, port=port, stages=stages)
         self._now = 0.0
 
     def go_on(self, rounds: int = 2) -> None:
@@ -75,3 +80,24 @@ def test_two_clients_see_the_same_and_one_that_disappears_does_no_harm(shown: Sh
     assert shown.desk.problem == ""
     second.close()
     third.close()
+
+
+def test_of_several_robots_all_are_shown_and_one_is_chosen(shown: Shown) -> None:
+    client = shown.join()
+    client.until(lambda: client.scene.get("/robots/bob") == pytest.approx((-1.0, 1.5, 0.0)), "the other one")
+    shown.desk.play("naive")
+    shown.page.inbox.put("Robot", lambda: shown.desk.control(shown.other))
+    shown.go_on()
+    client.until(lambda: client.scene["/robot"] == pytest.approx((-1.0, 1.5, 0.0)), "it is chosen")
+    start = shown.stage.state.robot.pose
+    client.until(lambda: client.scene["/robots/ann"] == pytest.approx((*start[:2], 0.0)), "the first one")
+    assert client.scene["/objects/ball"] == pytest.approx((2.0, -0.5, 0.0))
+    # What is asked and placed from now on concerns it, from where it is; nothing was moved by choosing it.
+    asked = shown.other.asked[-1]
+    assert asked.world.robot.pose == Pose(-1.0, 1.5, 0.5)
+    assert asked.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
+    assert shown.other.calls == []
+    move_ball(shown, 1.0, 1.0)
+    assert shown.other.state.objects["ball"].x == 1.0
+    assert shown.stage.state.objects["ball"].x != 1.0
+    client.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,6 +13,7 @@ from ator_ros.evaluation.trials import Trial
 from ator_ros.refinement.objective import MEASURES, MOST_WEIGHT
 from ator_ros.viewing.desk import NAIVE, REFINED, Desk
 from ator_ros.viewing.inbox import Inbox
+from ator_ros.viewing.stage import NO_STAGES, ViewStage
 
 _SPEEDS = {"0.2 x": 0.2, "1 x": 1.0, "3 x": 3.0, "10 x": 10.0}
 _VARIABLES = ("yaw", "speed")
@@ -33,14 +34,24 @@ class Controls:
         Where they wait.
     runs : sequence of (str, Trial)
         Situations of an evaluation with their labels, the worst first; may be empty.
+    stages : mapping
+        The robots that can be chosen, by name; may be empty.
     """
 
     def __init__(
-        self, server: viser.ViserServer, desk: Desk, inbox: Inbox, runs: Sequence[tuple[str, Trial]] = ()
+        self,
+        server: viser.ViserServer,
+        desk: Desk,
+        inbox: Inbox,
+        runs: Sequence[tuple[str, Trial]] = (),
+        stages: Mapping[str, ViewStage] = NO_STAGES,
     ) -> None:
         self._gui, self._desk, self._inbox = server.gui, desk, inbox
         self._boxes: list[Any] = []
         self._boxed: object = None
+        if len(stages) > 1:
+            robot = self._gui.add_dropdown("Robot", tuple(stages))
+            self._changed(robot, lambda name: desk.control(stages[name]))
         self.clock = self._gui.add_markdown("")
         with self._gui.add_folder("Play"):
             self._button("Play naive", lambda: desk.play(NAIVE))
@@ -66,7 +77,7 @@ class Controls:
             self.rules = self._gui.add_markdown("")
 
     def _time(self) -> None:
-        desk, set_factor = self._desk, self._desk.stage.set_factor
+        desk = self._desk
         buttons = self._gui.add_button_group("Time", ("pause", "go on", "back"))
         wishes: dict[str, Callable[[], None]] = {
             "pause": lambda: desk.pause(paused=True),
@@ -75,7 +86,9 @@ class Controls:
         }
         buttons.on_click(lambda _: self._inbox.put("time", wishes[buttons.value]))
         speed = self._gui.add_button_group("Speed", tuple(_SPEEDS))
-        speed.on_click(lambda _: self._inbox.put("speed", lambda: set_factor(_SPEEDS[speed.value])))
+        speed.on_click(
+            lambda _: self._inbox.put("speed", lambda: desk.stage.set_factor(_SPEEDS[speed.value]))
+        )
 
     def _situation(self, runs: Sequence[tuple[str, Trial]]) -> None:
         desk, gui = self._desk, self._gui

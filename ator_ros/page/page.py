@@ -23,6 +23,7 @@ from ator_ros.viewing.chain_picture import alternatives, picture_of
 from ator_ros.viewing.desk import NAIVE, REFINED, Desk
 from ator_ros.viewing.inbox import Inbox
 from ator_ros.viewing.shapes import BLUE, ORANGE, YELLOW, polyline
+from ator_ros.viewing.stage import NO_STAGES, ViewStage
 from ator_ros.viewing.surroundings import surroundings
 from ator_ros.world.state import World
 
@@ -60,6 +61,8 @@ class Page:
         Where the page is served; by default only this machine can reach it.
     runs : sequence of (str, Trial)
         Situations of an evaluation to choose from.
+    stages : mapping
+        All robots by name, the desk's among them; all are shown, and one is chosen.
     """
 
     def __init__(
@@ -72,6 +75,7 @@ class Page:
         host: str = LOOPBACK,
         port: int = 8080,
         runs: Sequence[tuple[str, Trial]] = (),
+        stages: Mapping[str, ViewStage] = NO_STAGES,
     ) -> None:
         self.inbox = Inbox()
         self._desk, self._robot, self._models = desk, robot, models
@@ -84,6 +88,8 @@ class Page:
         Canvas(server, "/surroundings", 0.02).draw(surroundings(desk.domain, robot))
         self._model = RobotModel(server, "/robot", urdf)
         self._ghost = RobotModel(server, "/ghost", urdf, ghost=True)
+        self._stages = stages
+        self._others = {name: RobotModel(server, f"/robots/{name}", urdf) for name in stages}
         self._objects = {name: self._object_grip(name) for name in robot.scene.objects}
         self._robot_grip = Grip(
             server, "/start", radius=robot.reach, height=0.02, colour=ORANGE, moved=self._robot_moved
@@ -91,7 +97,7 @@ class Page:
         self._goals: list[Grip] = []
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Now"):
-            self._controls = Controls(server, desk, self.inbox, runs)
+            self._controls = Controls(server, desk, self.inbox, runs, stages)
         self._history = HistoryTab(server.gui, tabs.add_tab("History"))
         self._edition, self._written = -1, -math.inf
 
@@ -164,6 +170,10 @@ class Page:
     def _show_world(self, world: World, angles: Mapping[str, float]) -> None:
         self._model.show(world.robot.pose, angles)
         self._ghost.show(self._desk.ghost())
+        for name, model in self._others.items():
+            other = self._stages[name]
+            seen = None if other is self._desk.stage else other.world()
+            model.show(None if seen is None else seen.robot.pose)
         for name, grip in self._objects.items():
             there = world.objects.get(name)
             grip.show(None if there is None else Pose(there.x, there.y, 0.0))

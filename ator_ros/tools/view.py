@@ -28,6 +28,16 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--attach", action="store_true", help="show nodes that run, instead of starting simulation and others"
     )
+    parser.add_argument(
+        "--robots",
+        nargs="+",
+        default=[],
+        metavar="NAMESPACE",
+        help="with --attach: robots to show, each with the nodes of its namespace; one is chosen on the page",
+    )
+    parser.add_argument(
+        "--frame", default="", help="frame of odometry (default: odom; with --robots NAMESPACE/odom)"
+    )
     add_setting(parser, action_set=False)
     add_models(parser)
     add_factor(parser, 1.0)
@@ -38,7 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     own = words[: words.index("--ros-args")] if "--ros-args" in words else words
-    options = arguments().parse_args(own)
+    parser = arguments()
+    options = parser.parse_args(own)
+    if options.robots and not options.attach:
+        parser.error("--robots: expected --attach, too: what it names must run")
     from ator_ros.tools.work import view as work
 
     return work.run(options, words[len(own) :])

@@ -156,6 +156,15 @@ class Desk:
         self._waiting = [Run(label) for label in labels]
         self.race = Race(*self._waiting) if len(self._waiting) == 2 else None
 
+    def control(self, stage: ViewStage) -> None:
+        """Look after another robot, from where it is; what the former one executes goes on."""
+        self.stage = stage
+        self._waiting.clear()
+        self.runs.clear()
+        world = stage.world()
+        self._edited(self.draft if world is None else self._here(world))
+        self._displaced, self.paused = False, False
+
     def stop(self) -> None:
         """Cancel what is executed."""
         self._stop()
@@ -217,14 +226,17 @@ class Desk:
 
     def _follow(self, world: World) -> None:
         """Let the draft start where the robot is, where nothing can be placed."""
-        here = dataclasses.replace(world, robot=RobotState(world.robot.pose))
-        draft = self.draft
-        for name, there in here.objects.items():
-            draft = draft.with_object(name, there.x, there.y)
-        draft = dataclasses.replace(draft, world=here)
+        draft = self._here(world)
         moved = draft.world.robot.pose.distance(self.draft.world.robot.pose) > _MOVED
         if moved or draft.chain != self.draft.chain:
             self.draft, self._stale = draft, True
+
+    def _here(self, world: World) -> Draft:
+        """Return the draft with robot and objects where they are."""
+        here, draft = dataclasses.replace(world, robot=RobotState(world.robot.pose)), self.draft
+        for name, there in here.objects.items():
+            draft = draft.with_object(name, there.x, there.y)
+        return dataclasses.replace(draft, world=here)
 
     def _ask(self) -> None:
         try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Protocol
 
 from ator_ros.geometry import FloatArray, Pose
@@ -63,3 +65,6 @@ class ViewStage(Protocol):
 
     def set_factor(self, factor: float) -> None:
         """Set the simulated seconds per real second."""
+
+
+NO_STAGES: Mapping[str, ViewStage] = MappingProxyType({})

@@ -126,7 +126,7 @@ def test_the_page_shows_the_robot_and_the_ball_is_dragged_and_a_race_is_driven(
         assert times is not None
         assert 0.0 < float(times[2]) < float(times[1])
 
-        browser.press("History")
+        browser.click("History")
         browser.until(lambda: "2 chains, 1 of them refined" in browser.text(), "the history")
         gain = re.search(r"same start: \+(\d+\.\d\d) s, mean of 1", browser.text())
         assert gain is not None

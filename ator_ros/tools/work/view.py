@@ -23,7 +23,7 @@ from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tools.guard import write_plainly
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
 from ator_ros.viewing.desk import Desk
-from ator_ros.viewing.stage import StageError
+from ator_ros.viewing.stage import NO_STAGES, StageError
 from ator_ros.viewing.worst import worst_trials
 
 _PERIOD = 1.0 / 25.0
@@ -77,25 +77,35 @@ def _serve(options: argparse.Namespace, words: Sequence[str], stopped: Callable[
                 raise _Stopped
             check()
 
-        own = SpunNode("view", domain=number, words=words, check=going_on, patience=_PATIENCE)
-        stage = LiveStage(own, domain, robot)
-        own.start()
-        try:
-            stage.ready(simulated=not options.attach)
+        with contextlib.ExitStack() as closing:
+            stages: dict[str, LiveStage] = {}
+            for name in options.robots or [""]:
+                space = ["--ros-args", "-r", f"__ns:=/{name}"] if name else []
+                own = SpunNode(
+                    "view", domain=number, words=[*words, *space], check=going_on, patience=_PATIENCE
+                )
+                frame = options.frame or (f"{name}/odom" if name else "odom")
+                stages[name] = LiveStage(own, domain, robot, frame=frame)
+                own.start()
+                closing.callback(own.close)
+            for stage in stages.values():
+                stage.ready(simulated=not options.attach)
             libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-            desk = Desk(stage, domain, libraries)
-            models = _models(options.models, domain, robot)
+            desk = Desk(next(iter(stages.values())), domain, libraries)
             page = Page(
-                desk, robot, robot_urdf(robot), models, host=options.host, port=options.port, runs=runs
+                desk,
+                robot,
+                robot_urdf(robot),
+                _models(options.models, domain, robot),
+                host=options.host,
+                port=options.port,
+                runs=runs,
+                stages=stages if options.robots else NO_STAGES,
             )
+            closing.callback(page.close)
             address = f"http://{options.host}:{page.server.get_port()}"
             print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
-            try:
-                _loop(desk, page, Wheels(robot), going_on)
-            finally:
-                page.close()
-        finally:
-            own.close()
+            _loop(desk, page, Wheels(robot), going_on)
 
 
 @contextlib.contextmanager
