@@ -8,7 +8,7 @@ PACKAGE = "ator_ros"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
     "examples": ("drive_to_server",),
-    "nodes": ("simulation", "executor", "refinement", "learning"),
+    "nodes": ("simulation", "executor", "refinement", "learning", "goal_pose"),
     "tools": (
         *("collect", "train", "gate", "calibrate_predictions", "evaluate"),
         *("calibrate", "study", "qualify", "demo", "bench", "soak", "noise", "compare", "view"),

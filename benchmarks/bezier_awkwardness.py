@@ -17,7 +17,7 @@ import numpy as np
 
 from ator_ros.domains.soccer import situations
 from ator_ros.domains.soccer.bezier.dribble_ball import HANDLE, ROTATION, dribbling
-from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver, Style, reached, standing_place
+from ator_ros.domains.soccer.bezier.driver import Driver, Style, reached, standing_place
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.domain import SOCCER
@@ -25,6 +25,7 @@ from ator_ros.files import portable_command, write_text
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.robot.description import Limits, Robot, load_robot
+from ator_ros.world.state import CONTROL_PERIOD as PERIOD
 from ator_ros.world.state import Command, RobotState
 
 LIMIT = 40.0  # s

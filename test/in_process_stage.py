@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.model_file import load_models
+from ator_ros.refinement.alternatives import choosing
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.slices import completed
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice, advice_of
 from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.history import History
 from ator_ros.viewing.runs import Run
 from ator_ros.viewing.stage import StageError
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -30,7 +34,11 @@ class InProcessStage:
         self.state = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
         self.asked: list[Draft] = []
         self.calls: list[str] = []
+        self.history, self.learned = History(), ""
         self.executed: list[TopChain] = []
+
+    def way(self) -> FloatArray | None:
+        return None
 
     def world(self) -> World | None:
         return self.state
@@ -41,7 +49,10 @@ class InProcessStage:
         if violations:
             raise StageError(violations[0])
         try:
-            return advice_of(self.refiner.refine(draft.world, draft.chain, placeholders=True))
+            chains, objective = (draft.chain, *draft.alternatives), draft.objective
+            choice = choosing(self.refiner, draft.world, chains, objective, placeholders=True)
+            selection = completed(choice)
+            return advice_of(selection.refinement, selection if draft.alternatives else None)
         except RefinementError as error:
             raise StageError(str(error)) from error
 
@@ -55,12 +66,12 @@ class InProcessStage:
         self.calls.append("place")
         self.state = World(self.state.time, world.robot, world.objects)
 
-    def execute(self, run: Run, chain: TopChain, action_set: str, *, refine: bool) -> None:
+    def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
         assert self.state.robot.pose == self.asked[-1].world.robot.pose, "a run begins at the draft's start"
-        if refine:
-            chain = self.refine(Draft(self.state, chain, action_set)).chain
+        here = dataclasses.replace(draft, world=self.state)
+        chain = self.refine(here).chain if refine else draft.chain
         self.executed.append(chain)
-        done = run_chain(self.robot, self.libraries[action_set], self.state, chain)
+        done = run_chain(self.robot, self.libraries[draft.action_set], self.state, chain)
         run.actual[:] = done.actions
         run.duration = done.duration if done.success else math.nan
         run.ended, run.status = True, "done"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +23,18 @@ BALL = {"ball": ObjectState(0.5, 0.5)}
 
 
 def episodes(
-    count: int, *, seed: int = 1, action: str = "goToPose", slower: float = 1.0, noise: float = 0.05
+    count: int,
+    *,
+    seed: int = 1,
+    action: str = "goToPose",
+    slower: float = 1.0,
+    noise: float = 0.05,
+    values: Mapping[str, float] | None = None,
 ) -> Iterator[Episode]:
-    """Yield episodes whose duration grows with distance and turn, `slower` times as long as usual."""
+    """Yield episodes whose duration grows with distance and turn, `slower` times as long as usual.
+
+    Their goals have the declared goal variables `values`.
+    """
     rng = np.random.default_rng(seed)
     for _ in range(count):
         x, y, xg, yg = rng.uniform(-3.0, 3.0, 4)
@@ -33,7 +42,9 @@ def episodes(
         turn = abs(math.remainder(math.atan2(yg - y, xg - x) - yaw, 2.0 * math.pi))
         duration = slower * (0.5 + math.hypot(xg - x, yg - y) + 0.7 * turn) + noise * rng.standard_normal()
         yield Episode(
-            Situation(action, RobotState(Pose(x, y, yaw)), BALL, Goal(Pose(xg, yg, yawg))),
+            Situation(
+                action, RobotState(Pose(x, y, yaw)), BALL, Goal(Pose(xg, yg, yawg), values=dict(values or {}))
+            ),
             np.empty((0, sample_width(BALL))),
             max(duration, 0.1),
             True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -21,14 +22,14 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
 from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
-from ator_ros.domains.soccer.bezier.driver import PERIOD, Driver
+from ator_ros.domains.soccer.bezier.driver import Driver, Style
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.quality.action_quality import Task, execute, execute_situation, tasks
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.world.state import Command, ObjectState, RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, RobotState, World
 
 COUNT = 20
 AXLE_GOAL = Goal(Pose(1.0, 0.0, 0.0))
@@ -55,6 +56,14 @@ def test_commands_and_velocities_stay_within_limits(runs: dict[str, list[Run]]) 
     assert all(always_within_limits(run) for of_action in runs.values() for run in of_action)
 
 
+@pytest.mark.parametrize("style", [TO_POSE, TO_BALL])
+def test_a_robot_that_turns_slowly_is_commanded_within_its_limits(robot: Robot, style: Style) -> None:
+    limits = dataclasses.replace(robot.limits, w=1.0)
+    driver, state = Driver(limits, style), RobotState(Pose(0.0, 0.0, 0.0))
+    commands = [driver.follow(state, Pose(-1.0, 1.0, math.pi), 0.0) for _ in range(40)]
+    assert max(abs(command.w) for command in commands) == limits.w
+
+
 def test_go_to_pose_arrives(runs: dict[str, list[Run]]) -> None:
     assert sum(eventually_at_the_pose(run) for run in runs["goToPose"]) >= COUNT - 1
 
@@ -72,6 +81,22 @@ def test_dribble_arrives_with_the_ball(runs: dict[str, list[Run]]) -> None:
 
 def test_shoot_scores(runs: dict[str, list[Run]]) -> None:
     assert sum(ball_in_the_goal(run) for run in runs["shoot"]) >= COUNT - 2
+
+
+def test_the_way_is_the_curve_from_the_robot_to_the_goal(robot: Robot) -> None:
+    action = SOCCER.actions("bezier")["goToPose"].factory(robot)
+    start, goal = Pose(-1.0, 0.5, 0.3), Pose(1.0, -0.5, 1.2)
+    world = World(0.0, RobotState(start))
+    action.start(world, Goal(goal))
+    assert action.way() is None
+    action.step(world)
+    way = action.way()
+    assert way is not None
+    assert way[0] == pytest.approx(start, abs=0.1)
+    assert way[-1] == pytest.approx(goal)
+    # Where the curve ends, a straight run-in begins.
+    assert abs(Pose(*way[-2]).relative(goal).y) < 0.01
+    assert way[-2] == pytest.approx(goal, abs=0.4)
 
 
 def test_same_start_gives_the_same_steps(robot: Robot, runs: dict[str, list[Run]]) -> None:
@@ -193,5 +218,5 @@ def test_ramp_changes_no_faster_than_the_limits(robot: Robot) -> None:
     driver = Driver(robot.limits, TO_POSE)
     driver.reset(Command(0.5, 0.0))
     command = driver.command(5.0, -9.0)
-    assert command.v == pytest.approx(0.5 + robot.limits.a * PERIOD)
-    assert command.w == pytest.approx(-robot.limits.aw * PERIOD)
+    assert command.v == pytest.approx(0.5 + robot.limits.a * CONTROL_PERIOD)
+    assert command.w == pytest.approx(-robot.limits.aw * CONTROL_PERIOD)

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from candidates import candidates_between
+from planned import planned
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
@@ -130,6 +131,22 @@ def test_a_ball_that_rolls_is_followed() -> None:
     assert math.hypot(hold.x - ball_of(world).x, hold.y - ball_of(world).y) < 0.06
 
 
+def test_a_ball_that_others_play_elsewhere_keeps_nobody_from_driving() -> None:
+    action = GoToPose(ROBOT)
+    with Simulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        simulation.place_object(BALL, 0.0, -1.5)
+        action.start(simulation.world(), Goal(Pose(1.0, 1.5, 0.5)))
+        for tick in range(600):
+            step = action.step(simulation.world())
+            if step.status is not Status.RUNNING:
+                break
+            simulation.place_object(BALL, 2.0 * math.sin(0.05 * tick), -1.5)
+            simulation.command(step.command)
+            simulation.tick()
+    assert step.status is Status.SUCCEEDED, step.message
+
+
 def test_a_ball_taken_away_while_dribbling_is_reported() -> None:
     action = DribbleBall(ROBOT)
     with Simulation(ROBOT) as simulation:
@@ -201,4 +218,4 @@ def test_the_one_way_between_a_ball_and_a_post_is_found() -> None:
     ball = ObjectState(-3.083061780344872, 0.9067296040989139)
     start = RobotState(Pose(-0.6482129645433838, 0.7611405535092324, 1.371227109379472))
     goal = Goal(Pose(ball.x, ball.y, -0.33530771881104204), 0.0, Point.HOLD)
-    GoToPose(ROBOT).start(World(0.0, start, objects_of(ball)), goal)
+    planned(ROBOT, GoToPose(ROBOT), World(0.0, start, objects_of(ball)), goal)

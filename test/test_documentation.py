@@ -18,9 +18,7 @@ from documentation import PAGES, ROOT, TOOLS, Printed, commands
 BIN = ROOT / "install" / "lib" / "ator_ros"
 SMALL = {
     "collect": "--episodes 30 --jobs 1",
-    "train": "",
-    "gate": "--situations 10 --models models --experience experience.parquet --work work --jobs 1",
-    "calibrate_predictions": "--models models",
+    "gate": "--situations 10 --work work --jobs 1",
     "evaluate": "--situations 2 --oracle 2 --out results --jobs 1",
     "qualify": "--situations 4 --turned 4 --pairs 2 --out actions.json --jobs 1",
     "bench": "--parts simulation refinement --out benchmarks.json",
@@ -30,6 +28,9 @@ SMALL = {
     "demo": "--situations 1 --out demo.png",
 }
 """Words that make a tool's work small and keep its results in the folder in which it runs."""
+
+OUR_MODELS = ("gate", "calibrate_predictions")
+"""Tools that write beside the models, which must not be the shipped ones where the command names none."""
 
 MEASURING = ("bench", "compare", "soak")
 """Tools whose exit code 1 is a judgement, which so small a run and a busy machine can bring about."""
@@ -41,7 +42,7 @@ BY_TEST = {
     r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
     r"paper_models .*": "test_paper_models.py::test_table_tells_accuracy_beside_the_papers_and_the_rules",
     r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_base_is_described",
-    r"study .*": "test_tools_study.py::test_it_says_what_the_actions_and_refinement_are_like",
+    r"(ros2 run ator_ros )?study .*": "test_tools_study.py::test_it_says_what_the_actions_and_ref",
     r"make view|(ros2 run ator_ros )?view( docs/evaluation)?": f"{_VIEW}::test_the_page_shows_the_robot_",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r".*evaluate --learning.*": "test_learning_stream.py::test_a_stream_goes_on_where_it_was_interrupted",
@@ -49,10 +50,14 @@ BY_TEST = {
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
     r"scripts/run COMMAND …": "test_documentation.py::test_a_command_keeps_its_exit_code",
     r"scripts/run python test/nodes/fuzz_refinement\.py .*": "test_documentation.py::test_the_fuzz_runs",
+    r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
     r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",
     r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
-    r"ros2 action send_goal .*": f"{_ROS}::test_the_printed_requests",
+    r"ros2 action send_goal --feedback .*": f"{_ROS}::test_the_printed_requests",
+    r"ros2 action send_goal /(ann|bob)/.*": f"{_ROS}::test_two_robots_play_at_the_same_time",
+    r"ros2 run ator_ros simulation .*robots:=.*": f"{_ROS}::test_two_robots_play_at_the_same_time",
+    r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_play_at_the_same_time",
     r"ros2 topic echo .*/performance/(action|chain) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*real_time_factor.*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*learning:=.*": "test_launch_file.py::test_it_starts_the_nodes_in_one_namespace",
@@ -119,6 +124,7 @@ def runnable() -> list[str]:
     found = set()
     for printed in commands():
         named = " " not in printed.text and printed.page != "README.md"  # elsewhere a name in a sentence
+        named |= re.fullmatch(r"\w+( --[\w-]+)+", printed.text) is not None
         other = any(re.fullmatch(key, printed.text) for key in BY_TEST)
         if tool_words(printed.text) and not (named or other or "…" in printed.text):
             found.add(printed.text)
@@ -154,8 +160,9 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("workshop")
     shutil.copytree(ROOT / "models", folder / "models")
     shutil.copytree(ROOT / "docs" / "ruler", folder / "ruler")
+    shutil.copytree(ROOT / "config", folder / "my_config")
     for seed, name in (("101", "experience"), ("211", "fresh")):
-        run(["collect", "--seed", seed, "--episodes", "30", "--out", f"{name}.parquet"], folder)
+        run(["collect", "--seed", seed, "--episodes", "50", "--out", f"{name}.parquet"], folder)
     run(["train", "experience.parquet", "--models", "my_models"], folder)
     policies = ["--policies", "naive", "refined", "refined_speed"]
     run(["evaluate", "--situations", "24", *policies, "--out", "results", "--jobs", "1"], folder)
@@ -178,7 +185,10 @@ def run(words: list[str], cwd: Path, allowed: tuple[int, ...] = (0,)) -> None:
 def test_a_printed_tool_runs(text: str, workshop: Path) -> None:
     words = tool_words(text)
     assert words is not None
-    run([*words, *SMALL[words[0]].split()], workshop, (0, 1) if words[0] in MEASURING else (0,))
+    tool, *others = words
+    models = ["--models", "models"] if tool in OUR_MODELS else []
+    small = SMALL.get(tool, "").split()
+    run([tool, *models, *others, *small], workshop, (0, 1) if tool in MEASURING else (0,))
 
 
 def make(*words: str, cwd: Path = ROOT, **variables: str) -> subprocess.CompletedProcess[str]:

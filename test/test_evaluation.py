@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
 
+from ator_ros.actions.goal_variables import goal_values, with_values
 from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
@@ -30,6 +31,7 @@ from ator_ros.evaluation.heuristics import (
     refit,
 )
 from ator_ros.evaluation.policies import MODEL_SETS, OBSERVED, POLICIES, Toolset
+from ator_ros.evaluation.situation import Executions
 from ator_ros.evaluation.toolset import BASELINES
 from ator_ros.evaluation.trials import (
     Trial,
@@ -40,6 +42,7 @@ from ator_ros.evaluation.trials import (
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.resources import resource_path
 from ator_ros.simulation.run import TIME_LIMIT
+from ator_ros.tops.chain import TopChain
 
 HEADED = arriving(SOCCER.tops)
 
@@ -182,6 +185,25 @@ class TestExecution:
         assert not run.success
         assert run.duration == TIME_LIMIT
         assert "pre-condition of goToBall" in run.reason
+
+
+def test_chains_are_executed_once_and_those_to_other_places_too(
+    tools: Toolset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    executed: list[TopChain] = []
+    monkeypatch.setattr(
+        "ator_ros.evaluation.situation.run_chain", lambda *args, **_: executed.append(args[3])
+    )
+    drawn = trial(chain="shoot")
+    goal = drawn.chain.calls[0].goal
+    moved = [with_values(goal, {name: value + 0.5}) for name, value in goal_values(goal).items()]
+    chains = [drawn.chain, *(drawn.chain.with_goal(0, each) for each in moved)]
+    turned = drawn.chain.with_goal(0, with_values(goal, {"yaw": goal.pose.yaw + math.tau}))
+    execute = Executions(tools, LIBRARY, drawn)
+    for chain in (*chains, *chains, turned):
+        execute(chain)
+    assert executed == chains
+    assert execute.count == len(chains) == 5
 
 
 def test_baselines_say_their_version_and_those_of_before_are_read(tmp_path: Path) -> None:

@@ -33,6 +33,19 @@ def test_an_execution_answers_once_then_drives_and_stands_before_it_ends() -> No
     assert run.ending is Ending.CANCELED
 
 
+def test_the_planned_way_leads_from_the_robot_to_the_goal_while_it_is_executed() -> None:
+    run = execution(FORWARD_LEFT)
+    assert run.way() is None
+    run.tick(world(), 100.0)
+    run.tick(world(1.05), 100.05)
+    way = run.way()
+    assert way is not None
+    assert way[0] == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
+    assert way[-1] == pytest.approx((1.0, 1.0, 0.0), abs=0.01)
+    run.end(Ending.CANCELED, "canceled by the client")
+    assert run.way() is None
+
+
 def test_a_robot_that_drives_is_not_stopped_by_a_new_goal() -> None:
     assert execution(FORWARD).tick(world(v=0.5), 100.0).v > 0.0
 

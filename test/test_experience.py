@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from planned import planned
 from robots import OTHERS
 from turning_action import TurnDriveTurn
 
@@ -83,7 +84,7 @@ def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: R
 def test_no_start_asks_for_what_the_robot_cannot_do(action: str, robot: Robot) -> None:
     for situation in draw(action, robot, 5):
         made = SOCCER.actions()[action].factory(robot)
-        made.start(World(0.0, situation.robot, situation.objects), situation.goal)
+        planned(robot, made, World(0.0, situation.robot, situation.objects), situation.goal)
 
 
 @every_robot

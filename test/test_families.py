@@ -118,5 +118,8 @@ def test_lengths_and_speeds_follow_the_robot() -> None:
 @pytest.mark.parametrize("robot", OTHERS, ids=lambda robot: robot.name)
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_other_robots_execute_what_is_sampled(action: str, robot: Robot) -> None:
-    tasks = [EpisodeTask(SOCCER.actions()[action], robot, 7, number) for number in range(8)]
+    tasks = [
+        EpisodeTask(SOCCER.actions()[action], SOCCER.tops, robot, 7, number, SOCCER.objects)
+        for number in range(8)
+    ]
     assert all(run_task(task)["success"].iloc[0] for task in tasks)

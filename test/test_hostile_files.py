@@ -13,7 +13,7 @@ import pytest
 from experience_rows import made_up_experience
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience import recordings, table
+from ator_ros.experience import bag_reading, table
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, read_experience, write_experience
@@ -157,7 +157,7 @@ def test_a_recording_that_needs_too_much_is_refused(tmp_path: Path, monkeypatch:
 
     record(tmp_path / "bag")
     assert len(read_recording(tmp_path / "bag", ROBOT, SOCCER).frame)
-    monkeypatch.setattr(recordings, "_LARGEST_MESSAGE", 10)
+    monkeypatch.setattr(bag_reading, "_LARGEST_MESSAGE", 10)
     with pytest.raises(ExperienceError, match="a message of "):
         read_recording(tmp_path / "bag", ROBOT, SOCCER)
     monkeypatch.undo()

@@ -27,6 +27,7 @@ from ator_ros.tools.view import arguments
 LAUNCH = ET.parse(share_folder() / "launch" / "ator.launch.xml").getroot()  # noqa: S314 - a file of ours
 OURS = {node.get("exec"): node for node in LAUNCH.iter("node") if node.get("pkg") == PACKAGE}
 VIEW = OURS.pop("view")
+GOAL_POSE = OURS.pop("goal_pose")
 CONFIG = share_folder() / "config"
 PARAMETERS = {
     "simulation": of_simulation([BALL]),
@@ -63,6 +64,14 @@ def test_the_view_attaches_to_the_nodes_of_its_namespace() -> None:
     (group,) = LAUNCH.findall("group")
     assert VIEW in list(group)
     assert arguments().parse_args((VIEW.get("args") or "").split()).attach
+
+
+def test_rviz_has_what_makes_goals_of_its_poses() -> None:
+    (rviz,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "rviz2"]
+    assert GOAL_POSE.get("if") == rviz.get("if") == "$(var rviz)"
+    (group,) = LAUNCH.findall("group")
+    assert GOAL_POSE in list(group)
+    assert {param.get("name") for param in GOAL_POSE.iter("param")} == {"robot"}
 
 
 def test_robot_state_publisher_gets_the_description_of_the_robot_that_is_named() -> None:

@@ -199,7 +199,12 @@ def test_good_bases_are_not_accused(name: str) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("action_set", ["default", "bezier"])
 @pytest.mark.parametrize("name", BASES)
-def test_no_base_is_accused_in_many_chains(name: str, action_set: str) -> None:
+def test_no_base_is_accused_in_many_chains(
+    request: pytest.FixtureRequest, name: str, action_set: str
+) -> None:
+    if (name, action_set) == ("dead zone", "bezier"):
+        reason = "the paper's actions creep at 0.04 m/s, which this base truly does not follow"
+        request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
     assert alarms(BASES[name], action_set, range(100, 130)) == []
 
 

@@ -118,8 +118,8 @@ def test_kinds_of_starts_are_told_apart() -> None:
     parts = dict(kinds(rows))
     assert len(parts["at rest"]) == 600
     assert len(parts["in motion"]) == len(parts["at rest, pose"]) == 300
-    assert len(parts["at rest, ball, arriving at speed"]) == 300
-    assert "at rest, ball, arriving at rest" not in parts
+    assert len(parts["at rest, object, arriving at speed"]) == 300
+    assert "at rest, object, arriving at rest" not in parts
 
 
 def test_bootstrap_interval_of_a_mean_is_about_two_standard_errors() -> None:

@@ -24,12 +24,12 @@ from ator_ros.domains.soccer.planned.screening import (
     touching,
     touching_at_once,
 )
+from ator_ros.domains.soccer.quality.longest_ticks import hard_situations, slices_of
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.motion import planning
 from ator_ros.motion.manoeuvre import closed
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.benchmarks.planning import hard_situations, slices_of
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 

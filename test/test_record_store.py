@@ -49,6 +49,14 @@ def test_a_line_is_a_row_of_a_table() -> None:
     assert list(line) == list(row)
 
 
+def test_declared_goal_variables_are_kept(tmp_path: Path) -> None:
+    stored(tmp_path, episodes(3, values={"force": 2.5}), episodes(2, action="dribbleBall")).close()
+    rows = read_store(tmp_path).frame
+    assert rows["forceg"].tolist()[:3] == [2.5] * 3
+    assert rows["forceg"].isna().tolist() == [False] * 3 + [True] * 2
+    assert read_store(tmp_path).goal_variables == ("force",)
+
+
 def test_train_reads_it_as_a_source(tmp_path: Path) -> None:
     stored(tmp_path, episodes(30))
     experience = read_sources([tmp_path], ROBOT, SOCCER)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.state import state_of
 from ator_ros.world.scene import Bay
-from ator_ros.world.state import ObjectState, RobotState, World
+from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 FORMER = Path(__file__).with_name("former_pioneer.yaml")
 ROBOT = load_robot()
@@ -90,6 +91,43 @@ def test_soccer_reads_its_field_from_the_scene() -> None:
 def test_bays_that_are_no_goals_are_refused(bays: tuple[Bay, ...]) -> None:
     with pytest.raises(ConfigError, match="two equal goals on the lines x = -4 and x = 4"):
         goals_in(dataclasses.replace(ROBOT.scene, bays=bays))
+
+
+def test_soccer_needs_a_ball_in_the_scene(tmp_path: Path) -> None:
+    data = ROBOT.sections()
+    del data["scene"]["objects"]["ball"]
+    file = tmp_path / "no_ball.yaml"
+    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    message = r"no_ball\.yaml: domain soccer: scene\.objects: expected 'ball' among them, got \[\]$"
+    with pytest.raises(ConfigError, match=message):
+        SOCCER.robot(file)
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.5, 1.2, 9.0])
+def test_a_light_robot_has_light_wheels(mass: float) -> None:
+    masses = [float(each) for each in re.findall(r'<mass value="([^"]+)"', robot_urdf(_lighter(mass)))]
+    assert min(masses) > 0.0
+    assert sum(masses) == pytest.approx(mass, abs=0.051)  # the caster's 0.05 kg come on top
+
+
+def test_a_light_robot_drives_in_the_simulation() -> None:
+    with Simulation(_lighter(0.5)) as simulation:
+        for _ in range(40):
+            simulation.command(Command(0.4))
+            simulation.tick()
+        state = simulation.world().robot
+    assert state.v == pytest.approx(0.4, abs=0.02)
+    assert abs(state.pose.y) < 0.01
+
+
+def test_a_narrow_robot_has_a_body() -> None:
+    urdf = robot_urdf(dataclasses.replace(ROBOT, half_width=0.03))
+    sizes = [tuple(map(float, each.split())) for each in re.findall(r'<box size="([^"]+)"', urdf)]
+    assert all(min(size) > 0.0 for size in sizes)
+
+
+def _lighter(mass: float) -> Robot:
+    return dataclasses.replace(ROBOT, mass=mass, holder=None)
 
 
 def test_without_a_holder_nothing_stands_out(plain: Robot) -> None:

@@ -170,3 +170,31 @@ def test_speed_is_lost_at_the_rate_for_braking(robot: Robot) -> None:
             simulation.command(Command(0.2, 0.0))
             simulation.tick()
         assert simulation.world().robot.v == pytest.approx(0.5, abs=0.06)
+
+
+def test_robots_of_one_world_drive_on_their_own_and_see_the_same_ball(robot: Robot) -> None:
+    with Simulation(robot, others=[robot]) as world:
+        world.place_robot(Pose(-1.0, 0.0, 0.0))
+        world.place_robot(Pose(0.0, 1.0, math.pi / 2.0), number=1)
+        world.place_object(BALL, 0.0, -1.0)
+        for _ in range(40):
+            world.command(Command(0.5, 0.0))
+            world.command(Command(-0.3, 0.0), number=1)
+            world.tick()
+        first, second = world.world().robot, world.world(number=1).robot
+        assert (first.v, second.v) == pytest.approx((0.5, -0.3), abs=LIMITS_SLACK)
+        assert 0.55 < first.pose.x + 1.0 < 0.9
+        assert (first.pose.y, second.pose.x) == pytest.approx((0.0, 0.0), abs=0.01)
+        assert 0.3 < 1.0 - second.pose.y < 0.6
+        assert world.world().objects == world.world(number=1).objects
+
+
+def test_robots_of_one_world_run_into_each_other(robot: Robot) -> None:
+    with Simulation(robot, others=[dataclasses.replace(robot, name="other")]) as world:
+        world.place_robot(Pose(-1.0, 0.0, 0.0))
+        world.place_robot(Pose(0.5, 0.0, 0.0), number=1)
+        for _ in range(80):
+            world.command(Command(0.5, 0.0))
+            world.tick()
+            assert world.world().robot.pose.x < world.world(number=1).robot.pose.x - robot.rear
+        assert world.world(number=1).robot.pose.x > 0.6  # it was pushed

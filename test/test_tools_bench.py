@@ -62,7 +62,7 @@ def test_a_part_that_cannot_be_measured_ends_with_one_line(
     assert not out.exists()
 
 
-def test_the_simulation_is_measured_with_and_without_a_ball() -> None:
+def test_the_simulation_is_measured_with_and_without_an_object() -> None:
     results = simulation.measure(blocks=1)
     assert set(results) == set(simulation.LIMITS_TIMES_REAL_TIME)
     assert all(row["times_real_time"] > 0.0 and row["over_bare_loop"] > 0.0 for row in results.values())

@@ -71,6 +71,20 @@ def test_collect_keeps_the_finished_episodes_on_ctrl_c(
     assert "interrupted; kept the finished episodes" in capsys.readouterr().out
 
 
+def test_collect_writes_nothing_where_no_episode_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr(collect_work, "collect", interrupted)
+    file = tmp_path / "none.parquet"
+    assert collect.main(["--actions", "goToPose", "--out", str(file)]) == INTERRUPTED
+    assert not file.exists()
+    assert "interrupted; nothing was written" in capsys.readouterr().err
+
+
 def test_collect_keeps_the_finished_episodes_when_a_worker_is_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

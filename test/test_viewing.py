@@ -115,6 +115,42 @@ def test_what_is_committed_to_is_not_refined() -> None:
     assert "nothing is open" in desk.advice.reason
 
 
+def test_what_counts_is_what_refinement_is_asked_for() -> None:
+    desk, stage = desk_and_stage()
+    desk.step([lambda: desk.weigh("accuracy", 10.0), lambda: desk.weigh("duration", 0.5)])
+    assert dict(stage.asked[-1].objective.weights) == {"duration": 0.5, "accuracy": 10.0}
+    assert desk.problem == ""
+    desk.situation(seed=3)  # stays
+    desk.step([lambda: desk.weigh("accuracy", 0.0)])
+    desk.step([lambda: desk.weigh("duration", 0.0)])
+    assert "at least one weight above 0" in desk.problem
+    assert dict(desk.draft.objective.weights) == {"duration": 0.5, "accuracy": 0.0}
+
+
+def test_of_alternatives_the_best_is_chosen_told_and_executed() -> None:
+    desk, stage = desk_and_stage()
+    far = desk.draft.chain.calls[1].goal.pose
+    near = Pose(*desk.draft.chain.calls[0].goal.pose[:2], 0.0).ahead(0.6)
+    desk.step([desk.keep_alternative, lambda: desk.move_goal(1, near)])
+    desk.step([desk.keep_alternative, lambda: desk.move_goal(1, far)])
+    assert desk.advice is not None
+    assert len(desk.draft.alternatives) == 2
+    durations = [each.duration for each in desk.advice.candidates]
+    assert len(durations) == 3
+    assert desk.advice.chosen == int(np.argmin(durations)) == 2
+    assert desk.advice.chain.calls[1].goal.pose == near
+    told = panel.gate(desk.advice, "")
+    assert f"- **chosen:** alternative 2 {durations[2]:.2f} s" in told
+    desk.play(REFINED)
+    desk.step()
+    assert stage.executed[0].calls[1].goal.pose == near
+    desk.step([lambda: desk.move_object("ball", 0.3, 0.3)])
+    assert {chain.calls[0].goal.pose[:2] for chain in desk.draft.alternatives} == {(0.3, 0.3)}
+    desk.step([desk.forget_alternatives])
+    assert desk.advice is not None
+    assert desk.advice.candidates == ()
+
+
 def test_a_race_gives_two_times_from_the_same_start() -> None:
     desk, stage = desk_and_stage()
     desk.play(NAIVE, REFINED)
@@ -139,17 +175,6 @@ def test_after_a_run_a_drag_begins_at_the_drafts_start() -> None:
     assert stage.calls == ["place", "go on"]
     assert stage.state.robot.pose == desk.draft.world.robot.pose
     assert not desk.runs
-
-
-def test_a_goal_pose_is_a_chain_of_one_step_from_where_the_robot_is() -> None:
-    desk, stage = desk_and_stage()
-    stage.place_robot(Pose(-1.0, 0.5, 0.0))
-    desk.step([lambda: desk.go_to(Pose(1.0, 1.0, 0.5))])
-    desk.step()
-    (chain,) = stage.executed
-    assert [(call.top.name, call.goal.pose) for call in chain.calls] == [("goToPose", Pose(1.0, 1.0, 0.5))]
-    assert desk.draft.world.robot.pose == Pose(-1.0, 0.5, 0.0)
-    assert desk.runs[0].duration > 1.0
 
 
 def test_a_plan_that_is_none_is_told_and_not_played() -> None:

@@ -1,1 +1,1 @@
-"""Actions: control programs, one tick in, one velocity command out."""
+"""Actions: control programs. Each tick takes the estimated state and returns a velocity command, or none."""

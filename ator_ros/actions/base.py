@@ -1,4 +1,7 @@
-"""What an action is: a control program from estimated state to velocity command (paper, section 2.1)."""
+"""What an action is: a control program from estimated state to velocity commands (paper, section 2.1).
+
+There is no command where another program moves the robot.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, World
 
@@ -115,6 +118,13 @@ class Action(ABC):
     @abstractmethod
     def step(self, world: World) -> Step:
         """Return the command for the next tick; `Step.status` says whether the action has ended."""
+
+    def way(self) -> FloatArray | None:
+        """Return the planned poses of the axle, shape (n, 3): x, y in m, yaw in rad; None without a plan.
+
+        To be drawn only: whoever executes the action does not need it.
+        """
+        return None
 
     def end(self, reason: str) -> None:  # noqa: B027
         """Release what `start` has taken, as a connection or a goal of another program.

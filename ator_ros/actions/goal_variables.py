@@ -20,7 +20,7 @@ MOST_GOAL_VARIABLES = 16
 
 @dataclass(frozen=True, slots=True)
 class GoalVariable:
-    """A variable of an action's goal beyond pose and arrival speed, such as the force of a kick.
+    """A variable of an action's goal beyond pose and arrival speed, such as the height of a fork.
 
     Attributes
     ----------

@@ -118,6 +118,9 @@ class Timeouts:
         Real s without a server, before the goal is sent and while it is executed.
     acceptance : float
         Real s from the goal until it is accepted or rejected.
+    silence : float
+        Real s without a sign of life while it executes a goal, if it has given any: answers to what it is
+        asked six times within it, and feedback.
     result : float
         s, by the stamps of the states, from the acceptance until the result.
     cancel : float
@@ -126,12 +129,13 @@ class Timeouts:
 
     server: float = 2.0
     acceptance: float = 2.0
+    silence: float = 3.0
     result: float = 120.0
     cancel: float = 1.0
 
     def __post_init__(self) -> None:
         """Check that all are positive."""
-        for name in ("server", "acceptance", "result", "cancel"):
+        for name in ("server", "acceptance", "silence", "result", "cancel"):
             value = getattr(self, name)
             require(0.0 < value <= _LONGEST, name, f"a time in s above 0, at most {_LONGEST:g}", value)
 

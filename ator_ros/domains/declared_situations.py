@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.actions.base import Goal
+from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import Situation
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose
@@ -87,23 +88,38 @@ class DeclaredDrives:
         _check_places("goal", self.goal)
         _check_apart(self.apart)
 
-    def drawn(self, action: str, rng: np.random.Generator) -> Situation:
-        """Draw a drive of `action`."""
+    def drawn(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
+        """Draw start and destination of a drive."""
         start = _drawn(self.start, rng)
-        goal = _drawn(self.goal, rng, apart=self.apart, before=start)
-        return Situation(action, RobotState(start), {}, Goal(goal))
+        return start, _drawn(self.goal, rng, apart=self.apart, before=start)
 
 
 @dataclass(frozen=True, slots=True)
 class DrivesOf:
-    """The sampler of an action's drives, see `ActionSpec.sample`."""
+    """The sampler of an action's drives, see `ActionSpec.sample`.
+
+    Attributes
+    ----------
+    action : str
+        Name of the action.
+    drives : DeclaredDrives
+        Where they begin and lead.
+    point : Point
+        Reference point of the robot that comes to the destination.
+    variables : tuple of GoalVariable
+        Goal variables that the action declares; each is drawn evenly from its range.
+    """
 
     action: str
     drives: DeclaredDrives
+    point: Point = Point.AXLE
+    variables: tuple[GoalVariable, ...] = ()
 
     def __call__(self, robot: Robot, rng: np.random.Generator) -> Situation:  # noqa: ARG002
         """Draw a drive."""
-        return self.drives.drawn(self.action, rng)
+        start, destination = self.drives.drawn(rng)
+        values = {item.name: float(rng.uniform(item.low, item.high)) for item in self.variables}
+        return Situation(self.action, RobotState(start), {}, Goal(destination, 0.0, self.point, values))
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,5 +186,5 @@ class DeclaredChain:
             for _ in range(int(rng.integers(step.times[0], step.times[-1] + 1))):
                 before = _drawn(step.goal, rng, apart=self.apart, before=before)
                 top = library[step.top]
-                calls.append(TopCall(top, Goal(before, 0.0, top.point), frozenset(step.open)))
+                calls.append(TopCall(top, library.goal(top, before), frozenset(step.open)))
         return World(0.0, RobotState(start)), TopChain(tuple(calls))

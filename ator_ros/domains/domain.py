@@ -14,10 +14,12 @@ from types import MappingProxyType
 import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
+from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT as DEFAULT
 from ator_ros.domains import DEFAULT_SET as DEFAULT_SET
 from ator_ros.domains.consistency import inconsistencies
+from ator_ros.domains.measurements import Measurements
 from ator_ros.domains.presentation import Presentation
 from ator_ros.domains.programs import Program
 from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature
@@ -89,6 +91,8 @@ class Domain:
         Programs of others that its actions need; tools that start our nodes start them too.
     time_limit : float
         Time in s that an action or a chain may take in a simulation without ROS.
+    measurements : Measurements
+        What only the domain can measure of its actions, for the tools that do so; by default nothing.
 
     Raises
     ------
@@ -112,6 +116,7 @@ class Domain:
     description: Path | None = None
     programs: tuple[Program, ...] = ()
     time_limit: float = TIME_LIMIT
+    measurements: Measurements = field(default_factory=Measurements)
 
     def __post_init__(self) -> None:
         """Check that its parts agree."""
@@ -123,6 +128,12 @@ class Domain:
         """The goal variables that actions declare, by name: each means the same in all of them."""
         specs = itertools.chain.from_iterable(self.action_sets.values())
         return {variable.name: variable for spec in specs for variable in spec.goal_variables}
+
+    @cached_property
+    def remote_calls(self) -> Mapping[str, RemoteCall]:
+        """How the servers of remote actions are called, by the names of the actions of the default set."""
+        specs = self.action_sets[DEFAULT_SET]
+        return {spec.name: spec.remote for spec in specs if spec.remote is not None}
 
     @cached_property
     def ranges(self) -> Ranges:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ator_ros.actions.base import Point
 from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
@@ -51,7 +52,11 @@ def declared_domain(path: Path) -> Domain:
     except SchemaError as error:
         raise DomainError(f"{path}: {error}") from error
     variables = declared.variables
-    actions = [_spec(action, f"{path}: actions[{number}]") for number, action in enumerate(declared.actions)]
+    points = {top.action: Point(top.point) for top in reversed(declared.tops)}
+    actions = [
+        _spec(action, points.get(action.name, Point.AXLE), f"{path}: actions[{number}]")
+        for number, action in enumerate(declared.actions)
+    ]
     return Domain(
         declared.name,
         tops=tuple(top.made() for top in declared.tops),
@@ -72,10 +77,10 @@ def _those_described(scene: Scene) -> tuple[Bay, ...]:
     return scene.bays
 
 
-def _spec(action: DeclaredAction, where: str) -> tuple[ActionSpec, tuple[Feature, ...]]:
+def _spec(action: DeclaredAction, point: Point, where: str) -> tuple[ActionSpec, tuple[Feature, ...]]:
     """Return the specification of an action, and the features that its own domain adds for it."""
     if action.local is None:
-        return _remote_spec(action, where), ()
+        return _remote_spec(action, point, where), ()
     try:
         domain = find_domain(action.local.domain)
         found = domain.actions(action.local.action_set)
@@ -87,12 +92,16 @@ def _spec(action: DeclaredAction, where: str) -> tuple[ActionSpec, tuple[Feature
     return spec, tuple(feature for feature in domain.features if feature.name in spec.features)
 
 
-def _remote_spec(action: DeclaredAction, where: str) -> ActionSpec:
+def _remote_spec(action: DeclaredAction, point: Point, where: str) -> ActionSpec:
     try:
         factory = UnreachableAction if action.stand_in is None else stand_in(action.stand_in)
     except NoStandInError as error:
         raise DomainError(f"{where}.stand_in: {error}") from error
-    sample = _never_driven if action.drives is None else DrivesOf(action.name, action.drives)
+    sample = (
+        _never_driven
+        if action.drives is None
+        else DrivesOf(action.name, action.drives, point, action.goal_variables)
+    )
     return ActionSpec(
         action.name,
         factory,

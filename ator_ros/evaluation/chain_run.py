@@ -7,8 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Status
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.execution.step_run import ActionRecord
+from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
 from ator_ros.simulation.run import TIME_LIMIT, judge, place, run
@@ -49,6 +51,22 @@ class ChainRun:
     actions: tuple[float, ...]
     error: float
     path: tuple[tuple[float, float, float, float], ...] = ()
+
+
+ChainKey = tuple[object, ...]
+
+
+def key_of(chain: TopChain) -> ChainKey:
+    """Return what tells chains from the same start apart: TOPs, and goal variables to 1e-6 (m, rad, m/s)."""
+    return tuple(
+        part
+        for call in chain.calls
+        for part in (call.top.name, *(_rounded(*item) for item in goal_values(call.goal).items()))
+    )
+
+
+def _rounded(name: str, value: float) -> float:
+    return round(wrap_angle(value) if name == "yaw" else value, 6) + 0.0  # not -0.0
 
 
 def run_chain(

@@ -11,14 +11,14 @@ from typing import Any
 
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.chain_run import ChainRun, run_chain
+from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
 from ator_ros.evaluation.joint_oracle import Tried, best_headings
 from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import wrap_angle
 from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 
@@ -76,15 +76,11 @@ class Executions:
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
         self._time_limit = tools.domain.time_limit
-        self._runs: dict[tuple[float, ...], ChainRun] = {}
+        self._runs: dict[ChainKey, ChainRun] = {}
 
     def __call__(self, chain: TopChain) -> ChainRun:
         """Return the run of `chain`."""
-        key = tuple(
-            round(value, 6) + 0.0
-            for call in chain.calls
-            for value in (wrap_angle(call.goal.pose.yaw), call.goal.speed, *call.goal.values.values())
-        )
+        key = key_of(chain)
         if key not in self._runs:
             self._runs[key] = run_chain(
                 self._robot, self._library, self._trial.world, chain, time_limit=self._time_limit
@@ -117,7 +113,8 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     dict
         "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
         "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading, speed
-        and declared goal variables of each intermediate subgoal, "actions": durations of the actions (s),
+        and declared goal variables of each intermediate subgoal, "places": their x, y (m) where the policy
+        chose one, "actions": durations of the actions (s),
         "predicted": duration of the chain (s); "features" and "features_speed": features of the gate;
         "oracle": "headings" (rad), "durations" (s), "best" (s) and "success"; "oracle_speed": "best" and
         "success"; "executed": number of chains executed.
@@ -156,6 +153,9 @@ def _start(trial: Trial) -> list[float]:
 def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) -> Record:
     chosen = [_chosen(call.goal) for call in choice.chain.calls[:-1]]
     record: Record = {"duration": round(run.duration, 3), "success": run.success, "chosen": chosen}
+    places = [_place(call) for call in choice.chain.calls[:-1]]
+    if places != [_place(call) for call in trial.chain.calls[:-1]]:
+        record["places"] = places
     record["actions"] = [round(duration, 3) for duration in run.actions]
     if not run.success:
         record["reason"] = run.reason
@@ -165,6 +165,10 @@ def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) 
     if predicted is not None:
         record["predicted"] = round(predicted.duration, 3)
     return record
+
+
+def _place(call: TopCall) -> list[float]:
+    return [round(call.goal.pose.x, 4), round(call.goal.pose.y, 4)]
 
 
 def _chosen(goal: Goal) -> list[float]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from ator_ros.actions.base import Status, Step
 from ator_ros.execution.step_run import STOPPING, ActionRecord, StepRun
+from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import (
@@ -116,6 +117,10 @@ class ChainExecutor:
     def chain(self) -> TopChain:
         """The chain with its present goals: goals that lie at an object move with it."""
         return self._chain
+
+    def way(self) -> FloatArray | None:
+        """Return the planned way of the action under way; see `Action.way`."""
+        return self._run.way()
 
     @property
     def index(self) -> int:

@@ -14,6 +14,7 @@ from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.progress import EndedAction, Progress
 from ator_ros.execution.refining import Question, Refining
 from ator_ros.execution.transitions import GoalCourse, Signal
+from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -141,6 +142,10 @@ class Execution:
     def question(self) -> Question | None:
         """The open question to refinement; None if there is none."""
         return self._answers.question
+
+    def way(self) -> FloatArray | None:
+        """Return the planned way of the action under way; see `Action.way`."""
+        return self._progress.way() if self.phase is Phase.EXECUTING else None
 
     def predicted_remaining(self, now: float) -> float:
         """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""

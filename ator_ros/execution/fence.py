@@ -12,24 +12,22 @@ from ator_ros.robot.description import Robot
 from ator_ros.robot.ramp import clip, stopping_way
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
-from ator_ros.world.state import RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, RobotState, World
 
 _DOUBT = 0.3
 """Time in s for which an object must lead out; until then its velocity may be wrong, see `VelocityCheck`."""
 _ROUNDING = 1e-9
 _OFF_THE_WAY = 0.05
 """Distance in m by which an action may miss its goal or its path."""
-_PERIOD = 0.05
-"""Assumed time in s between two commands, for goals that are judged before odometry's rate is known."""
 
 
 def room_inside(robot: Robot) -> float:
     """Return the least distance in m of a goal from the edge, so that `FenceWatch` does not end it.
 
     It is the sum of the position tolerance and of the way that the robot drives at full speed until it
-    follows a command.
+    follows a command, which is sent once in CONTROL_PERIOD: odometry's rate is not known yet.
     """
-    return _OFF_THE_WAY + robot.limits.v * (_PERIOD + robot.motor_time_constant)
+    return _OFF_THE_WAY + robot.limits.v * (CONTROL_PERIOD + robot.motor_time_constant)
 
 
 @dataclass(frozen=True, slots=True)

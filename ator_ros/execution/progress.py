@@ -12,6 +12,7 @@ from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.execution.phases import Ending
 from ator_ros.execution.predictions import Predictor, remaining
 from ator_ros.execution.step_run import ActionRecord
+from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -90,6 +91,10 @@ class Progress:
     def released(self) -> bool:
         """Whether somebody else moves the robot: the last tick had no command."""
         return self._executor is not None and self._executor.released
+
+    def way(self) -> FloatArray | None:
+        """Return the planned way of the action under way; see `Action.way`."""
+        return None if self._executor is None else self._executor.way()
 
     @property
     def lost(self) -> str | None:

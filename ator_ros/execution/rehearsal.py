@@ -15,10 +15,9 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import fetched, held_first, kept, objects_in
 from ator_ros.tops.top import Top
-from ator_ros.world.state import ObjectState, RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})
-_PERIOD = 0.05  # s
 _MOST_TICKS = 100
 _AWAY = RobotState(Pose(-1.0, 0.5, 1.0))
 _THERE = ObjectState(0.0, 0.0)
@@ -57,15 +56,15 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     """Plan and predict each TOP of `library` in the open and beside a bay, where the search is long."""
     area, bays = robot.scene.area, robot.scene.bays
     x, y, width = (bays[-1].x, bays[-1].y, bays[-1].width) if bays else (area.length / 2.0, 0.0, 0.0)
-    post = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
+    corner = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
     for top in library.usable():
         if held_first(top) is not None:
-            starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, post, top))
+            starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, corner, top))
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
         else:
             starts, goals = (
                 (_world(robot, _AWAY, _THERE, top),) * 2,
-                (Pose(0.0, 0.0, 0.0), post._replace(yaw=2.5)),
+                (Pose(0.0, 0.0, 0.0), corner._replace(yaw=2.5)),
             )
         for world, goal in zip(starts, goals, strict=True):
             call = TopCall(top, library.goal(top, goal))
@@ -89,15 +88,16 @@ def _planned(action: Action, world: World, goal: Goal) -> bool:
         action.start(world, goal)
     except ActionError:
         return False
-    planned = _search_ends(action, world)
-    action.end("rehearsed")
-    return planned
+    try:
+        return _search_ends(action, world)
+    finally:
+        action.end("rehearsed")
 
 
 def _search_ends(action: Action, world: World) -> bool:
     for tick in range(1, _MOST_TICKS):
         if not action.planning:
             return True
-        if action.step(dataclasses.replace(world, time=_PERIOD * tick)).status is not Status.RUNNING:
+        if action.step(dataclasses.replace(world, time=CONTROL_PERIOD * tick)).status is not Status.RUNNING:
             return False
     return False

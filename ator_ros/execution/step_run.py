@@ -10,6 +10,7 @@ from typing import Any
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.execution.transitions import STAGES, Stage, TransitionError
+from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopCall
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, followed, held_first, is_lost, kept
@@ -122,6 +123,10 @@ class StepRun:
     def planning(self) -> bool:
         """Whether its action has started and is still planning."""
         return self._stage is Stage.ACTING and self._acting.planning
+
+    def way(self) -> FloatArray | None:
+        """Return the planned way of its action; see `Action.way`."""
+        return self._acting.way() if self._stage is Stage.ACTING else None
 
     @property
     def settling(self) -> bool:

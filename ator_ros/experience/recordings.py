@@ -1,7 +1,8 @@
 """Experience from recordings (MCAP, made by ``ros2 bag record -s mcap``): a real robot has no other.
 
-The records that our executor publishes on ``performance/action`` are taken as they are. Where there are none,
-drives are found in ``odom`` and ``cmd_vel``, and in the topics of the domain's objects; see `drives`.
+Goals of action servers are taken from the servers' own topics, where requests and results were recorded.
+Other records that our executor publishes on ``performance/action`` are taken as they are. Where there is
+neither, drives are found in ``odom``, ``cmd_vel``, and the topics of the domain's objects; see `drives`.
 """
 
 from __future__ import annotations
@@ -9,43 +10,40 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from ator_ros.experience.action_topics import ActionTopics, topics_of
+from ator_ros.experience.bag_reading import RecordingError, messages
 from ator_ros.experience.columns import MOST_OBJECTS
-from ator_ros.experience.drives import SHORTEST, Streams, drives
+from ator_ros.experience.drives import SHORTEST, drives
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of, finite, pose_of, sound
+from ator_ros.experience.streams import Streams, Track
 from ator_ros.experience.table import Experience, episode_frame, join, library_versions
 from ator_ros.experience.validation import checked_rows
 from ator_ros.experience.vocabulary import Vocabulary
-from ator_ros.files import limited_memory
 from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
 
 TOPICS = ("odom", "cmd_vel")
 RECORDS = "performance/action"
-_LARGEST_MESSAGE = 100_000  # bytes; ours have some hundred
-_MOST_BYTES = 4_000_000_000  # of memory
-
-
-class RecordingError(ExperienceError):
-    """A recording that holds no experience; the message names it and says what was expected."""
 
 
 @dataclass
 class _Recorded:
     """What one robot recorded: stretches of its time, and the executor's records."""
 
+    actions: ActionTopics
     stretches: list[Streams] = field(default_factory=lambda: [Streams()])
     records: list[Episode] = field(default_factory=list)
     action_sets: set[str] = field(default_factory=set)
     left_out: int = 0
+    frame: str = ""
 
     def add(self, message: Any, domain: Vocabulary) -> None:
         """Take an ActionPerformance; one with numbers that are none is left out, and counted."""
@@ -57,13 +55,14 @@ class _Recorded:
         # Recordings from before it was told have none.
         self.action_sets.add(getattr(message, "action_set", "") or "default")
 
-    def episodes(self, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
-        """Yield the executor's records, or the drives where there are none."""
-        if self.records:
-            yield from self.records
-        else:
-            for streams in self.stretches:
-                yield from drives(streams, robot, domain)
+    def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:
+        """Return the goals of action servers and the executor's other records, or the drives."""
+        tracks = [Track(streams) if streams.odom else None for streams in self.stretches]
+        driven = list(self.actions.episodes(tracks, robot, self.frame))
+        self.left_out += self.actions.left_out
+        told = {episode.situation.action for episode in driven}
+        both = [*driven, *(record for record in self.records if record.situation.action not in told)]
+        return both or [episode for streams in self.stretches for episode in drives(streams, robot, domain)]
 
 
 def read_recording(path: Path | str, robot: Robot, domain: Vocabulary) -> Experience:
@@ -132,36 +131,37 @@ def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
 
 def _read(file: Path, domain: Vocabulary) -> dict[str, _Recorded]:
     """Return what was recorded by the namespace of the robot."""
-    by_robot: dict[str, _Recorded] = defaultdict(_Recorded)
-    topics = (RECORDS, *TOPICS, *domain.objects)
-    for name, message in _messages(file, topics):
+    by_robot: dict[str, _Recorded] = defaultdict(lambda: _Recorded(ActionTopics(domain)))
+    servers = topics_of(domain)
+    topics = (RECORDS, *TOPICS, *domain.objects, *servers)
+    kinds = {call.type for call in domain.remote_calls.values()}
+    for name, message in messages(file, lambda topic: bool(_kind(topic, topics)), kinds):
         topic = _kind(name, topics)
         namespace = name[: -len(topic)] or "/"
-        if topic != RECORDS:
+        if topic in servers:
+            _add_goal(_driver(by_robot, namespace), topic, message)
+        elif topic != RECORDS:
             _add(by_robot[namespace], topic, message)
         elif message.outcome.code in ENDED:
             by_robot[namespace].add(message, domain)
     return by_robot
 
 
-def _messages(file: Path, topics: Sequence[str]) -> Iterator[tuple[str, Any]]:
-    """Yield topic and message of all of `topics`, in the order of their arrival."""
+def _driver(by_robot: Mapping[str, _Recorded], namespace: str) -> _Recorded | None:
+    """Return whom a server of a namespace drives: the robot there, or the only one; None if there is none."""
+    moving = {name: recorded for name, recorded in by_robot.items() if recorded.stretches[-1].odom}
+    return moving.get(namespace, next(iter(moving.values())) if len(moving) == 1 else None)
+
+
+def _add_goal(recorded: _Recorded | None, topic: str, message: Any) -> None:
+    # As commands, goals count from the last odometry on, which is in the robot's own time.
+    if recorded is None:
+        return
+    now = recorded.stretches[-1].odom[-1][0]
     try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise RecordingError("recordings need the package rosbags: pip install rosbags") from error
-    try:
-        typestore = get_typestore(Stores.ROS2_JAZZY)
-        with limited_memory(_MOST_BYTES), AnyReader([file], default_typestore=typestore) as reader:
-            wanted = [c for c in reader.connections if _kind(c.topic, topics)]
-            for connection, _, raw in reader.messages(connections=wanted):
-                if len(raw) > _LARGEST_MESSAGE:
-                    raise ValueError(f"a message of {len(raw)} bytes on {connection.topic}")
-                yield connection.topic, reader.deserialize(raw, connection.msgtype)
-    except Exception as error:  # a damaged file makes rosbags raise anything, MemoryError included
-        why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
-        raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
+        recorded.actions.take(topic, message, now, len(recorded.stretches) - 1)
+    except (AttributeError, TypeError, ValueError):  # the topic is no action server's
+        recorded.left_out += 1
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -193,4 +193,5 @@ def _add(recorded: _Recorded, topic: str, message: Any) -> None:
     elif finite(row := (time, *pose, twist.linear.x, twist.angular.z)):
         if not streams.goes_on_at(time):
             recorded.stretches.append(streams := Streams())
+        recorded.frame = message.header.frame_id
         streams.odom.append(row)

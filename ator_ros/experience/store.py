@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.actions.base import Point
+from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.columns import STATE_COLUMNS, object_columns
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.errors import ExperienceError
@@ -84,6 +85,7 @@ def line_of(episode: Episode) -> bytes:
         "yg": goal.pose.y,
         "yawg": goal.pose.yaw,
         "speedg": goal.speed,
+        **{direct_name(name): value for name, value in goal.values.items()},
         "hold": int(goal.point is Point.HOLD),
         "time_to_go": episode.duration,
         "duration": episode.duration,

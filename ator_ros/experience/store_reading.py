@@ -10,7 +10,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ator_ros.experience.columns import MOST_OBJECTS, columns, object_columns, objects_of_columns
+from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
+from ator_ros.experience.columns import (
+    MOST_OBJECTS,
+    columns,
+    goal_variables_of_columns,
+    object_columns,
+    objects_of_columns,
+)
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.store import PART, STORE, StoreInfo, parts_of, read_info
 from ator_ros.experience.table import Experience, join, library_versions, read_experience, write_experience
@@ -19,6 +26,7 @@ from ator_ros.files import is_name
 
 NUMBER = "number"
 """Column of a store's episodes: their numbers, which rise with time and are never used twice."""
+_MOST_COLUMNS = len(columns(())) + 2 * MOST_OBJECTS + MOST_GOAL_VARIABLES
 
 
 @dataclass(frozen=True)
@@ -145,13 +153,18 @@ def _checked(file: Path, rows: list[dict[str, object]], action_set: str) -> pd.D
     if not rows:
         return join([])
     objects = tuple(dict.fromkeys(name for row in rows for name in objects_of_columns(row)))
+    declared = tuple(dict.fromkeys(name for row in rows for name in goal_variables_of_columns(row)))
     wanted = set(columns(()))
-    if len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
-        raise ExperienceError(f"{file}: expected at most {MOST_OBJECTS} objects with names")
+    for names, most, what in (
+        (objects, MOST_OBJECTS, "objects"),
+        (declared, MOST_GOAL_VARIABLES, "variables"),
+    ):
+        if len(names) > most or not all(map(is_name, names)):
+            raise ExperienceError(f"{file}: expected at most {most} {what} with names")
     if not all(wanted <= set(row) for row in rows):
         raise ExperienceError(f"{file}: expected the columns {', '.join(wanted)} in every line")
-    frame = pd.DataFrame(rows, columns=list(columns(objects)))
-    numbers = {*object_columns(objects), "position_error", "heading_error"}
+    frame = pd.DataFrame(rows, columns=list(columns(objects, declared)))
+    numbers = {*object_columns(objects), *map(direct_name, declared), "position_error", "heading_error"}
     try:
         frame = frame.astype(dict.fromkeys(numbers, float))  # all of them may be null
     except (ValueError, TypeError, OverflowError) as error:
@@ -164,7 +177,7 @@ def _row(line: bytes, number: int) -> dict[str, object] | None:
         row = json.loads(line)
     except (ValueError, RecursionError):
         return None
-    if not isinstance(row, dict) or len(row) > len(columns(())) + 2 * MOST_OBJECTS:
+    if not isinstance(row, dict) or len(row) > _MOST_COLUMNS:
         return None
     return {**row, "episode": number}
 

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GoalVariable
+from ator_ros.actions.remote import RemoteCall
 from ator_ros.tops.objects import held_first, held_last
 from ator_ros.tops.top import Top
 
@@ -29,6 +30,10 @@ class Vocabulary(Protocol):
     @property
     def goal_variables(self) -> Mapping[str, GoalVariable]:
         """The goal variables that its actions declare, by name."""
+
+    @property
+    def remote_calls(self) -> Mapping[str, RemoteCall]:
+        """How the servers of its remote actions are called, by the names of the actions."""
 
 
 def point_of(domain: Vocabulary, top: str) -> Point:

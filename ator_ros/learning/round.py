@@ -73,7 +73,9 @@ class Source:
 
     def features(self, action: str, action_set: str) -> tuple[Feature, ...]:
         """Return the candidate features of an action."""
-        return OBSERVED if self.observed else self.domain.candidates(action, action_set)
+        if not self.observed:
+            return self.domain.candidates(action, action_set)
+        return (*OBSERVED, *self.domain.goal_features(action, action_set))
 
     def model(self, place: Path, action: str, action_set: str) -> PerformanceModel | None:
         """Return the model of an action in the folder of a set; None where there is none."""

@@ -173,7 +173,7 @@ def seal(made: Path, manifest: Mapping[str, object], changes: tuple[Change, ...]
 
 
 def publish(folder: Path, made: Path) -> Path:
-    """Give a sealed set its name and let `current` point to it; return its place.
+    """Name a sealed set and let `current` point to it; return its place.
 
     Raises
     ------

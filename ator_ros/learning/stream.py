@@ -16,7 +16,7 @@ import numpy as np
 from ator_ros.actions.base import Status
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.evaluation.chain_run import ChainRun, run_chain
+from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
 from ator_ros.evaluation.policies import Models, reopened
 from ator_ros.evaluation.toolset import GATE, ToolsetSource, make_library
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial, with_headings
@@ -133,7 +133,7 @@ class Stream:
         settings = self._settings
         trial = random_trial(self._domain, settings.chain, self._library, seed=settings.seed, index=index)
         naive = self._shipped.naive(trial.world, open_speeds(trial.chain))
-        runs: dict[tuple[float, ...], tuple[ChainRun, list[ActionRecord]]] = {}
+        runs: dict[ChainKey, tuple[ChainRun, list[ActionRecord]]] = {}
         execute = partial(self._executed, runs, trial)
         chains = {
             "naive": naive,
@@ -171,13 +171,12 @@ class Stream:
 
     def _executed(
         self,
-        runs: dict[tuple[float, ...], tuple[ChainRun, list[ActionRecord]]],
+        runs: dict[ChainKey, tuple[ChainRun, list[ActionRecord]]],
         trial: Trial,
         chain: TopChain,
     ) -> tuple[ChainRun, list[ActionRecord]]:
         """Execute a chain on the robot as it is, each distinct one once."""
-        goals = [call.goal for call in chain.calls]
-        key = tuple(round(v, 6) for goal in goals for v in (wrap_angle(goal.pose.yaw), goal.speed))
+        key = key_of(chain)
         if key not in runs:
             records: list[ActionRecord] = []
             run = run_chain(

@@ -201,7 +201,7 @@ def _fill_gaps(
 ) -> int:
     """Compute by how much a drive after each of TURNS misses the last turn, in the kind's direction.
 
-    Gives a number whose bits say which of them are above 0: a look at all of them in turn would take longer.
+    Return a number whose bits tell which of them are above 0: to check all of them in turn would take longer.
     """
     x, y = np.float32(way.x), np.float32(way.y)
     fraction, column = window

@@ -35,8 +35,6 @@ class Candidates:
         Which sides they combine.
     first, last, distance, times : ndarray, shape (n,)
         Turns in rad, straight drive in m, durations in s (to the grid's accuracy).
-    slack : ndarray, shape (n,)
-        How much longer the drive is than its change of speed needs, in m; negative: it overshoots.
     """
 
     start: Pose
@@ -48,7 +46,6 @@ class Candidates:
     last: FloatArray
     distance: FloatArray
     times: FloatArray
-    slack: FloatArray
 
     def __len__(self) -> int:
         return len(self.times)
@@ -114,7 +111,7 @@ def find_candidates(
     many = sum(len(roots[0]) for roots in found)
     if not many:
         nothing, empty = np.zeros(0, dtype=np.intp), np.zeros(0)
-        return Candidates(start, goal, ways, nothing, nothing, empty, empty, empty, empty, empty)
+        return Candidates(start, goal, ways, nothing, nothing, empty, empty, empty, empty)
     yield RANK_POINTS + many // _CANDIDATES_A_POINT
     return _ranked(start, goal, ways, least_slack, [np.concatenate(x) for x in zip(*found, strict=True)])
 
@@ -219,13 +216,11 @@ def _ranked(start: Pose, goal: Pose, ways: Ways, least_slack: float, found: list
         speeds.append(speeds_after(speed, acceleration, times[side], limits.v))
     slack = found[4] - speed_change_distances(speeds[0], speeds[1], limits)
     kept = np.flatnonzero(slack >= least_slack)
-    found, slack = [column[kept] for column in found], slack[kept]
+    found = [column[kept] for column in found]
     durations = np.zeros(len(kept))
     for side, stretches in enumerate((ways.entry_stretches, ways.exit_stretches)):
         durations += times[side][kept] + stretches[found[side]]
     durations += straight_times(found[4], speeds[0][kept], speeds[1][kept], limits)
     order = np.argsort(durations, kind="stable")
     entries, exits, first, last, distance = (column[order] for column in found)
-    return Candidates(
-        start, goal, ways, entries, exits, first, last, distance, durations[order], slack[order]
-    )
+    return Candidates(start, goal, ways, entries, exits, first, last, distance, durations[order])

@@ -1,16 +1,51 @@
-"""What the service refine_subgoal answers, read as a view shows it."""
+"""What a view asks refinement and executor, and what refinement answers."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ator_interfaces.msg import SearchCurve
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import Objective as ObjectiveMessage
+from ator_interfaces.msg import SearchCurve, TopChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes.checks import MessageError
-from ator_ros.nodes.conversions import chain_from
+from ator_ros.nodes.conversions import chain_from, chain_of, situation_of
 from ator_ros.refinement.answer import SubgoalCurve
+from ator_ros.refinement.objective import Objective
 from ator_ros.tops.library import TopLibrary
-from ator_ros.viewing.advice import Advice
+from ator_ros.viewing.advice import Advice, Candidate
+from ator_ros.viewing.draft import Draft
+
+
+def request_of(draft: Draft, *, frame: str) -> RefineSubgoal.Request:
+    """Write what refine_subgoal is asked about a draft."""
+    chain, *others = chains_of(draft, frame=frame)
+    return RefineSubgoal.Request(
+        situation=situation_of(draft.world, frame=frame),
+        chain=chain,
+        objective=objective_of(draft.objective),
+        alternatives=others,
+        want_curve=True,
+    )
+
+
+def goal_of(draft: Draft, *, frame: str, refine: bool) -> ExecuteChain.Goal:
+    """Write the goal that executes the chain of a draft."""
+    chain, *others = chains_of(draft, frame=frame)
+    objective = objective_of(draft.objective)
+    return ExecuteChain.Goal(chain=chain, refine=refine, objective=objective, alternatives=others)
+
+
+def chains_of(draft: Draft, *, frame: str) -> list[TopChain]:
+    """Write the chain of a draft and its alternatives."""
+    chains = (draft.chain, *draft.alternatives)
+    return [chain_of(chain, action_set=draft.action_set, frame=frame) for chain in chains]
+
+
+def objective_of(objective: Objective) -> ObjectiveMessage:
+    """Write an objective; measures that it does not name have no weight."""
+    names = ObjectiveMessage.get_fields_and_field_types()
+    return ObjectiveMessage(**{name: float(objective.weights.get(name, 0.0)) for name in names})
 
 
 def advice_from(answer: RefineSubgoal.Response, library: TopLibrary, *, frame: str) -> Advice:
@@ -30,6 +65,8 @@ def advice_from(answer: RefineSubgoal.Response, library: TopLibrary, *, frame: s
         tuple(action.duration for action in answer.before_actions),
         tuple(action.duration for action in answer.after_actions),
         tuple(_curve_from(curve, len(naive.calls)) for curve in answer.curves),
+        tuple(Candidate(each.predicted.duration, each.cost, each.reason) for each in answer.alternatives),
+        answer.chosen,
     )
 
 

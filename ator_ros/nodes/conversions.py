@@ -65,12 +65,11 @@ def pose_of(pose: Pose) -> PoseMessage:
     return message
 
 
-def command_from(twist: Twist, where: str = "cmd_vel") -> Command:
-    """Read a velocity command; components other than linear.x and angular.z must be 0."""
+def command_from(twist: Twist, where: str) -> Command:
+    """Read a velocity command of the topic `where`; components but linear.x and angular.z must be 0."""
     linear, angular = twist.linear, twist.angular
-    checks.zero(
-        (linear.y, linear.z, angular.x, angular.y), f"{where}: linear.y, linear.z, angular.x, angular.y"
-    )
+    others = (linear.y, linear.z, angular.x, angular.y)
+    checks.zero(others, f"{where}: linear.y, linear.z, angular.x, angular.y")
     return Command(
         checks.velocity(linear.x, f"{where}.linear.x"),
         checks.velocity(angular.z, f"{where}.angular.z", "rad/s"),
@@ -283,13 +282,13 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
 # Objectives and performance
 
 
-def objective_from(objective: msg.Objective, where: str = "objective") -> Objective:
+def objective_from(objective: msg.Objective) -> Objective:
     """Read an objective: each field of the message is the weight of the measure of that name."""
     names = objective.get_fields_and_field_types()
     try:
         return Objective({name: float(getattr(objective, name)) for name in names})
     except RefinementError as error:
-        raise MessageError(str(error) if where == "objective" else f"{where}: {error}") from error
+        raise MessageError(str(error)) from error
 
 
 def performance_of(values: Mapping[str, float] | None = None) -> msg.Performance:

@@ -7,7 +7,6 @@ import math
 import time
 from typing import Any
 
-from nav_msgs.msg import Odometry
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -22,6 +21,7 @@ from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
+from ator_ros.nodes.execution_drawing import ExecutionDrawing
 from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
 from ator_ros.nodes.goal_run import GoalRun, unstarted
 from ator_ros.nodes.learned_sets import LearnedSets
@@ -29,11 +29,14 @@ from ator_ros.nodes.loading import load_predictors
 from ator_ros.nodes.model_sets import problems_of, told_of
 from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
-from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement_client import refinement_client
 from ator_ros.nodes.remote_servers import RemoteServers
+from ator_ros.nodes.robot_source import Read, RobotSource
 from ator_ros.nodes.running import run_node, spin_out
+from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.nodes.watchdog import Watchdog
+from ator_ros.robot.description import Robot
 from ator_ros.world.inputs import ClockJumpError
 from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
@@ -55,13 +58,13 @@ class ExecutorNode(Node):
         ends, it is only told to. Goals outside the fence are refused. A base that does not follow its
         commands ends a goal, and so does a way that leads out of the fence.
     Subscribes to
-        odom (nav_msgs/Odometry), and the topics of the domain's objects: their stamps, `latency` later, are
-        the time of the control programs.
+        odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
+        `latency` later, are the time of the control programs.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active, unless a server executes it.
         performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
-        /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
+        planned_path and markers (see `ExecutionDrawing`); /diagnostics, once a second.
     Calls
         refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it; the domain's action servers.
     """
@@ -70,7 +73,6 @@ class ExecutorNode(Node):
         super().__init__("executor")
         self._settings = declare_with_domain(self, parameters_for)
         robot = robot_of(self._settings)
-        self._bounds = bounds_of(robot)
         self._domain = domain = domain_of(self._settings)
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
         self._libraries = self._remotes.libraries(robot)
@@ -86,25 +88,25 @@ class ExecutorNode(Node):
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard, self._jumped = 0.0, -math.inf
-        self._ticks = Ticks()
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
-        self._last_error, self._goals = "", 0
-        self._offer()
-        topics = {"odom": Odometry, **self._objects.topics}
+        self._last_error, self._goals, self._ticks = "", 0, Ticks()
+        self._offer(robot)
+        topics = self._state.topics | self._objects.topics
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
+        self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
         self.get_logger().info("ready for chains")
 
-    def _offer(self) -> None:
-        self._commands = CommandPublisher(
-            self, stamped=self._settings["stamped_commands"], frame=self._settings["robot_frame"]
-        )
+    def _offer(self, robot: Robot) -> None:
+        settings, bounds = self._settings, bounds_of(robot)
+        frame, child, stamped = (settings[name] for name in ("frame", "robot_frame", "stamped_commands"))
+        self._commands = CommandPublisher(self, stamped=stamped, frame=child)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = refinement_client(self)
         # In this order: of messages that have all come, those of objects are then taken first.
-        sources, frame = map(self._domain.source, self._domain.objects), self._settings["frame"]
-        self._objects = ObjectSources(self, sources, self._take_object, frame=frame, bounds=self._bounds)
-        self.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
+        self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
+        self._objects = ObjectSources(self, sources, self._take_object, self._tf, frame=frame, bounds=bounds)
+        self._state = RobotSource(self, settings, robot, self._take_robot, self._tf)
         self._server = DeferredActionServer(
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
         )
@@ -112,7 +114,7 @@ class ExecutorNode(Node):
 
     def rests(self) -> bool:
         """Return whether inputs may gather. At several times real time objects would be far ahead of odom."""
-        return self._run is None and not self._remotes.ending() and self._inputs.pace < _HURRIED
+        return not (self._run or self._remotes.ending() or self._tf.used or self._inputs.pace >= _HURRIED)
 
     # Inputs
 
@@ -124,11 +126,10 @@ class ExecutorNode(Node):
         if remark is not None:
             self._note(remark)
 
-    def _take_odom(self, message: Odometry) -> None:
+    def _take_robot(self, read: Read) -> None:
         now = time.monotonic()
         try:
-            read = conversions.robot_from(message, frame=self._settings["frame"], bounds=self._bounds)
-            world = self._inputs.robot(*read, now)
+            world = self._inputs.robot(*read(), now)
         except (MessageError, StampError) as error:
             self._note(f"ignored: {error}")
             return
@@ -149,6 +150,7 @@ class ExecutorNode(Node):
             self._ticks.took(done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
+        self._drawing.objects(world)
 
     def _stand_by(self, run: GoalRun) -> None:
         """Command the robot to stand while a server may still move it though its goal was canceled."""
@@ -239,6 +241,7 @@ class ExecutorNode(Node):
             self._actions.publish(record)
         run.request_refinement()
         run.publish_feedback()
+        self._drawing.follow(run.execution, self._world)
         if not run.ended:
             return
         self._run = None
@@ -252,10 +255,7 @@ class ExecutorNode(Node):
         self.get_logger().info(f"goal ended: {run.summary}")
 
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
-        """Send a command, which counts as sent now, or with the newest state where it answers that.
-
-        None: somebody else moves the robot, so nothing is published.
-        """
+        """Send a command, as of now or of the state that it `answers`; None where others move the robot."""
         if self._inputs.time is not None:
             now = time.monotonic()
             after = 0.0 if answers else now - self._heard
@@ -283,7 +283,7 @@ class ExecutorNode(Node):
             **told_of(self._sets.present.models),
             **self._sets.told(),
         }
-        missing = "odom is missing" if stale else self._objects.missing(known)
+        missing = self._state.missing() if stale else self._objects.missing(known)
         problems = missing, problems_of(self._sets.present.models), self._remotes.problem
         return Health("; ".join(filter(None, problems)), error=stale and self._run is not None, values=values)
 

@@ -10,6 +10,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines
 from ator_ros.nodes.learned_sets import LEARNED
 from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError
+from ator_ros.nodes.robot_source import STATE
 from ator_ros.robot.description import Robot
 from ator_ros.world.inputs import Inputs
 from ator_ros.world.sightings import Sightings
@@ -17,7 +18,8 @@ from ator_ros.world.tracking import ObjectTracker
 
 _COMMON = (
     Parameter("frame", "odom", "frame of odom, objects and the goals of chains"),
-    Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands"),
+    Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands and tf"),
+    STATE,
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
     DOMAIN,
     ROBOT,

@@ -191,7 +191,7 @@ class GoalRun:
     # The end
 
     def result(self, world: World | None) -> Any:
-        """Put the goal into its final state and give its result; `world` is the last state known."""
+        """Put the goal into its final state and return its result; `world` is the last state known."""
         ending = self.execution.ending or Ending.FAILED
         if ending is Ending.SUCCEEDED:
             self.handle.succeed()

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
@@ -19,17 +17,17 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, Outcome
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import Domain
-from ator_ros.geometry import Pose
-from ator_ros.nodes import checks
-from ator_ros.nodes.advice import advice_from
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.nodes.advice import advice_from, goal_of, request_of
 from ator_ros.nodes.checks import MessageError, bounds_of
-from ator_ros.nodes.conversions import chain_of, pose_from, robot_from, situation_of
+from ator_ros.nodes.conversions import robot_from
+from ator_ros.nodes.heard import Heard
 from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.spun_node import SpunNode
+from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Run
@@ -54,11 +52,6 @@ class LiveStage:
         What is played, and by whom.
     frame : str
         The frame of odometry and goals.
-
-    Attributes
-    ----------
-    go_to : callable
-        Called in another thread with each pose that comes on the topic goal_pose, as RViz sends it.
     """
 
     def __init__(self, own: SpunNode, domain: Domain, robot: Robot, *, frame: str = "odom") -> None:
@@ -66,16 +59,17 @@ class LiveStage:
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._robot: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
-        self.go_to: Callable[[Pose], None] = lambda _: None
         self._run: Run | None = None
         self._goal: Any = None
         self.can_place = False
         node = own.node
+        self._heard = Heard(node)
+        self.history = self._heard.history
         sources = map(domain.source, domain.objects)
-        self._sources = ObjectSources(node, sources, self._take_object, frame=frame, bounds=bounds_of(robot))
+        tf, bounds = TfListener(node), bounds_of(robot)
+        self._sources = ObjectSources(node, sources, self._take_object, tf, frame=frame, bounds=bounds)
         node.create_subscription(Odometry, "odom", self._take_odom, SENSOR_DATA)
         node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
-        node.create_subscription(PoseStamped, "goal_pose", self._take_goal, RESULTS)
         self._placing = Placing(own, robot.scene.objects)
         self._refine = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         self._factor = node.create_client(SetParameters, "simulation/set_parameters")
@@ -110,17 +104,19 @@ class LiveStage:
         except MessageError as error:
             self._own.node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
 
-    def _take_goal(self, message: PoseStamped) -> None:
-        try:
-            checks.frame(message.header.frame_id, "goal_pose.header.frame_id", expected=self._frame)
-            self.go_to(pose_from(message.pose, "goal_pose.pose"))
-        except MessageError as error:
-            self._own.node.get_logger().warning(f"ignored: {error}")
-
     def _take_action(self, message: ActionPerformance) -> None:
         run = self._run
         if run is not None and not run.ended and message.outcome.code == Outcome.SUCCEEDED:
             run.actual.append(message.actual.duration)
+
+    @property
+    def learned(self) -> str:
+        """What the refinement node tells of the learned set of models in use."""
+        return self._heard.learned
+
+    def way(self) -> FloatArray | None:
+        """Return the way that the executor last said is planned."""
+        return self._heard.way
 
     def world(self) -> World | None:
         """Return the newest state; objects that nobody sees any more are not in it."""
@@ -136,11 +132,7 @@ class LiveStage:
     def refine(self, draft: Draft) -> Advice:
         """Ask the node `refinement`."""
         library = self._libraries[draft.action_set]
-        request = RefineSubgoal.Request(
-            situation=situation_of(draft.world, frame=self._frame),
-            chain=chain_of(draft.chain, action_set=draft.action_set, frame=self._frame),
-            want_curve=True,
-        )
+        request = request_of(draft, frame=self._frame)
         answer = self._own.call(self._refine, request)
         if not answer.accepted:
             raise StageError(answer.reason)
@@ -188,10 +180,9 @@ class LiveStage:
 
     # Execution
 
-    def execute(self, run: Run, chain: TopChain, action_set: str, *, refine: bool) -> None:
+    def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
         """Start to execute a chain, and let time go on once the executor steers."""
-        message = chain_of(chain, action_set=action_set, frame=self._frame)
-        goal = ExecuteChain.Goal(chain=message, refine=refine)
+        goal = goal_of(draft, frame=self._frame, refine=refine)
         self._run = run
         told = threading.Event()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
@@ -10,20 +10,36 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
-from ator_ros.viewing.shapes import Arrow, Segments, Shape
+from ator_ros.viewing.shapes import ORANGE, Arrow, Segments, Shape
+from ator_ros.world.scene import Scene
+from ator_ros.world.state import ObjectState
 
 _ABOVE_FLOOR = 0.02
 _SHAFT = 0.05
+_POINT = 0.05
+"""Radius in m that an object is drawn with whose size nobody has described."""
 
 
 def marker_array(shapes: Iterable[Shape], space: str, frame: str) -> MarkerArray:
     """Return markers in the namespace `space`; all that were there before are deleted."""
-    markers = [Marker(action=Marker.DELETEALL)]
-    markers += [
-        _segments(shape) if isinstance(shape, Segments) else _arrow(shape)
-        for shape in shapes
-        if not isinstance(shape, Segments) or len(shape.points)
-    ]
+    return _array(
+        (
+            _segments(shape) if isinstance(shape, Segments) else _arrow(shape)
+            for shape in shapes
+            if not isinstance(shape, Segments) or len(shape.points)
+        ),
+        space,
+        frame,
+    )
+
+
+def object_array(objects: Mapping[str, ObjectState], scene: Scene, frame: str) -> MarkerArray:
+    """Return spheres where objects are; those that were there before are deleted."""
+    return _array((_sphere(there, scene.radius(name)) for name, there in objects.items()), "objects", frame)
+
+
+def _array(drawn: Iterable[Marker], space: str, frame: str) -> MarkerArray:
+    markers = [Marker(action=Marker.DELETEALL), *drawn]
     for number, marker in enumerate(markers):
         marker.header.frame_id, marker.ns, marker.id = frame, space, number
     return MarkerArray(markers=markers)
@@ -42,6 +58,14 @@ def _arrow(shape: Arrow) -> Marker:
     marker = Marker(type=Marker.ARROW, color=_colour(*shape.colour), pose=pose_of(shape.pose))
     marker.pose.position.z = _ABOVE_FLOOR
     marker.scale.x, marker.scale.y, marker.scale.z = shape.length, _SHAFT, _SHAFT
+    return marker
+
+
+def _sphere(there: ObjectState, radius: float) -> Marker:
+    marker = Marker(type=Marker.SPHERE, color=_colour(*ORANGE), pose=pose_of(Pose(there.x, there.y, 0.0)))
+    size = 2.0 * max(radius, _POINT)
+    marker.pose.position.z = size / 2.0
+    marker.scale.x = marker.scale.y = marker.scale.z = size
     return marker
 
 

@@ -1,4 +1,4 @@
-"""The topics that tell where objects are: Odometry, PoseStamped or PoseWithCovarianceStamped."""
+"""What tells where objects are: topics of Odometry, PoseStamped or PoseWithCovarianceStamped, or tf."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ator_ros.nodes import checks
 from ator_ros.nodes.checks import MessageBounds
 from ator_ros.nodes.conversions import object_from, seconds_from
 from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.nodes.tf_listener import Found, TfListener
 from ator_ros.world.sources import ObjectSource
 from ator_ros.world.state import ObjectState
 from ator_ros.world.velocity import VelocityEstimate
@@ -38,6 +39,8 @@ class ObjectSources:
         The objects.
     take : callable
         Is given the name of an object, a reader, and a message for it.
+    tf : TfListener
+        Looks up the objects that tf tells of.
     frame : str
         The frame that objects must be in.
     bounds : MessageBounds
@@ -46,7 +49,7 @@ class ObjectSources:
     Attributes
     ----------
     topics : dict of str to type
-        The types of the messages by the names of the topics.
+        The types of the messages by the names of the topics, tf excepted.
     """
 
     def __init__(
@@ -54,16 +57,20 @@ class ObjectSources:
         node: Node,
         sources: Iterable[ObjectSource],
         take: Callable[[str, Reader, Any], None],
+        tf: TfListener,
         *,
         frame: str,
         bounds: MessageBounds,
     ) -> None:
         self._sources = tuple(sources)
-        self.topics = {source.listened: TYPES[source.type] for source in self._sources}
+        self.topics = {item.listened: TYPES[item.type] for item in self._sources if item.type in TYPES}
         for source in self._sources:
             reader = reader_of(source, frame=frame, bounds=bounds)
             callback = partial(take, source.name, reader)
-            node.create_subscription(TYPES[source.type], source.listened, callback, SENSOR_DATA)
+            if source.type == "tf":
+                tf.follow(frame, source.listened, callback)
+            else:
+                node.create_subscription(TYPES[source.type], source.listened, callback, SENSOR_DATA)
 
     def told(self, known: Container[str], overdue: Container[str]) -> dict[str, str]:
         """Return what diagnostics say of each object."""
@@ -85,7 +92,17 @@ def reader_of(source: ObjectSource, *, frame: str, bounds: MessageBounds) -> Rea
     if source.type == "Odometry":
         return partial(object_from, frame=frame, where=source.name, bounds=bounds)
     estimate = VelocityEstimate()
+    if source.type == "tf":
+        return partial(_found, source, estimate, bounds)
     return partial(_positioned, source, estimate, frame, bounds)
+
+
+def _found(
+    source: ObjectSource, estimate: VelocityEstimate, bounds: MessageBounds, found: Found
+) -> tuple[float, ObjectState]:
+    """Read what tf tells of an object; the velocity is estimated."""
+    x, y, _ = found.placement.origin
+    return found.time, _seen_at(estimate, found.time, x, y, f"{source.name} in tf", bounds)
 
 
 def _positioned(
@@ -95,8 +112,14 @@ def _positioned(
     checks.frame(message.header.frame_id, f"{source.name}.header.frame_id", expected=frame)
     covariant = source.type == "PoseWithCovarianceStamped"
     position = (message.pose.pose if covariant else message.pose).position
-    where = f"{source.name}.pose: position"
-    x = checks.position(position.x, f"{where}.x", most=bounds.x)
-    y = checks.position(position.y, f"{where}.y", most=bounds.y)
     time = seconds_from(message.header.stamp)
-    return time, estimate.state(time, x, y)
+    where = f"{source.name}.pose: position"
+    return time, _seen_at(estimate, time, position.x, position.y, where, bounds)
+
+
+def _seen_at(
+    estimate: VelocityEstimate, time: float, x: float, y: float, where: str, bounds: MessageBounds
+) -> ObjectState:
+    x = checks.position(x, f"{where}.x", most=bounds.x)
+    y = checks.position(y, f"{where}.y", most=bounds.y)
+    return estimate.state(time, x, y)

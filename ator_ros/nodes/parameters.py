@@ -159,7 +159,7 @@ def declare_with_domain(
     parameters_for: Callable[[Sequence[str]], Sequence[Parameter]],
     changed: Changed = no_more_to_do,
 ) -> dict[str, Any]:
-    """Declare `DOMAIN`, then the parameters of a node for the domain's objects; give values by name.
+    """Declare `DOMAIN`, then the parameters of a node for the domain's objects; return values by name.
 
     Parameters
     ----------

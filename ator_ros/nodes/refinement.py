@@ -17,6 +17,7 @@ from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
+from ator_ros.nodes.drawn import Drawn
 from ator_ros.nodes.learned_sets import LEARNED, LearnedSets
 from ator_ros.nodes.loading import Refiners, load_refiners, set_gates
 from ator_ros.nodes.model_sets import problems_of, told_of
@@ -30,7 +31,6 @@ from ator_ros.nodes.parameters import (
     domain_of,
     robot_of,
 )
-from ator_ros.nodes.qos import LATCHED
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
@@ -80,7 +80,7 @@ class RefinementNode(Node):
         others. At `deadline` the response is the best found until then, and cut_short is true.
     Publishes
         refinement_markers (visualization_msgs/MarkerArray, transient local): the naive chain, the
-        chain to execute, and the predicted times by heading as rings, while there is a subscriber.
+        chain to execute, and the predicted times by heading as rings, of the last request.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     """
 
@@ -95,7 +95,7 @@ class RefinementNode(Node):
         self._explorer = Explorer(self._settings["explore"])
         self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
-        self._markers = self.create_publisher(MarkerArray, "refinement_markers", LATCHED)
+        self._markers = Drawn(self, MarkerArray, "refinement_markers")
         self._turns = Turns(
             time.monotonic, deadline=self._settings["deadline"], most=self._settings["most_requests"]
         )
@@ -179,10 +179,9 @@ class RefinementNode(Node):
             yield
             wanted = request.want_curve
             response = answer_of(choice, request, action_set=action_set, frame=frame, want_curve=wanted)
-            if self._markers.get_subscription_count():
-                yield
-                start = conversions.pose_from(request.situation.robot, "situation.robot")
-                self._markers.publish(markers_of(choice.refinement, start=start, frame=frame))
+            yield
+            start = conversions.pose_from(request.situation.robot, "situation.robot")
+            self._markers.offer(functools.partial(markers_of, choice.refinement, start=start, frame=frame))
         self._last_time = response.computation_time = time.perf_counter() - began
         return response
 

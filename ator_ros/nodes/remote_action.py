@@ -92,12 +92,17 @@ class RemoteAction(Action):
             return Step(None, Status.RUNNING, f"waiting for {server.name} to accept")
         if not sent.accepted:
             return finished(Status.FAILED, f"{server.name} rejected the goal")
-        self._accepted = world.time if self._accepted is None else self._accepted
+        if self._accepted is None:
+            self._accepted = world.time
+            server.accepted(server.clock())
         if sent.result is not None:
             failure = server.failure_of(sent)
             if failure is None:
                 return finished(Status.SUCCEEDED, f"{server.name} succeeded")
             return finished(Status.FAILED, f"{server.name} failed: {failure}")
+        if server.silent(server.clock()):
+            within = f"expected a sign of life within {limits.silence:g} s, got none"
+            return finished(Status.FAILED, f"{server.name} is gone or hangs: {within}")
         if world.time - self._accepted > limits.result:
             late = f"{server.name} took too long: expected a result within {limits.result:g} s, got none"
             return finished(Status.FAILED, late)

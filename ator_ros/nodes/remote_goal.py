@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -22,6 +23,8 @@ class RemoteGoal:
         Of the server.
     message : object
         The goal.
+    heard : callable
+        Called when feedback comes.
 
     Attributes
     ----------
@@ -35,14 +38,15 @@ class RemoteGoal:
         What went wrong with an answer; empty where nothing did.
     """
 
-    def __init__(self, client: ActionClient, message: Any) -> None:
+    def __init__(self, client: ActionClient, message: Any, heard: Callable[[], None]) -> None:
         self.accepted: bool | None = None
         self.status = GoalStatus.STATUS_UNKNOWN
         self.result: Any = None
         self.fault = ""
         self._handle: ClientGoalHandle | None = None
         self._canceled = False
-        client.send_goal_async(message).add_done_callback(self._take_answer)
+        sent = client.send_goal_async(message, feedback_callback=lambda _: heard())
+        sent.add_done_callback(self._take_answer)
 
     @property
     def over(self) -> bool:

@@ -1,9 +1,8 @@
-"""Goals and results of any action type: found at run time, filled and read by the paths of their fields."""
+"""Goals of any action type: found at run time, and filled by the paths of their fields."""
 
 from __future__ import annotations
 
 import importlib
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -12,14 +11,13 @@ from rosidl_parser import definition
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.actions.remote import Filling, RemoteCall, Scalar
+from ator_ros.actions.remote import Filling, RemoteCall
+from ator_ros.actions.remote_results import parts
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.printable import printable, quoted
 
 _FLOATS = ("float", "double", "long double")
 _POSES = ("Pose", "PoseStamped")
-_STATUS = ("unknown", "accepted", "executing", "canceling", "succeeded", "canceled", "aborted")
-"""Names of the states of action_msgs/GoalStatus, by number."""
 
 
 class RemoteError(ValueError):
@@ -38,11 +36,6 @@ def action_type_of(name: str) -> Any:
         ) from error
     except AttributeError as error:
         raise RemoteError(f"type: expected an action of {package}, got {quoted(kind)}") from error
-
-
-def status_name(status: int) -> str:
-    """Return the name of a goal's state."""
-    return _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
 
 
 class GoalWriter:
@@ -115,38 +108,13 @@ def check_result(call: RemoteCall, kind: Any) -> None:
         _slot(kind, call.success.reason, "success.reason")
 
 
-def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
-    """Return in words why a result is no success; None where it is one."""
-    success = call.success
-    wrong = [] if status_name(status) in success.status else [f"its goal is {status_name(status)}"]
-    for expected in success.fields:
-        value = _read(result, expected.field)
-        if not _equal(value, expected.equals):
-            wrong.append(f"{expected.field}: expected {quoted(expected.equals)}, got {quoted(value)}")
-    if not wrong:
-        return None
-    said = "" if success.reason is None else str(_read(result, success.reason) or "")
-    return "; ".join(wrong) + (f" ({printable(said, 200)})" if said else "")
-
-
-def _equal(value: Any, expected: Scalar) -> bool:
-    if isinstance(expected, float):
-        return isinstance(value, int | float) and math.isclose(value, expected, rel_tol=1e-6, abs_tol=1e-9)
-    return bool(value == expected)
-
-
 # Paths
-
-
-def _parts(path: str) -> list[tuple[str, bool]]:
-    """Return the names in a path, each with whether the only item of a sequence is meant."""
-    return [(part.removesuffix("[0]"), part.endswith("[0]")) for part in path.split(".")]
 
 
 def _slot(kind: Any, path: str, where: str) -> Any:
     """Return the type of the field at a path; raises RemoteError."""
     slot: Any = None
-    for name, indexed in _parts(path):
+    for name, indexed in parts(path):
         fields = (
             {} if kind is None else dict(zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True))
         )
@@ -169,7 +137,7 @@ def _class_of(slot: Any) -> Any:
 
 
 def _put(message: Any, path: str, value: Any) -> None:
-    *way, (last, indexed) = _parts(path)
+    *way, (last, indexed) = parts(path)
     for name, only in way:
         message = _only_item(message, name) if only else getattr(message, name)
     setattr(message, last, [value] if indexed else value)
@@ -181,16 +149,6 @@ def _only_item(message: Any, name: str) -> Any:
         slots = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
         setattr(message, name, [_class_of(slots[name].value_type)()])
     return getattr(message, name)[0]
-
-
-def _read(message: Any, path: str) -> Any:
-    """Return the value at a path; None where a sequence on the way is empty."""
-    for name, indexed in _parts(path):
-        message = getattr(message, name)
-        if indexed and not len(message):
-            return None
-        message = message[0] if indexed else message
-    return message
 
 
 def _fitting(value: Any, slot: Any, where: str) -> Any:

@@ -12,8 +12,10 @@ from rclpy.node import Node
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.remote import RemoteCall
+from ator_ros.actions.remote_results import failure_in
 from ator_ros.nodes.remote_goal import RemoteGoal
-from ator_ros.nodes.remote_messages import GoalWriter, RemoteError, action_type_of, check_result, failure_in
+from ator_ros.nodes.remote_messages import GoalWriter, RemoteError, action_type_of, check_result
+from ator_ros.nodes.signs_of_life import SignsOfLife
 
 
 class RemoteServer:
@@ -51,6 +53,7 @@ class RemoteServer:
             self._writer = GoalWriter(call, kind.Goal, frame)
             check_result(call, kind.Result)
             self._client = ActionClient(node, kind, call.server)
+            self._life = SignsOfLife(node, call.server, call.timeouts.silence)
         except (RemoteError, NameValidationException) as error:
             self.fault = f"action server {call.server}: {error}"
 
@@ -77,7 +80,15 @@ class RemoteServer:
 
     def send(self, goal: Goal) -> RemoteGoal:
         """Send a goal."""
-        return RemoteGoal(self._client, self._writer.written(goal))
+        return RemoteGoal(self._client, self._writer.written(goal), self._life.heard)
+
+    def accepted(self, now: float) -> None:
+        """Watch over the server from `now` on, in real s: it has accepted a goal."""
+        self._life.begin(now)
+
+    def silent(self, now: float) -> bool:
+        """Return whether the server that executes a goal has been silent for longer than it may."""
+        return self._life.silence(now) > self.timeouts.silence
 
     def failure_of(self, sent: RemoteGoal) -> str | None:
         """Return in words why a goal with a result did not succeed; None where it did."""
@@ -86,6 +97,7 @@ class RemoteServer:
     def release(self, sent: RemoteGoal) -> None:
         """Cancel a goal that may not be over; until it is, or its time is up, the server counts as ending."""
         now = self.clock()
+        self._life.end()
         if not sent.over:
             sent.cancel()
             if self.present(now):

@@ -1,28 +1,84 @@
-"""The world that the node `simulation` keeps: simulator, sensors, start, and what may be placed where."""
+"""The world that the node `simulation` keeps: simulator, sensors, starts, and what may be placed where."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ator_ros.geometry import Pose
 from ator_ros.nodes import checks
+from ator_ros.nodes.checks import MessageError
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.base_controller import COMMAND_TIMEOUT
 from ator_ros.simulation.sensors import Sensors
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.world.state import STOP, Command, RobotState, World
-
-_STANDING_V, _STANDING_W = 0.02, 0.05
+from ator_ros.world.state import STOP, Command, World
 
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A stop of the robot: simulated time (s) of the last command to move, and since when it stands."""
+    """A stop of a robot: simulated time (s) of the last command to move, and since when it stands."""
 
+    robot: str
     last_command: float
     stood: float
+
+
+class SimulatedRobot:
+    """One robot of the world: what it is, what it observes, and how it was commanded.
+
+    Parameters
+    ----------
+    name : str
+        Its name; empty where there is no other.
+    robot : Robot
+        Shape, masses and limits.
+    sensors : Sensors
+        What it observes of the world.
+    start : Pose
+        At the start and after a reset.
+
+    Attributes
+    ----------
+    observed : World
+        What it observed last.
+    """
+
+    observed: World
+
+    def __init__(self, name: str, robot: Robot, sensors: Sensors, start: Pose) -> None:
+        self.name, self.robot, self.sensors, self.start = name, robot, sensors, start
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget all commands."""
+        self._commanded, self._command = -math.inf, STOP
+        self._driven: float | None = None
+
+    def commanded(self, command: Command, time: float) -> None:
+        """Note a command that came at `time` (s)."""
+        self._commanded, self._command = time, command
+        if command != STOP:
+            self._driven = time
+
+    def steered(self, time: float) -> bool:
+        """Return whether a command holds at `time` (s)."""
+        return time - self._commanded < COMMAND_TIMEOUT
+
+    @property
+    def told_to_move(self) -> bool:
+        """Whether the last command was to move."""
+        return self._command != STOP
+
+    def observe(self, world: World) -> Stop | None:
+        """Observe the true state; return the stop if the robot has come to stand."""
+        self.observed = self.sensors.observe(world)
+        driving = self.steered(world.time) and self.told_to_move
+        if self._driven is None or driving or not world.robot.is_standing:
+            return None
+        stop, self._driven = Stop(self.name, self._driven, world.time), None
+        return stop
 
 
 class SimulatedWorld:
@@ -30,98 +86,101 @@ class SimulatedWorld:
 
     Parameters
     ----------
-    robot : Robot
-        Shape, masses, limits, with its scene.
-    sensors : Sensors
-        What is observed of the world.
-    robot_start : Pose
-        Of the robot, at the start and after a reset.
+    robots : sequence of SimulatedRobot
+        At least one; the scene is that of the first.
     object_starts : mapping of str to (x, y)
-        Positions in m of the objects then, by name.
+        Positions in m of the objects at the start and after a reset, by name.
 
     Raises
     ------
     MessageError
-        A start outside the floor.
+        A start outside the floor, or two robots that start in the same place.
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        sensors: Sensors,
-        *,
-        robot_start: Pose,
-        object_starts: Mapping[str, tuple[float, float]],
+        self, robots: Sequence[SimulatedRobot], object_starts: Mapping[str, tuple[float, float]]
     ) -> None:
-        self._robot = robot
-        self._sensors = sensors
-        self._robot_start = robot_start
+        self._robots = tuple(robots)
+        self._scene = robots[0].robot.scene
         self._object_starts = object_starts
-        self._check_inside(robot_start.x, robot_start.y, "robot_start")
+        for number, robot in enumerate(self._robots):
+            self._check_inside(robot.start.x, robot.start.y, "robot_start")
+            for other in self._robots[:number]:
+                _check_apart(robot, robot.start, other, other.start, "robot_start")
         for name, place in object_starts.items():
             self._check_inside(*place, f"{name}_start")
-        self._simulation = Simulation(robot)
         self._begin()
 
     def _begin(self) -> None:
-        self._simulation.place_robot(self._robot_start)
+        first, *others = (each.robot for each in self._robots)
+        self._simulation = Simulation(first, others=others)
+        for number, robot in enumerate(self._robots):
+            self._simulation.place_robot(robot.start, number=number)
+            robot.begin()
         for name, place in self._object_starts.items():
             self._simulation.place_object(name, *place)
-        self._commanded, self._command = -math.inf, STOP
-        self._driven: float | None = None
         self._changed()
 
     def _changed(self) -> None:
-        self._sensors.reset()
-        self.observed: World = self._sensors.observe(self._simulation.world())
+        for number, robot in enumerate(self._robots):
+            robot.sensors.reset()
+            robot.observed = robot.sensors.observe(self._simulation.world(number=number))
 
     @property
     def time(self) -> float:
         """Simulated time in s since the start or the last reset."""
         return self._simulation.time
 
-    @property
-    def steered(self) -> bool:
-        """Whether a command holds."""
-        return self.time - self._commanded < COMMAND_TIMEOUT
+    def steered(self) -> frozenset[int]:
+        """Return the numbers of the robots that a command holds for."""
+        return frozenset(number for number, robot in enumerate(self._robots) if robot.steered(self.time))
 
-    def tick(self) -> Stop | None:
-        """Advance by one control tick; tell when the robot has come to stand."""
+    def awaited(self) -> frozenset[int]:
+        """Return the numbers of the robots whose next commands are worth waiting for.
+
+        Where there are several, one that was told to stand is not waited for: the others need their odometry.
+        """
+        steered = self.steered()
+        if len(self._robots) == 1:
+            return steered
+        return frozenset(number for number in steered if self._robots[number].told_to_move)
+
+    def tick(self) -> Iterator[Stop]:
+        """Advance by one control tick; return which robots have come to stand."""
         self._simulation.tick()
-        world = self._simulation.world()
-        self.observed = self._sensors.observe(world)
-        driving = self.steered and self._command != STOP
-        if self._driven is None or driving or not _stands(world.robot):
-            return None
-        stop, self._driven = Stop(self._driven, world.time), None
-        return stop
+        stops = [
+            robot.observe(self._simulation.world(number=number)) for number, robot in enumerate(self._robots)
+        ]
+        return filter(None, stops)
 
-    def command(self, command: Command) -> None:
-        """Send the base a velocity command."""
-        self._simulation.command(command)
-        self._commanded, self._command = self.time, command
-        if command != STOP:
-            self._driven = self.time
+    def command(self, command: Command, number: int) -> None:
+        """Send a base a velocity command."""
+        self._simulation.command(command, number=number)
+        self._robots[number].commanded(command, self.time)
 
     def reset(self) -> None:
         """Make a new world; its time starts at 0."""
         self._simulation.close()
-        self._simulation = Simulation(self._robot)
         self._begin()
 
-    def place_robot(self, pose: Pose, *, v: float, w: float) -> None:
-        """Put the robot's axle at `pose`, moving at v (m/s) and w (rad/s).
+    def place_robot(self, pose: Pose, number: int, *, v: float, w: float) -> None:
+        """Put a robot's axle at `pose`, moving at v (m/s) and w (rad/s).
 
         Raises
         ------
         MessageError
-            Outside the floor, or faster than the robot's limits.
+            Outside the floor, upon another robot, or faster than the robot's limits.
         """
-        limits = self._robot.limits
+        placed = self._robots[number]
+        limits = placed.robot.limits
         self._check_inside(pose.x, pose.y, "pose.pose.position")
         checks.number(v, "v", low=-limits.v, high=limits.v, unit="m/s")
         checks.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
-        self._simulation.place_robot(pose, v=v, w=w)
+        for other, robot in enumerate(self._robots):
+            if other != number:
+                there = self._simulation.world(number=other).robot.pose
+                _check_apart(placed, pose, robot, there, "pose.pose.position")
+        self._simulation.place_robot(pose, v=v, w=w, number=number)
         self._changed()
 
     def place_object(self, name: str, x: float, y: float, *, vx: float, vy: float) -> None:
@@ -146,10 +205,15 @@ class SimulatedWorld:
         self._changed()
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
-        x_most, y_most = self._robot.scene.area.floor
+        x_most, y_most = self._scene.area.floor
         checks.number(x, f"{where}.x", low=-x_most, high=x_most, unit="m")
         checks.number(y, f"{where}.y", low=-y_most, high=y_most, unit="m")
 
 
-def _stands(robot: RobotState) -> bool:
-    return abs(robot.v) < _STANDING_V and abs(robot.w) < _STANDING_W
+def _check_apart(robot: SimulatedRobot, pose: Pose, other: SimulatedRobot, there: Pose, where: str) -> None:
+    """Raise MessageError where two robots might overlap."""
+    least, distance = robot.robot.reach + other.robot.reach, pose.distance(there)
+    if distance < least:
+        raise MessageError(
+            f"{where}: expected {robot.name} at least {least:.2f} m from {other.name}, got {distance:.2f} m"
+        )

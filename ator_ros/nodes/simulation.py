@@ -1,4 +1,4 @@
-"""The node `simulation`: a simulated robot and the objects of a domain on ROS."""
+"""The node `simulation`: simulated robots and the objects of a domain on ROS."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
-from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
@@ -17,17 +16,12 @@ from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.embodiment import Embodiment
-from ator_ros.nodes.parameters import (
-    OBJECT,
-    declare_with_domain,
-    digest_of,
-    domain_of,
-    robot_of,
-)
-from ator_ros.nodes.qos import SENSOR_DATA, SERVICES, STATES
+from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of
+from ator_ros.nodes.qos import SENSOR_DATA, SERVICES
+from ator_ros.nodes.robot_topics import RobotTopics
 from ator_ros.nodes.running import run_node
-from ator_ros.nodes.simulation_settings import parameters_for, world_of
+from ator_ros.nodes.simulated_world import Stop
+from ator_ros.nodes.simulation_settings import names_of, parameters_for, robots_of, simulated_of, world_of
 from ator_ros.simulation.simulation import TICK
 
 _FASTEST_PERIOD = 0.0005
@@ -36,20 +30,22 @@ _WARNING_PERIOD = 2.0
 
 
 class SimulationNode(Node):
-    """Simulates one robot in one world; 20 ticks a second of simulated time.
+    """Simulates one robot, or several, in one world; 20 ticks a second of simulated time.
 
     Parameters: see `parameters_for`; `real_time_factor` and `command_wait` can change while it runs.
+    Where `robots` names robots, each has all topics and services that follow in the namespace of its name,
+    and frames that begin with it. What concerns the whole world, it concerns from each namespace.
 
     Subscribes to
         cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
         after the last command the robot stands, as far as BaseController says.
-    Publishes, every tick, as the sensors see it, stamped with the simulated time of what they see
+    Publishes, every tick, as the robot's sensors see it, stamped with the simulated time of what they see
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         the topic of each object of the domain (nav_msgs/Odometry): position and velocity, both in the
         header's frame; nothing while the object is not there.
-        /clock (rosgraph_msgs/Clock), when `publish_clock`.
+        joint_states, robot_description; tf of all robots: see `Embodiment`.
     Publishes
-        tf, joint_states, robot_description, scene_markers: see `Embodiment`.
+        /clock (rosgraph_msgs/Clock), when `publish_clock`: every tick.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
         place_robot, and place_NAME of each object (ator_interfaces): teleport, with a velocity.
@@ -58,51 +54,56 @@ class SimulationNode(Node):
 
     Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for a command, as long as a
     command holds: nobody who steers is left behind on a busy machine, also where one program hands over to
-    another that takes longer to begin than one tick waits.
+    another that takes longer to begin than one tick waits. Of several robots it waits for those that are told
+    to move, the shorter the more there are: who ceases to steer one must not stop the others.
     """
 
     def __init__(self) -> None:
         super().__init__("simulation")
         self._settings = declare_with_domain(self, parameters_for, self._change)
-        self._robot = robot_of(self._settings)
-        self._world = world_of(self._settings, self._robot)
+        self._names = names_of(self._settings)
+        robots = robots_of(self._settings)
+        self._digests = [robot.digest() for robot in robots]
+        self._simulated = simulated_of(self._settings, robots)
+        self._world = world_of(self._settings, self._simulated)
         self._paused = False
         self._deadline, self._due = 0.0, False
+        self._awaited: set[int] = set()
         self._rejected = ""
-        self._offer_topics()
-        self._offer_services()
+        self._clock_publisher = None
+        if self._settings["publish_clock"]:
+            self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
+        self._command_type = TwistStamped if self._settings["stamped_commands"] else Twist
+        self._topics = [self._topics_of(number) for number in range(len(robots))]
         factor = self._settings["real_time_factor"]
         self._waits = self._waits_at(factor)
         self._lateness = Lateness()
         self._ticks, self._counted = 0, (time.monotonic(), 0)
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
-        self._diagnostics = Diagnostics(self, self._health, {"cmd_vel": self._command_type})
+        commands = {topics.resolved("cmd_vel"): self._command_type for topics in self._topics}
+        self._diagnostics = Diagnostics(self, self._health, commands)
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
-        self.get_logger().info(f"simulating {self._robot.name} {speed}")
+        named = zip((robot.name for robot in robots), self._names, strict=True)
+        told = [f"{kind} as {name}" if name else kind for kind, name in named]
+        self.get_logger().info(f"simulating {', '.join(told)} {speed}")
 
-    def _offer_topics(self) -> None:
-        self._odom = self.create_publisher(Odometry, "odom", STATES)
-        self._objects = {
-            name: self.create_publisher(Odometry, name, STATES) for name in self._robot.scene.objects
-        }
-        self._clock_publisher = None
-        if self._settings["publish_clock"]:
-            self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
-        settings = self._settings
+    def _topics_of(self, number: int) -> RobotTopics:
+        """Offer topics and services of one robot."""
+        robot, settings = self._simulated[number], self._settings
         frames = {name: settings[name] for name in ("frame", "robot_frame")}
-        self._embodiment = Embodiment(self, domain_of(settings), self._robot, **frames)
-        self._command_type = TwistStamped if self._settings["stamped_commands"] else Twist
-        self.create_subscription(self._command_type, "cmd_vel", self._command, SENSOR_DATA)
-
-    def _offer_services(self) -> None:
-        self._offer_service(PlaceRobot, "place_robot", self._place_robot)
-        for name in self._objects:
-            self._offer_service(PlaceBall, f"place_{name}", partial(self._place_object, name))
-        self._offer_service(Trigger, "reset", self._reset)
-        self._offer_service(SetBool, "pause", self._pause)
-
-    def _offer_service(self, kind: type[Any], name: str, handle: Callable[[Any], str]) -> None:
-        self.create_service(kind, name, self._guarded(handle), qos_profile=SERVICES)
+        topics = RobotTopics(self, robot, **frames)
+        callback = partial(self._command, number)
+        self.create_subscription(self._command_type, topics.resolved("cmd_vel"), callback, SENSOR_DATA)
+        services: dict[str, tuple[type[Any], Callable[[Any], str]]] = {
+            "place_robot": (PlaceRobot, partial(self._place_robot, number)),
+            "reset": (Trigger, self._reset),
+            "pause": (SetBool, self._pause),
+        }
+        for name in topics.objects:
+            services[f"place_{name}"] = PlaceBall, partial(self._place_object, number, name)
+        for name, (kind, handle) in services.items():
+            self.create_service(kind, topics.resolved(name), self._guarded(handle), qos_profile=SERVICES)
+        return topics
 
     # Time
 
@@ -132,42 +133,35 @@ class SimulationNode(Node):
             self._deadline = now + _PAUSED_PERIOD
         else:
             self._lateness.came(now)
-            stop = self._world.tick()
-            if stop is not None:
-                times = f"since {stop.stood:.2f} s, last told to move at {stop.last_command:.2f} s"
-                self.get_logger().debug(f"the robot stands {times}")
+            for stop in self._world.tick():
+                self.get_logger().debug(_told(stop))
             self._ticks += 1
-            if self._waits and self._world.steered:
-                self._deadline = now + self._settings["command_wait"]
+            self._awaited = set(self._world.awaited()) if self._waits else set()
+            if self._awaited:
+                self._deadline = now + self._settings["command_wait"] / len(self._topics)
         self._publish()
 
     def _publish(self) -> None:
-        world, frame = self._world.observed, self._settings["frame"]
         if self._clock_publisher is not None:
             self._clock_publisher.publish(Clock(clock=conversions.stamp_of(self._world.time)))
-        # Objects come first, so that who acts on odom has the objects of the same tick.
-        for name, there in world.objects.items():
-            height = self._robot.scene.radius(name)
-            message = conversions.object_odometry_of(world.time, there, frame=frame, height=height)
-            self._objects[name].publish(message)
-        robot_frame = self._settings["robot_frame"]
-        odometry = conversions.odometry_of(world.time, world.robot, frame=frame, child=robot_frame)
-        self._odom.publish(odometry)
-        self._embodiment.publish(world)
+        for topics in self._topics:
+            topics.publish()
 
     # What comes in
 
-    def _command(self, message: Twist | TwistStamped) -> None:
+    def _command(self, number: int, message: Twist | TwistStamped) -> None:
+        topics = self._topics[number]
         try:
+            where = topics.resolved("cmd_vel")
             if isinstance(message, TwistStamped):
-                expected = self._settings["robot_frame"]
-                checks.frame(message.header.frame_id, "cmd_vel.header.frame_id", expected=expected)
+                checks.frame(message.header.frame_id, f"{where}.header.frame_id", expected=topics.robot_frame)
                 message = message.twist
-            self._world.command(conversions.command_from(message))
+            self._world.command(conversions.command_from(message, where), number)
         except MessageError as error:
             self._reject(str(error))
             return
-        if not self._paused:
+        self._awaited.discard(number)
+        if not (self._paused or self._awaited):
             self._deadline = 0.0
             if self._due:  # its timer came before the command
                 self._tick()
@@ -192,18 +186,19 @@ class SimulationNode(Node):
 
         return serve
 
-    def _place_robot(self, request: PlaceRobot.Request) -> str:
-        frame = self._settings["frame"]
+    def _place_robot(self, number: int, request: PlaceRobot.Request) -> str:
+        frame = self._topics[number].frame
         checks.frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
         pose = conversions.pose_from(request.pose.pose, "pose.pose")
-        self._world.place_robot(pose, v=request.v, w=request.w)
-        return f"robot at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
+        self._world.place_robot(pose, number, v=request.v, w=request.w)
+        who = self._names[number] or "robot"
+        return f"{who} at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
 
-    def _place_object(self, name: str, request: PlaceBall.Request) -> str:
+    def _place_object(self, number: int, name: str, request: PlaceBall.Request) -> str:
         if request.remove:
             self._world.remove_object(name)
             return f"{name} removed"
-        frame = self._settings["frame"]
+        frame = self._topics[number].frame
         checks.frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
         point, velocity = request.position.point, request.velocity
         self._world.place_object(name, point.x, point.y, vx=velocity.x, vy=velocity.y)
@@ -230,13 +225,19 @@ class SimulationNode(Node):
                 "simulated time (s)": f"{self._world.time:.2f}",
                 "real-time factor": f"{factor:.2f}",
                 "paused": self._paused,
-                "commands": "coming" if self._world.steered else "none",
+                "commands": "coming" if self._world.steered() else "none",
                 "longest time between ticks (ms)": self._lateness.take(),
                 "last error": self._rejected,
-                "robot digest": self._robot.digest(),
+                "robot digest": ", ".join(self._digests),
                 "parameters digest": digest_of(self._settings),
             },
         )
+
+
+def _told(stop: Stop) -> str:
+    """Return what the log says of a stop."""
+    who = f"robot {stop.robot}" if stop.robot else "the robot"
+    return f"{who} stands since {stop.stood:.2f} s, last told to move at {stop.last_command:.2f} s"
 
 
 def _period_at(factor: float) -> float:

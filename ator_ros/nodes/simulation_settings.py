@@ -1,4 +1,4 @@
-"""Parameters of the node `simulation`, and the world that is made of them."""
+"""Parameters of the node `simulation`, and what is made of them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ator_ros.files import is_name
 from ator_ros.geometry import Pose
 from ator_ros.nodes import checks
-from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError
-from ator_ros.nodes.simulated_world import SimulatedWorld
+from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError, robot_of
+from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
+from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import SensorConfig, Sensors, Sight
 
@@ -18,6 +21,8 @@ _COMMON = (
     Parameter("robot_frame", "base_link", "frame of the robot, in the middle of its axle"),
     DOMAIN,
     ROBOT,
+    Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
+    Parameter("descriptions", [""], "files of robots' descriptions; missing or empty: what `robot` names"),
     Parameter(
         "real_time_factor",
         1.0,
@@ -33,14 +38,16 @@ _COMMON = (
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
     Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
-    Parameter("robot_start", [-2.0, 0.0, 0.0], "pose of the robot after a reset: x, y in m, yaw in rad"),
+    Parameter("robot_start", [-2.0, 0.0, 0.0], "x, y, yaw of each robot after a reset; else beside the last"),
     Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
     Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
     Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
     Parameter("latency", 0.0, "simulated s after which odom and objects come, with their stamps", 0.0, 0.3),
 )
 _ASIDE = 1.0
-"""m between objects that are where they start by default."""
+"""m between objects, and between robots, that are where they start by default."""
+_MOST = 16
+"""Robots of one simulation."""
 
 
 def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
@@ -59,39 +66,79 @@ def _parameters_of(name: str, place: int) -> tuple[Parameter, ...]:
     )
 
 
-def world_of(settings: Mapping[str, Any], robot: Robot) -> SimulatedWorld:
+def names_of(settings: Mapping[str, Any]) -> list[str]:
+    """Return the names of the robots; raises SetupError where they cannot be told apart by them."""
+    names = list(settings["robots"])
+    good = 0 < len(names) <= _MOST and len(set(names)) == len(names)
+    if not good or not all(is_name(name) for name in names if name or len(names) > 1):
+        raise SetupError(
+            f"parameter robots: expected 1 to {_MOST} different names of letters, digits and _, "
+            f"got {quoted(names)}"
+        )
+    return names
+
+
+def robots_of(settings: Mapping[str, Any]) -> list[Robot]:
+    """Return the robots, all in the scene of the first; raises SetupError where a file cannot be used."""
+    files, names = settings["descriptions"], names_of(settings)
+    if len(files) > len(names):
+        raise SetupError(f"parameter descriptions: expected at most {len(names)} files, got {len(files)}")
+    named = [file or settings[ROBOT.name] for file in (*files, *[""] * (len(names) - len(files)))]
+    robots = [robot_of({**settings, ROBOT.name: file}) for file in named]
+    return [dataclasses.replace(robot, scene=robots[0].scene) for robot in robots]
+
+
+def world_of(settings: Mapping[str, Any], robots: Sequence[SimulatedRobot]) -> SimulatedWorld:
     """Return the world at its start.
 
     Raises
     ------
     SetupError
-        A start is outside the floor.
+        A start is outside the floor, or two are one.
     """
     try:
-        return _world_of(settings, robot)
+        return SimulatedWorld(robots, _object_starts(settings, robots[0].robot))
     except ValueError as error:
         raise SetupError(str(error)) from error
 
 
-def _world_of(settings: Mapping[str, Any], robot: Robot) -> SimulatedWorld:
-    start, objects = settings["robot_start"], robot.scene.objects
-    checks.count(start, "parameter robot_start", least=3, most=3)
-    places = {name: settings[f"{name}_start"] for name in objects}
+def _object_starts(settings: Mapping[str, Any], robot: Robot) -> dict[str, tuple[float, float]]:
+    places = {name: settings[f"{name}_start"] for name in robot.scene.objects}
     for name, place in places.items():
         checks.count(place, f"parameter {name}_start", least=2, most=2)
-    yaw = checks.position(start[2], "parameter robot_start: yaw")
+    return {name: (place[0], place[1]) for name, place in places.items()}
+
+
+def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[SimulatedRobot]:
+    """Return the robots at their starts; what they observe errs independently. Raises SetupError."""
     config = SensorConfig(
         drift=settings["drift"],
         heading_drift=settings["heading_drift"],
         latency=settings["latency"],
-        objects={name: _sight_of(settings, name) for name in objects},
+        objects={name: _sight_of(settings, name) for name in robots[0].scene.objects},
     )
-    return SimulatedWorld(
-        robot,
-        Sensors(config, settings["seed"]),
-        robot_start=Pose(start[0], start[1], yaw),
-        object_starts={name: (place[0], place[1]) for name, place in places.items()},
-    )
+    try:
+        starts = _starts(settings["robot_start"], len(robots))
+    except MessageError as error:
+        raise SetupError(str(error)) from error
+    named = zip(names_of(settings), robots, starts, strict=True)
+    return [
+        SimulatedRobot(name, robot, Sensors(config, settings["seed"] + number), start)
+        for number, (name, robot, start) in enumerate(named)
+    ]
+
+
+def _starts(numbers: Sequence[float], count: int) -> list[Pose]:
+    """Return the start of each robot: those given, then each `_ASIDE` to the left of the last."""
+    checks.count(numbers, "parameter robot_start", least=3, most=3 * count)
+    if len(numbers) % 3:
+        raise SetupError(f"parameter robot_start: expected x, y and yaw of each, got {len(numbers)} numbers")
+    for yaw in numbers[2::3]:
+        checks.position(yaw, "parameter robot_start: yaw")
+    starts = [Pose(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
+    while len(starts) < count:
+        starts.append(starts[-1].compose(Pose(0.0, _ASIDE, 0.0)))
+    return starts
 
 
 def _sight_of(settings: Mapping[str, Any], name: str) -> Sight:

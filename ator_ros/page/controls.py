@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import viser
 
 from ator_ros.evaluation.trials import Trial
+from ator_ros.refinement.objective import MEASURES, MOST_WEIGHT
 from ator_ros.viewing.desk import NAIVE, REFINED, Desk
 from ator_ros.viewing.inbox import Inbox
 
@@ -55,6 +57,11 @@ class Controls:
         with self._gui.add_folder("Situation", expand_by_default=desk.stage.can_place):
             self._situation(runs)
         self._opened = self._gui.add_folder("Open variables")
+        with self._gui.add_folder("What counts", expand_by_default=False):
+            self._objective()
+        with self._gui.add_folder("Alternatives", expand_by_default=False):
+            self._button("Keep this chain as an alternative", desk.keep_alternative)
+            self._button("Forget alternatives", desk.forget_alternatives)
         with self._gui.add_folder("Rules of the models", expand_by_default=False):
             self.rules = self._gui.add_markdown("")
 
@@ -85,6 +92,14 @@ class Controls:
             named = dict(runs)
             worst = gui.add_dropdown("Worst runs", (_NONE, *named))
             self._changed(worst, lambda label: desk.show(named[label]) if label in named else None)
+
+    def _objective(self) -> None:
+        desk = self._desk
+        for name, measure in MEASURES.items():
+            label = name if measure.unit == "s" else f"{name} (s per {measure.unit})"
+            weight = desk.draft.objective.weights.get(name, 0.0)
+            field = self._gui.add_number(label, weight, min=0.0, max=MOST_WEIGHT, step=0.1)
+            self._changed(field, partial(desk.weigh, name))
 
     def _random(self, field: Any) -> None:
         field.value = random.randrange(_MOST_SEED)

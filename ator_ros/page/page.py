@@ -15,13 +15,14 @@ from ator_ros.geometry import Pose
 from ator_ros.page.controls import Controls
 from ator_ros.page.drawing import NO_ANGLES, Canvas, RobotModel
 from ator_ros.page.grips import Grip
+from ator_ros.page.history_tab import HistoryTab
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.robot.description import Robot
 from ator_ros.viewing import panel
-from ator_ros.viewing.chain_picture import picture_of
+from ator_ros.viewing.chain_picture import alternatives, picture_of
 from ator_ros.viewing.desk import NAIVE, REFINED, Desk
 from ator_ros.viewing.inbox import Inbox
-from ator_ros.viewing.shapes import BLUE, ORANGE, polyline
+from ator_ros.viewing.shapes import BLUE, ORANGE, YELLOW, polyline
 from ator_ros.viewing.surroundings import surroundings
 from ator_ros.world.state import World
 
@@ -88,14 +89,18 @@ class Page:
             server, "/start", radius=robot.reach, height=0.02, colour=ORANGE, moved=self._robot_moved
         )
         self._goals: list[Grip] = []
-        self._controls = Controls(server, desk, self.inbox, runs)
+        tabs = server.gui.add_tab_group()
+        with tabs.add_tab("Now"):
+            self._controls = Controls(server, desk, self.inbox, runs)
+        self._history = HistoryTab(server.gui, tabs.add_tab("History"))
         self._edition, self._written = -1, -math.inf
 
     @staticmethod
     def _look(server: viser.ViserServer, robot: Robot) -> None:
         area, (position, look_at, fov) = robot.scene.area, camera_over(robot)
         server.scene.set_up_direction("+z")
-        server.gui.configure_theme(control_layout="fixed", show_logo=False, show_share_button=False)
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = position, look_at, fov
         size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
@@ -166,7 +171,8 @@ class Page:
     def _show_chain(self) -> None:
         desk = self._desk
         start = desk.draft.world.robot.pose
-        self._chain.draw([] if desk.advice is None else picture_of(start, desk.advice))
+        others = alternatives(start, desk.draft.alternatives)
+        self._chain.draw(others if desk.advice is None else [*others, *picture_of(start, desk.advice)])
         self._controls.show_open()
 
     def _show_grips(self) -> None:
@@ -187,10 +193,14 @@ class Page:
         self._set(controls.times, panel.times(desk.advice, desk.runs))
         self._set(controls.gate, panel.gate(desk.advice, desk.problem))
         self._set(controls.verdict, desk.race.verdict if desk.race else "")
-        self._trails.draw(
+        self._history.show(desk.stage)
+        way = desk.stage.way()
+        planned = polyline("planned", [] if way is None else way.tolist(), YELLOW, _TRAIL_WIDTH)
+        driven = (
             polyline(run.label, [pose[:2] for pose in run.poses], _TRAILS[run.label], _TRAIL_WIDTH)
             for run in desk.runs
         )
+        self._trails.draw([planned, *driven])
         if desk.advice is not None:
             models = self._models.get(desk.draft.action_set, {})
             told = panel.rules(desk.draft.world, desk.advice.chain, self._robot, models)

@@ -101,13 +101,13 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[s
 
 
 def kinds(starts: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Split starts by what makes a difference: rest or motion at both ends, ball or pose."""
-    rest, stop, ball = starts["v"].abs() <= AT_REST, starts["speedg"] <= AT_REST, starts["hold"] == 1
+    """Split starts by what makes a difference: rest or motion at both ends, an object or a pose as goal."""
+    rest, stop, held = starts["v"].abs() <= AT_REST, starts["speedg"] <= AT_REST, starts["hold"] == 1
     masks: Mapping[str, pd.Series] = {
         "at rest": rest,
-        "at rest, pose": rest & ~ball,
-        "at rest, ball, arriving at rest": rest & stop & ball,
-        "at rest, ball, arriving at speed": rest & ~stop & ball,
+        "at rest, pose": rest & ~held,
+        "at rest, object, arriving at rest": rest & stop & held,
+        "at rest, object, arriving at speed": rest & ~stop & held,
         "in motion": ~rest,
     }
     for name, mask in masks.items():

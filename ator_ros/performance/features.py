@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -18,8 +17,6 @@ from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.robot.description import Robot
-
-Mirror = Literal["even", "odd"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +33,6 @@ class Feature:
         Returns its values, shape (n,).
     translation, rotation : bool
         Whether it stays the same when the world is moved or turned.
-    mirror : {"even", "odd"}
-        Whether it keeps its value or changes its sign when the world is mirrored at the x axis.
     ideal : bool
         Whether it is an ideal time: how long the action would take at the robot's limits.
     described : bool
@@ -50,7 +45,6 @@ class Feature:
     compute: Callable[[Geometry], FloatArray]
     translation: bool = True
     rotation: bool = True
-    mirror: Mirror = "even"
     ideal: bool = False
     described: bool = False
 
@@ -60,28 +54,31 @@ def variables(words: str) -> frozenset[str]:
     return frozenset(words.split())
 
 
-def _raw(name: str, unit: str, mirror: Mirror) -> Feature:
+def _raw(name: str, unit: str) -> Feature:
     still = name in ("yaw", "yawg")
-    return Feature(name, unit, variables(name), lambda g: g.direct[name], still, False, mirror)
+    return Feature(name, unit, variables(name), lambda g: g.direct[name], still, False)
 
 
 _PLACES = variables("x y xg yg yawg hold")
 _POSES = _PLACES | {"yaw"}
 
 PAPER_11 = (
-    _raw("x", "m", "even"),
-    _raw("y", "m", "odd"),
-    _raw("yaw", "rad", "odd"),
-    _raw("xg", "m", "even"),
-    _raw("yg", "m", "odd"),
-    _raw("yawg", "rad", "odd"),
+    _raw("x", "m"),
+    _raw("y", "m"),
+    _raw("yaw", "rad"),
+    _raw("xg", "m"),
+    _raw("yg", "m"),
+    _raw("yawg", "rad"),
     Feature("dx", "m", variables("x xg yawg hold"), lambda g: g.dx, rotation=False),
-    Feature("dy", "m", variables("y yg yawg hold"), lambda g: g.dy, rotation=False, mirror="odd"),
+    Feature("dy", "m", variables("y yg yawg hold"), lambda g: g.dy, rotation=False),
     Feature("dist", "m", _PLACES, lambda g: g.dist),
     Feature("angle_to_dest", "rad", _POSES, lambda g: np.abs(g.to_dest)),
     Feature("angle_at_dest", "rad", _PLACES, lambda g: np.abs(g.at_dest)),
 )
 """The candidates of the paper; its angles don't tell left from right."""
+
+PAPER_6 = PAPER_11[:6]
+"""The direct variables of both poses, which the paper transforms into three features (Figures 3 and 5)."""
 
 PAPER_3 = PAPER_11[-3:]
 """Those that the paper's model trees chose."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +26,27 @@ class _GateFile:
     action_set: str
     kind: Annotated[str, OneOf((OpenGate.kind, ThresholdGate.kind, TreeGate.kind))]
     gate: dict[str, Any]
+    training: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class GateTraining:
+    """How a gate was chosen, as the tool `gate` writes it.
+
+    Attributes
+    ----------
+    seed, situations : int or None
+        Of the situations that it was learned from; None where the file does not say.
+    cross_validation : mapping of str to mapping
+        Measures by name, of every kind of gate that was compared.
+    tree_rules : tuple of str
+        The rules of the decision tree.
+    """
+
+    seed: int | None = None
+    situations: int | None = None
+    cross_validation: dict[str, dict[str, int | float]] = field(default_factory=dict)
+    tree_rules: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,7 +96,7 @@ def load_gate(path: Path, action_set: str = "default") -> Gate:
         The file cannot be read, is no gate, is newer than this code, or was learned for other actions; the
         message names file and field.
     """
-    try:
+    with _refusing(path):
         file = structured(FORMAT.current(read_json(path)), _GateFile)
         if file.action_set != action_set:
             raise SchemaError(
@@ -86,8 +108,28 @@ def load_gate(path: Path, action_set: str = "default") -> Gate:
         if file.kind == ThresholdGate.kind:
             return structured(file.gate, ThresholdGate, "gate")
         tree = structured(file.gate, _Tree, "gate")
+        return TreeGate(tree.feature, tree.threshold, tree.left, tree.right, tree.label)
+
+
+def load_training(path: Path) -> GateTraining:
+    """Read how the gate in a file was chosen.
+
+    Raises
+    ------
+    RefinementError
+        As for `load_gate`; or this part of the file does not fit.
+    """
+    with _refusing(path):
+        file = structured(FORMAT.current(read_json(path)), _GateFile)
+        return structured(file.training, GateTraining, "training")
+
+
+@contextlib.contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """Raise RefinementError, which names the file, for what a file's content raises."""
+    try:
+        yield
     except UnreadableError as error:
         raise RefinementError(str(error)) from error
     except SchemaError as error:
         raise RefinementError(f"{path}: {error}") from error
-    return TreeGate(tree.feature, tree.threshold, tree.left, tree.right, tree.label)

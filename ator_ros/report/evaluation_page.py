@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ from ator_ros.evaluation.statistics import OURS
 from ator_ros.evaluation.toolset import GATE, make_library
 from ator_ros.evaluation.trials import SEEDS, random_trial
 from ator_ros.files import write_text
+from ator_ros.refinement.gate import Gate, OpenGate, ThresholdGate
+from ator_ros.refinement.gate_file import load_training
 from ator_ros.report import charts
 from ator_ros.report.page import code, figure, page, paragraph, section, table
 from ator_ros.report.report_tables import headline, policies, table1, verdict
@@ -55,7 +57,7 @@ def write_report(
         _models(tools, settings),
         _worst(records, tools, settings),
         _accuracy(tools, summary),
-        _gate(settings),
+        _gate(tools.gate, settings),
         _repeat(result),
     ]
     write_text(folder / REPORT, page(title, body))
@@ -165,27 +167,27 @@ def _prediction_row(name: str, row: Mapping[str, Any]) -> tuple[str, ...]:
     return (name, str(row["chains"]), *errors, f"{row['mae_s']:.3f}", f"{row['rmse_s']:.3f}")
 
 
-def _gate(settings: Settings) -> str:
+def _gate(gate: Gate, settings: Settings) -> str:
     path = settings.source.folder() / GATE
     if not path.exists():
         return section("The gate", paragraph("There is no gate: everything is refined."))
-    data = json.loads(path.read_text(encoding="utf-8"))
-    training = data.get("training", {})
+    training = load_training(path)
     names = ("mean_gain_s", "kept_gain_percent", "higher", "equal", "lower", "refined_percent", "utility")
-    compared = training.get("cross_validation", {})
-    rows = [(kind, *(str(row[name]) for name in names)) for kind, row in compared.items()]
+    compared = training.cross_validation
+    rows = [(kind, *(str(row.get(name, "?")) for name in names)) for kind, row in compared.items()]
+    numbers = asdict(gate) if isinstance(gate, OpenGate | ThresholdGate) else ""
+    situations, seed = ("?" if value is None else value for value in (training.situations, training.seed))
     return section(
         "The gate",
         paragraph(
-            f"Shipped: {data['kind']} {data['gate'] if data['kind'] != 'tree' else ''}. Cross-validated on "
-            f"{training.get('situations', '?')} situations of seed {training.get('seed', '?')}, "
+            f"Shipped: {gate.kind} {numbers}. Cross-validated on {situations} situations of seed {seed}, "
             "with and without arrival speed:"
         ),
         table(("gate", *names), rows),
         paragraph(
             f"The decision tree's rules ({compared.get('tree', {}).get('accuracy_percent', '?')} % correct):"
         ),
-        code("\n".join(training.get("tree_rules", []))),
+        code("\n".join(training.tree_rules)),
     )
 
 

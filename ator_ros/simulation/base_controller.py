@@ -53,7 +53,7 @@ class BaseController:
         self._expires = time + COMMAND_TIMEOUT - _ROUNDING
 
     def ramp(self, time: float, dt: float) -> tuple[float, float]:
-        """Move the setpoint toward the command for `dt` s; give the left and right wheel speed in rad/s."""
+        """Move the setpoint toward the command for `dt` s; return the left and right wheel speed in rad/s."""
         target = self._command if time < self._expires else STOP
         self.setpoint = ramped(self.setpoint, target, dt, self._robot.limits)
         turn = self.setpoint.w * self._robot.track / 2.0

@@ -12,10 +12,9 @@ from ator_ros.geometry import quaternion_from_yaw
 from ator_ros.robot.description import Robot
 from ator_ros.robot.wheels import WHEEL_NAMES
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.world.scene import Bay, RoundObject
+from ator_ros.world.scene import WALL_THICKNESS, Bay, RoundObject
 
 GRAVITY = 9.81
-WALL_THICKNESS = 0.05
 WALL_HEIGHT = 0.4
 
 

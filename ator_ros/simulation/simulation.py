@@ -1,30 +1,27 @@
-"""A simulated robot in its scene: a class without ROS, many worlds in one process."""
+"""Simulated robots in a scene: a class without ROS, many worlds in one process."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 
 import pybullet as p
 
-from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
+from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.base_controller import BaseController
 from ator_ros.simulation.bodies import (
     GRAVITY,
-    load_base,
     make_bay,
     make_floor,
     make_object,
     set_object_dynamics,
 )
-from ator_ros.simulation.motors import Motors
-from ator_ros.world.state import Command, ObjectState, RobotState, World
+from ator_ros.simulation.simulated_base import SimulatedBase
+from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, World
 
 PHYSICS_RATE = 240
-CONTROL_RATE = 20
-TICK = 1.0 / CONTROL_RATE
+TICK = CONTROL_PERIOD
+CONTROL_RATE = round(1.0 / TICK)
 RAMPS_PER_TICK = 4
 # Converged: with the rotors' inertia in the wheels, 50 iterations give the same speeds to 0.2 %.
 SOLVER_ITERATIONS = 20
@@ -32,16 +29,19 @@ _AWAY = 50.0
 
 
 class Simulation:
-    """One world: a robot, the objects and bays of its scene, and a floor.
+    """One world: a robot or several, the objects and bays of a scene, and a floor.
 
-    Deterministic: the same placements and commands give bit-identical trajectories.
+    Deterministic: the same placements and commands give bit-identical trajectories. Robots are numbered from
+    0 on; where no number is given, the first one is meant.
 
     Parameters
     ----------
     robot : Robot
-        Shape, masses and limits, with its scene.
+        Shape, masses and limits of the first robot, with the scene.
     wheels : (float, float)
         Speeds of the left and the right wheel as shares of what was commanded: below 1 a wheel slips.
+    others : sequence of Robot
+        The other robots. Their scenes do not count; until they are placed, they stand far away.
 
     Notes
     -----
@@ -49,16 +49,18 @@ class Simulation:
     speeds within a tick as firmware does, and Bullet takes the three steps in one call.
     """
 
-    def __init__(self, robot: Robot, *, wheels: tuple[float, float] = (1.0, 1.0)) -> None:
+    def __init__(
+        self, robot: Robot, *, wheels: tuple[float, float] = (1.0, 1.0), others: Sequence[Robot] = ()
+    ) -> None:
         self.robot = robot
-        self._shares = wheels
         self._client: int = p.connect(p.DIRECT)
-        self._build()
-        self.place_robot(Pose(0.0, 0.0, 0.0))
+        self._build((robot, *others), wheels)
+        for number in range(len(self._bases)):
+            self.place_robot(Pose(0.0, -_AWAY * number, 0.0), number=number)
         for name in self._bodies:
             self.remove_object(name)
 
-    def _build(self) -> None:
+    def _build(self, robots: Sequence[Robot], wheels: tuple[float, float]) -> None:
         client = self._client
         p.setGravity(0, 0, -GRAVITY, physicsClientId=client)
         p.setPhysicsEngineParameter(
@@ -73,37 +75,20 @@ class Simulation:
         walls = [wall for bay in scene.bays for wall in make_bay(client, bay)]
         self._bodies = {name: make_object(client, item) for name, item in scene.objects.items()}
         self._present: dict[str, bool] = {}
-        self._body, self._wheels = load_base(client, self.robot)
-        # Pairs that never touch cost time: the body and the floor, the wheels and all but the floor.
-        p.setCollisionFilterPair(self._body, floor, -1, -1, 0, physicsClientId=client)
-        for wheel in self._wheels:
-            for other in (*self._bodies.values(), *walls):
-                p.setCollisionFilterPair(self._body, other, wheel, -1, 0, physicsClientId=client)
-        self._com = p.getDynamicsInfo(self._body, -1, physicsClientId=client)[3]
-        self._base = BaseController(self.robot)
+        self._bases = [SimulatedBase(client, each, wheels, period=1.0 / PHYSICS_RATE) for each in robots]
+        for base in self._bases:
+            rest = [other.body for other in self._bases if other is not base]
+            base.ignore(floor, (*self._bodies.values(), *walls, *rest))
         self._ticks = 0
-        self._motors = Motors(client, self._body, self._wheels, self.robot, period=1.0 / PHYSICS_RATE)
 
     @property
     def time(self) -> float:
         """Simulated time in s since the world was made."""
         return self._ticks * TICK
 
-    def place_robot(self, pose: Pose, *, v: float = 0.0, w: float = 0.0) -> None:
-        """Put the robot's axle at `pose`, moving at v (m/s) and w (rad/s)."""
-        client, c, s = self._client, math.cos(pose.yaw), math.sin(pose.yaw)
-        # Bullet's base position is the centre of mass, not the axle.
-        position = (pose.x + c * self._com[0], pose.y + s * self._com[0], self._com[2])
-        velocity = (c * v - s * w * self._com[0], s * v + c * w * self._com[0], 0.0)
-        p.resetBasePositionAndOrientation(
-            self._body, position, quaternion_from_yaw(pose.yaw), physicsClientId=client
-        )
-        p.resetBaseVelocity(self._body, velocity, (0.0, 0.0, w), physicsClientId=client)
-        turn = w * self.robot.track / 2.0
-        for wheel, speed in zip(self._wheels, (v - turn, v + turn), strict=True):
-            p.resetJointState(self._body, wheel, 0.0, speed / self.robot.wheel_radius, physicsClientId=client)
-        self._base.reset(Command(v, w))
-        self._motors.release()
+    def place_robot(self, pose: Pose, *, v: float = 0.0, w: float = 0.0, number: int = 0) -> None:
+        """Put a robot's axle at `pose`, moving at v (m/s) and w (rad/s)."""
+        self._bases[number].place(pose, v, w)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:
         """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
@@ -145,39 +130,30 @@ class Simulation:
             body, (vx, vy, 0.0), (-vy / radius, vx / radius, 0.0), physicsClientId=self._client
         )
 
-    def command(self, command: Command) -> None:
-        """Send the base a velocity command; it holds for 0.15 s and is clipped to the limits.
+    def command(self, command: Command, *, number: int = 0) -> None:
+        """Send a base a velocity command; it holds for 0.15 s and is clipped to the limits.
 
         Raises
         ------
         ValueError
             The command is not finite.
         """
-        self._base.command(command, self.time)
+        self._bases[number].command(command, self.time)
 
     def tick(self) -> None:
         """Advance the world by one control tick of 1/20 s."""
-        dt = TICK / RAMPS_PER_TICK
         for _ in range(RAMPS_PER_TICK):
-            left, right = self._base.ramp(self.time, dt)
-            self._motors.turn((left * self._shares[0], right * self._shares[1]))
+            for base in self._bases:
+                base.ramp(self.time, TICK / RAMPS_PER_TICK)
             p.stepSimulation(physicsClientId=self._client)
         self._ticks += 1
 
-    def world(self) -> World:
-        """Return the true state: time, robot, and the objects that are there."""
+    def world(self, *, number: int = 0) -> World:
+        """Return the true state: time, a robot, and the objects that are there."""
         objects = {
             name: self._object_state(body) for name, body in self._bodies.items() if self._present[name]
         }
-        return World(self.time, self._robot_state(), objects)
-
-    def _robot_state(self) -> RobotState:
-        position, quaternion = p.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
-        linear, angular = p.getBaseVelocity(self._body, physicsClientId=self._client)
-        yaw = yaw_from_quaternion(*quaternion)
-        c, s = math.cos(yaw), math.sin(yaw)
-        pose = Pose(position[0] - c * self._com[0], position[1] - s * self._com[0], yaw)
-        return RobotState(pose, c * linear[0] + s * linear[1], angular[2])
+        return World(self.time, self._bases[number].state(), objects)
 
     def _object_state(self, body: int) -> ObjectState:
         position, _ = p.getBasePositionAndOrientation(body, physicsClientId=self._client)

@@ -9,6 +9,8 @@ from ator_ros.resources import resource_path
 from ator_ros.robot.description import Holder, Robot, load_robot
 
 WHEEL_MASS = 0.4
+"""Mass in kg of a wheel; of a light robot's, `WHEEL_SHARE` of its mass."""
+WHEEL_SHARE = 0.25
 # Seen through the gear (38.3:1) the motor's rotor outweighs the wheel: 4e-6 kg m^2 * 38.3^2.
 WHEEL_INERTIA = 0.008
 CENTRE_OF_MASS_X = -0.06
@@ -26,8 +28,10 @@ def robot_urdf(robot: Robot) -> str:
     robot : Robot
         Sizes and masses; everything else is in `urdf/robot.urdf.template`.
     """
-    body_mass = robot.mass - 2 * WHEEL_MASS
-    length, width = robot.front + robot.rear, 2 * robot.half_width - 0.08
+    wheel_mass = min(WHEEL_MASS, WHEEL_SHARE * robot.mass)
+    body_mass = robot.mass - 2 * wheel_mass
+    # The body lies between the wheels; that of a robot narrower than 16 cm overlaps them.
+    length, width = robot.front + robot.rear, max(2 * robot.half_width - 0.08, robot.half_width)
     numbers = {
         "com_x": CENTRE_OF_MASS_X,
         "body_mass": body_mass,
@@ -37,7 +41,7 @@ def robot_urdf(robot: Robot) -> str:
         "body_x": (robot.front - robot.rear) / 2,
         "body_length": length,
         "body_width": width,
-        "wheel_mass": WHEEL_MASS,
+        "wheel_mass": wheel_mass,
         "wheel_i": WHEEL_INERTIA,
         "wheel_radius": robot.wheel_radius,
         "half_track": robot.track / 2,

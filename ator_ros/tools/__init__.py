@@ -1,1 +1,1 @@
-"""Command lines: collect, train, evaluate, demo, bench."""
+"""Command lines. What they do is in `work`, which is imported once a line is understood."""

@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return work.run(options)
 
-    return guarded("bench", run, interrupted="the parts that were told of are written")
+    return guarded("bench", run, interrupted="the parts whose lines were printed are written")
 
 
 if __name__ == "__main__":

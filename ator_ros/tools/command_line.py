@@ -15,11 +15,12 @@ if TYPE_CHECKING:  # each takes seconds to import, and no help needs it
     from ator_ros.evaluation.toolset import ToolsetSource
 
 
-def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> None:
+def add_setting(parser: argparse.ArgumentParser, *, robot: bool = True, action_set: bool = True) -> None:
     """Add the options that select robot, domain and set of actions."""
-    parser.add_argument(
-        "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
-    )
+    if robot:
+        parser.add_argument(
+            "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
+        )
     parser.add_argument(
         "--domain",
         default=DEFAULT,

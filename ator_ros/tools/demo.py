@@ -1,4 +1,4 @@
-"""Play chains of a domain naive and refined, over ROS: by default the last of soccer (paper, Figure 1)."""
+"""Play chains of a domain naive and refined, over ROS (paper, Figure 1)."""
 
 from __future__ import annotations
 

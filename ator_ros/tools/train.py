@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return work.run(options, domain, portable_command("train", words))
 
-    return guarded("train", run, interrupted="the models that were told of are written, no others")
+    return guarded("train", run, interrupted="models whose lines were printed are written, no others")
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""Teleo-operators, their conditions, chains and the chain executor."""
+"""Teleo-operators (TOPs), their conditions, their library, and chains of them."""

@@ -28,7 +28,6 @@ class TopLibrary(Mapping[str, Top]):
         Makers of the actions by name, each called with the robot.
     ranges : mapping, optional
         Ranges of the goal variables; by default those that robot and scene determine.
-
     goal_variables : mapping, optional
         The goal variables that actions declare beyond pose and speed, by the actions' names.
 
@@ -84,7 +83,7 @@ class TopLibrary(Mapping[str, Top]):
         """Return the goal variables that the action of `top` declares beyond pose and speed."""
         return self._goal_variables.get(top.action, ())
 
-    def goal(self, top: Top, pose: Pose, speed: float = 0.0) -> Goal:
-        """Return a goal of `top`, with the usual values of the variables that its action declares."""
+    def goal(self, top: Top, pose: Pose) -> Goal:
+        """Return a goal of `top` at rest, with the usual values of the variables that its action declares."""
         values = {variable.name: variable.usual for variable in self.goal_variables(top)}
-        return Goal(pose, speed, top.point, values)
+        return Goal(pose, 0.0, top.point, values)

@@ -84,7 +84,7 @@ class Bearing:
     axis : float
         Direction of the axis in rad, for an origin at x >= 0.
     mirrored : bool
-        Whether the axis is mirrored at the y axis for an origin at x < 0, as those of two goals are.
+        Whether the axis is mirrored at the y axis for an origin at x < 0, as those of facing bays are.
 
     Raises
     ------

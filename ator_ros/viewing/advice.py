@@ -5,8 +5,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ator_ros.refinement.alternatives import Judged, Selection
 from ator_ros.refinement.answer import Refinement, SubgoalCurve
 from ator_ros.tops.chain import TopChain
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One of several chains for the same end: predicted duration in s, cost, and why it is as it is.
+
+    Both numbers are NaN where it was skipped.
+    """
+
+    duration: float
+    cost: float
+    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +38,10 @@ class Advice:
         Predicted durations in s of the steps of `naive`, and of the best chain found; NaN without a model.
     curves : tuple of SubgoalCurve
         What was searched.
+    candidates : tuple of Candidate
+        The chain and its alternatives, in their order; empty where there are none.
+    chosen : int
+        The number, from 0, of the candidate that all else is about.
     """
 
     naive: TopChain
@@ -34,6 +51,8 @@ class Advice:
     before: tuple[float, ...] = ()
     after: tuple[float, ...] = ()
     curves: tuple[SubgoalCurve, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
+    chosen: int = 0
 
     @property
     def predicted(self) -> tuple[float, ...]:
@@ -41,8 +60,16 @@ class Advice:
         return self.after if self.refined else self.before
 
 
-def advice_of(refinement: Refinement) -> Advice:
-    """Return what a refinement says."""
+def candidate_of(judged: Judged) -> Candidate:
+    """Return what became of one of several chains."""
+    prediction = judged.prediction
+    if prediction is None:
+        return Candidate(math.nan, math.nan, judged.reason)
+    return Candidate(prediction.duration, prediction.cost, judged.reason)
+
+
+def advice_of(refinement: Refinement, selection: Selection | None = None) -> Advice:
+    """Return what a refinement says, chosen among others if there is a `selection`."""
     return Advice(
         refinement.original,
         refinement.chain,
@@ -51,4 +78,6 @@ def advice_of(refinement: Refinement) -> Advice:
         tuple(action.get("duration", math.nan) for action in refinement.before.actions),
         tuple(action.get("duration", math.nan) for action in refinement.after.actions),
         refinement.curves,
+        () if selection is None else tuple(map(candidate_of, selection.judged)),
+        0 if selection is None else selection.number,
     )

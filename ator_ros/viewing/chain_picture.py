@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.ring import rings_of
-from ator_ros.viewing.shapes import BLUE, GREY, Arrow, Colour, Segments, Shape, polyline
+from ator_ros.viewing.shapes import BLUE, GREY, ORANGE, VIOLET, Arrow, Colour, Segments, Shape, polyline
 
 _LEG_WIDTH = 0.015
+_THIN = 0.008
 
 
 def picture_of_chain(name: str, start: Pose, chain: TopChain, colour: Colour) -> list[Shape]:
@@ -17,6 +20,26 @@ def picture_of_chain(name: str, start: Pose, chain: TopChain, colour: Colour) ->
     legs = polyline(f"{name}/legs", [(pose.x, pose.y) for pose in (start, *poses)], colour, _LEG_WIDTH)
     arrows = (Arrow(f"{name}/subgoal{step}", pose, colour) for step, pose in enumerate(poses))
     return [legs, *arrows]
+
+
+def picture_under_way(start: Pose, chain: TopChain, step: int) -> list[Shape]:
+    """Return a chain that is executed from `start`; the subgoal of `step`, from 0, is orange."""
+    shapes = picture_of_chain("chain", start, chain, BLUE)
+    pose = chain.calls[step].goal.pose
+    return [Arrow(shape.name, pose, ORANGE) if n == step + 1 else shape for n, shape in enumerate(shapes)]
+
+
+def alternatives(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
+    """Return thin lines from `start` along the subgoals of other chains."""
+    return [
+        polyline(
+            f"alternative{number}",
+            [(start.x, start.y), *((call.goal.pose.x, call.goal.pose.y) for call in chain.calls)],
+            VIOLET,
+            _THIN,
+        )
+        for number, chain in enumerate(chains)
+    ]
 
 
 def picture_of(start: Pose, advice: Advice) -> list[Shape]:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
-from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.geometry import Pose
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.objective import Objective
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.top import Top
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Race, Run
@@ -70,7 +69,8 @@ class Desk:
         action_set = self.draft.action_set if hasattr(self, "draft") else next(iter(self.libraries))
         library = self.libraries[action_set]
         trial = random_trial(self.domain, self.chain_name, library, seed=self.seed, index=self.index)
-        return Draft(trial.world, open_speeds(trial.chain), action_set)
+        objective = self.draft.objective if hasattr(self, "draft") else Objective()
+        return Draft(trial.world, open_speeds(trial.chain), action_set, objective)
 
     def situation(self, *, chain: str = "", seed: int | None = None, index: int | None = None) -> None:
         """Go to a situation of a chain of the domain; what is not named stays."""
@@ -81,7 +81,7 @@ class Desk:
 
     def show(self, trial: Trial) -> None:
         """Go to a situation with its plan as it is, such as one of an evaluation."""
-        self.take(Draft(trial.world, trial.chain, self.draft.action_set))
+        self.take(Draft(trial.world, trial.chain, self.draft.action_set, self.draft.objective))
 
     def take(self, draft: Draft) -> None:
         """Go to another draft: what is executed is stopped, and robot and objects are placed."""
@@ -116,6 +116,18 @@ class Desk:
         """Execute the chain with the actions of another set."""
         self._edited(self.draft.with_library(self.libraries[action_set]))
 
+    def weigh(self, measure: str, weight: float) -> None:
+        """Let a measure count with a weight in what refinement makes small."""
+        self._edited(self.draft.with_weight(measure, weight))
+
+    def keep_alternative(self) -> None:
+        """Keep the chain as it is as an alternative: what is edited from now on is another one."""
+        self._edited(self.draft.with_alternative())
+
+    def forget_alternatives(self) -> None:
+        """Let refinement choose no more."""
+        self._edited(dataclasses.replace(self.draft, alternatives=()))
+
     def _edited(self, draft: Draft) -> None:
         self.draft, self._stale = draft, True
         if not self.playing:
@@ -143,23 +155,6 @@ class Desk:
         self.runs.clear()
         self._waiting = [Run(label) for label in labels]
         self.race = Race(*self._waiting) if len(self._waiting) == 2 else None
-
-    def go_to(self, pose: Pose) -> None:
-        """Drive to a pose from where the robot is, with the TOP that is for that.
-
-        Raises
-        ------
-        StageError
-            The domain has none, or no state is known.
-        """
-        library, world = self.libraries[self.draft.action_set], self.stage.world()
-        top = next((top for top in library.values() if _goes(top)), None)
-        if top is None or world is None:
-            raise StageError("expected a TOP that only drives to a pose, and odometry, to drive there")
-        here = dataclasses.replace(world, robot=RobotState(world.robot.pose))
-        call = TopCall(top, Goal(pose, 0.0, top.point))
-        self.take(Draft(here, TopChain((call,)), self.draft.action_set))
-        self._waiting = [Run(REFINED)]
 
     def stop(self) -> None:
         """Cancel what is executed."""
@@ -215,7 +210,7 @@ class Desk:
     def _tried(self, wish: Callable[[], None]) -> None:
         try:
             wish()
-        except (StageError, ValueError) as error:
+        except (StageError, RefinementError, ValueError) as error:
             self.problem = str(error)
             self.edition += 1
             self._waiting.clear()
@@ -249,15 +244,9 @@ class Desk:
         refine = run.label == REFINED
         run.predicted = list(self.advice.predicted if refine else self.advice.before)
         self.runs.append(run)
-        chain = self.draft.chain if refine else self.advice.naive
+        naive = dataclasses.replace(self.draft, chain=self.advice.naive, alternatives=())
         try:
-            self.stage.execute(run, chain, self.draft.action_set, refine=refine)
+            self.stage.execute(run, self.draft if refine else naive, refine=refine)
         except StageError:
             run.ended, run.status = True, "could not start"
             raise
-
-
-def _goes(top: Top) -> bool:
-    """Return whether a TOP drives the robot to a pose, whatever the situation."""
-    placed = {term.variable for term in top.post.terms}
-    return not top.pre.terms and {"robot.x", "robot.y", "robot.yaw"} <= placed

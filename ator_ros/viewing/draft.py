@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from ator_ros.geometry import Pose
+from ator_ros.refinement.objective import Objective
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import followed
 from ator_ros.world.state import ObjectState, RobotState, World
 
+MOST_ALTERNATIVES = 7
+"""As many as the service refine_subgoal takes."""
 _SAME_PLACE = 0.15
 """Distance in m up to which a goal counts as lying at an object that its step follows."""
 
@@ -27,11 +30,23 @@ class Draft:
         The plan, with open variables.
     action_set : str
         Name of the set of actions that executes it.
+    objective : Objective
+        What refinement makes small.
+    alternatives : tuple of TopChain
+        Other chains for the same end, of which refinement may choose one.
     """
 
     world: World
     chain: TopChain
     action_set: str
+    objective: Objective = dataclasses.field(default_factory=Objective)
+    alternatives: tuple[TopChain, ...] = ()
+
+    def _with_calls(self, change: Callable[[TopCall], TopCall]) -> Draft:
+        """Return the draft with each call of each chain changed."""
+        chains = (self.chain, *self.alternatives)
+        chain, *others = (TopChain(tuple(change(call) for call in each.calls)) for each in chains)
+        return dataclasses.replace(self, chain=chain, alternatives=tuple(others))
 
     def with_robot(self, pose: Pose) -> Draft:
         """Return the draft with the robot standing at `pose`."""
@@ -40,12 +55,10 @@ class Draft:
     def with_object(self, name: str, x: float, y: float) -> Draft:
         """Return the draft with an object at (x, y) m, and the goals of steps that follow it there too."""
         before = self.world.objects.get(name)
-        calls = [
-            _moved(call, x, y) if before is not None and _follows(call, name, before) else call
-            for call in self.chain.calls
-        ]
-        world = self.world.with_object(name, ObjectState(x, y))
-        return dataclasses.replace(self, world=world, chain=TopChain(tuple(calls)))
+        moved = self._with_calls(
+            lambda call: _moved(call, x, y) if before is not None and _follows(call, name, before) else call
+        )
+        return dataclasses.replace(moved, world=self.world.with_object(name, ObjectState(x, y)))
 
     def with_goal(self, step: int, pose: Pose) -> Draft:
         """Return the draft with the goal of a step (from 0) at `pose`."""
@@ -61,15 +74,24 @@ class Draft:
 
     def with_library(self, library: TopLibrary) -> Draft:
         """Return the draft with its steps executed by the actions of another set."""
-        calls = (
-            dataclasses.replace(
+        changed = self._with_calls(
+            lambda call: dataclasses.replace(
                 call,
                 top=(top := library[call.top.name]),
                 goal=dataclasses.replace(call.goal, point=top.point),
             )
-            for call in self.chain.calls
         )
-        return dataclasses.replace(self, chain=TopChain(tuple(calls)), action_set=library.action_set)
+        return dataclasses.replace(changed, action_set=library.action_set)
+
+    def with_weight(self, measure: str, weight: float) -> Draft:
+        """Return the draft with the weight of a measure; raises RefinementError where nothing would count."""
+        weights = {**self.objective.weights, measure: weight}
+        return dataclasses.replace(self, objective=dataclasses.replace(self.objective, weights=weights))
+
+    def with_alternative(self) -> Draft:
+        """Return the draft with its chain, as it is now, as one more alternative; the newest are kept."""
+        kept = dict.fromkeys((*self.alternatives, self.chain))
+        return dataclasses.replace(self, alternatives=tuple(kept)[-MOST_ALTERNATIVES:])
 
     @property
     def movable_goals(self) -> Mapping[int, Pose]:

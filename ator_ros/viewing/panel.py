@@ -44,7 +44,17 @@ def gate(advice: Advice | None, problem: str) -> str:
         return f"**not refined:** {problem}"
     if advice is None:
         return "no chain"
-    return f"**{'refined' if advice.refined else 'left alone'}:** {advice.reason}"
+    told = f"**{'refined' if advice.refined else 'left alone'}:** {advice.reason}"
+    rows = [
+        f"- {'**chosen:** ' if number == advice.chosen else ''}{_candidate(number)} "
+        f"{_seconds(each.duration)} s, cost {_seconds(each.cost)} s ({each.reason})"
+        for number, each in enumerate(advice.candidates)
+    ]
+    return "\n".join([told, "", *rows]) if rows else told
+
+
+def _candidate(number: int) -> str:
+    return "the chain" if number == 0 else f"alternative {number}"
 
 
 def rules(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:

@@ -16,6 +16,8 @@ Colour = tuple[float, float, float]
 GREY: Colour = (0.55, 0.57, 0.6)
 BLUE: Colour = (0.13, 0.45, 0.9)
 ORANGE: Colour = (0.95, 0.5, 0.1)
+VIOLET: Colour = (0.6, 0.45, 0.75)
+YELLOW: Colour = (1.0, 0.82, 0.24)
 WHITE: Colour = (0.93, 0.94, 0.95)
 
 

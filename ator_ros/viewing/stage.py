@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from ator_ros.geometry import Pose
-from ator_ros.tops.chain import TopChain
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.history import History
 from ator_ros.viewing.runs import Run
 from ator_ros.world.state import World
 
@@ -17,11 +17,22 @@ class StageError(RuntimeError):
 
 
 class ViewStage(Protocol):
-    """Robot, objects, refinement and executor, as a view uses them. All but `world` may raise StageError."""
+    """Robot, objects, refinement and executor, as a view uses them. All that asks may raise StageError."""
 
     @property
     def can_place(self) -> bool:
         """Whether robot and objects can be placed, as in a simulation."""
+
+    @property
+    def history(self) -> History:
+        """The chains that were executed, whoever sent them."""
+
+    @property
+    def learned(self) -> str:
+        """What is known of the learned set of models in use; empty where nothing is learned."""
+
+    def way(self) -> FloatArray | None:
+        """Return the planned way of the action under way, shape (n, 2): x and y in m; None without one."""
 
     def world(self) -> World | None:
         """Return the newest state; None before the first one."""
@@ -41,8 +52,8 @@ class ViewStage(Protocol):
         Time stands still afterwards.
         """
 
-    def execute(self, run: Run, chain: TopChain, action_set: str, *, refine: bool) -> None:
-        """Start to execute a chain, and let time go on; `run` is told how it goes."""
+    def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
+        """Start to execute the chain of a draft, and let time go on; `run` is told how it goes."""
 
     def stop(self) -> None:
         """Cancel what is executed."""

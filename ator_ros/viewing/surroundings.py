@@ -6,10 +6,9 @@ from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.viewing.shapes import GREY, WHITE, Segments, polyline, rectangle
-from ator_ros.world.scene import Bay
+from ator_ros.world.scene import WALL_THICKNESS, Bay
 
 _LINE = 0.03
-_WALL = 0.05
 
 
 def surroundings(domain: Domain, robot: Robot) -> tuple[Segments, ...]:
@@ -27,4 +26,4 @@ def _bay(number: int, bay: Bay) -> Segments:
     front, side = Pose(bay.x, bay.y, bay.yaw), bay.width / 2.0
     places = ((0.0, side), (bay.depth, side), (bay.depth, -side), (0.0, -side))
     corners = [front.compose(Pose(x, y, 0.0)) for x, y in places]
-    return polyline(f"bay{number}", [(corner.x, corner.y) for corner in corners], GREY, _WALL)
+    return polyline(f"bay{number}", [(corner.x, corner.y) for corner in corners], GREY, WALL_THICKNESS)

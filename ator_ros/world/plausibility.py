@@ -26,7 +26,7 @@ _KEPT = 256
 class VelocityCheck:
     """Replaces velocities that contradict an object's positions.
 
-    A velocity that jumps, as after a kick, is believed for 0.2 s; by then the positions must agree. If they
+    A velocity that jumps, as after a push, is believed for 0.2 s; by then the positions must agree. If they
     do not, the velocity is derived from them if they are steady; otherwise, as after an object was placed
     elsewhere, the slower of both velocities is used.
 

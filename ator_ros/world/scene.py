@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 from ator_ros.world.state import ObjectState
 
+WALL_THICKNESS = 0.05
+"""Thickness in m of the walls of a bay."""
 _STANDING = 1e-3  # m/s up to which an object counts as standing
 
 

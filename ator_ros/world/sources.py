@@ -1,4 +1,4 @@
-"""Where the states of objects come from: topics and the kinds of their messages. Nothing here knows ROS."""
+"""Where the states of objects come from: topics and kinds of messages, or tf. Nothing here knows ROS."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import Literal
 from ator_ros.files import is_name
 from ator_ros.schema import require
 
-Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped"]
-"""Messages that tell of an object. Those without a velocity have it estimated from their positions."""
+Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped", "tf"]
+"""Messages that tell of an object, or tf. Without a velocity it is estimated from the positions."""
 RESERVED = ("robot", "hold", "goal")
 """What conditions speak of beside objects."""
+_FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
 _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
@@ -25,17 +26,20 @@ class ObjectSource:
     name : str
         As conditions name it.
     topic : str
-        Relative to the node's namespace, or absolute; empty: the name.
+        Relative to the node's namespace, or absolute; empty: the name. None where `type` is tf.
     type : str
-        Kind of the messages.
+        Kind of the messages; tf: the transforms on /tf and /tf_static.
     optional : bool
         Whether diagnostics are silent where it is not known. A TOP whose conditions name it needs it anyway.
+    frame : str
+        Where `type` is tf: the object's frame there; empty: the name.
     """
 
     name: str
     topic: str = ""
     type: Kind = "Odometry"
     optional: bool = False
+    frame: str = ""
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -43,8 +47,12 @@ class ObjectSource:
         require(named, "name", f"a name of letters, digits and _, none of {', '.join(RESERVED)}", self.name)
         right = not self.topic or bool(_TOPIC.fullmatch(self.topic))
         require(right, "topic", "the name of a topic", self.topic)
+        named = not self.frame or bool(_FRAME.fullmatch(self.frame))
+        require(named, "frame", "the name of a frame, without a / before it", self.frame)
+        other = "frame" if self.type != "tf" else "topic"
+        require(not getattr(self, other), other, f"none with type {self.type}", getattr(self, other))
 
     @property
     def listened(self) -> str:
-        """The topic's name."""
-        return self.topic or self.name
+        """The name of the topic, or of the frame."""
+        return self.topic or self.frame or self.name

@@ -12,7 +12,7 @@ from ator_ros.geometry import Pose
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A velocity command, the output of every action.
+    """A velocity command, the output of actions.
 
     Attributes
     ----------
@@ -27,6 +27,9 @@ class Command:
 
 
 STOP = Command()
+
+CONTROL_PERIOD = 0.05
+"""Time in s between two states, and so between two commands: a control tick."""
 
 
 @dataclass(frozen=True, slots=True)

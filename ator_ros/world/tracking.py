@@ -12,7 +12,7 @@ from ator_ros.world.state import ObjectState, World
 _PUSH = 1.0
 """Standard deviation in m/s^2 of the acceleration of a moving object; a tenth of it applies at rest."""
 _SURPRISE = 5.0
-"""A sighting this many standard deviations off restarts the filter: a kick, or another place."""
+"""A sighting this many standard deviations off restarts the filter: the object was pushed or moved."""
 _FORGET = 1.0
 """Time in s without a sighting after which the filter restarts."""
 

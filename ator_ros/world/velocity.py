@@ -1,12 +1,14 @@
-"""The velocity of an object of which only positions are told."""
+"""The velocities of objects and robots of which only positions or poses are told."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
 
-from ator_ros.world.state import ObjectState
+from ator_ros.geometry import Pose
+from ator_ros.world.state import ObjectState, RobotState
 
 _SPAN = 0.3
 """Time in s over which positions tell the velocity."""
@@ -15,6 +17,11 @@ _LEAST = 0.05
 _FASTEST = 10.0
 """Speed in m/s above which the object has not moved but was found elsewhere."""
 _KEPT = 64
+_ROBOT_SPAN = 0.04
+"""Least time in s over which two poses of the robot tell its velocity: one tick at 20 Hz, four at 100 Hz."""
+_ROUNDING = 1e-6
+_JUMP = 1.5
+"""A robot that seems to move so many times as fast as its limits was found elsewhere, or is turned about."""
 
 
 class VelocityEstimate:
@@ -52,3 +59,52 @@ class VelocityEstimate:
         past = times - times.mean()
         slope = past / (past @ past)
         return float(slope @ xs), float(slope @ ys)
+
+
+class RobotVelocity:
+    """The velocity of a robot by differences of its poses, as along an arc between two of them.
+
+    Parameters
+    ----------
+    most_v, most_w : float
+        The robot's limits in m/s and rad/s. Where one pose is out of the reach of that before, as where a map
+        corrects it, the velocity stays as it was.
+    """
+
+    def __init__(self, most_v: float, most_w: float) -> None:
+        self._most_v, self._most_w = _JUMP * most_v, _JUMP * most_w
+        self._poses: deque[tuple[float, Pose]] = deque(maxlen=_KEPT)
+        self._velocity, self._jumped = (0.0, 0.0), False
+
+    def state(self, time: float, pose: Pose) -> RobotState:
+        """Process a pose at `time` (s); return it with its velocity.
+
+        That is late by half of the time that it was taken over, 0.04 s or what lies between two poses. After
+        a gap of more than 0.3 s, or where time goes back, the robot counts as at rest.
+        """
+        if self._poses and not 0.0 <= time - self._poses[-1][0] <= _SPAN:
+            self._poses.clear()
+            self._velocity, self._jumped = (0.0, 0.0), False
+        if not self._poses or time > self._poses[-1][0]:
+            self._poses.append((time, pose))
+        while len(self._poses) > 1 and time - self._poses[1][0] > _ROBOT_SPAN - _ROUNDING:
+            self._poses.popleft()
+        first, before = self._poses[0]
+        if time - first > _ROBOT_SPAN - _ROUNDING:
+            self._take(before.relative(pose), time - first, (time, pose))
+        return RobotState(pose, *self._velocity)
+
+    def _take(self, moved: Pose, elapsed: float, newest: tuple[float, Pose]) -> None:
+        """Take the velocity of a motion, unless it is a jump; two jumps in a row are believed."""
+        half = moved.yaw / 2.0
+        along = moved.x * math.cos(half) + moved.y * math.sin(half)
+        chord = math.sin(half) / half if half else 1.0
+        v, w = along / chord / elapsed, moved.yaw / elapsed
+        sideways = abs(moved.y * math.cos(half) - moved.x * math.sin(half)) / elapsed
+        jumps = max(abs(v), sideways) > self._most_v or abs(w) > self._most_w
+        if jumps and not self._jumped:
+            self._poses.clear()
+            self._poses.append(newest)
+        else:
+            self._velocity = v, w
+        self._jumped = jumps

@@ -27,7 +27,7 @@ def declared(**changes: Any) -> RemoteCall:
             Filling("fetches", constant=3),
         ),
         "success": Success(fields=(Expectation("outcome.code", 1),), reason="outcome.reason"),
-        "timeouts": Timeouts(server=0.6, acceptance=0.5, result=4.0, cancel=0.5),
+        "timeouts": Timeouts(server=0.6, acceptance=0.5, silence=0.6, result=4.0, cancel=0.5),
     }
     return RemoteCall(**values | changes)
 
@@ -70,6 +70,20 @@ class Server(ActionServer):
         result.outcome.code, result.outcome.reason = code, reason
         getattr(handle, state)()
         super().notify_execute(handle, lambda _: result)
+
+
+class Deaf(Server):
+    """A server that answers no cancellation, as one whose only thread drives."""
+
+    deaf = True
+
+    async def _execute_cancel_request(self, request_header_and_message: Any) -> None:
+        if not self.deaf:
+            await super()._execute_cancel_request(request_header_and_message)
+
+    def tell(self) -> None:
+        """Publish feedback on the latest goal."""
+        self.goals[-1].publish_feedback(ExecuteChain.Feedback())
 
 
 class Mute(Server):

@@ -35,10 +35,12 @@ class Client:
         ROS domain.
     namespace : str
         Of the robot that it listens to.
+    frame : str
+        The frame of that robot's odometry.
     """
 
-    def __init__(self, domain: int, namespace: str = "") -> None:
-        self.domain = domain
+    def __init__(self, domain: int, namespace: str = "", frame: str = "odom") -> None:
+        self.domain, self._frame = domain, frame
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
         self.node = Node("test_client", namespace=namespace, context=self._context)
@@ -54,10 +56,10 @@ class Client:
         self._thread.start()
 
     def _hear_robot(self, message: Odometry) -> None:
-        self.robots.append(robot_from(message, frame="odom"))
+        self.robots.append(robot_from(message, frame=self._frame))
 
     def _hear_ball(self, message: Odometry) -> None:
-        self.balls.append(object_from(message, frame="odom", where="ball"))
+        self.balls.append(object_from(message, frame=self._frame, where="ball"))
 
     def listen(self, kind: type, topic: str, qos: Any) -> list[Any]:
         """Subscribe to a topic; the list that is returned grows with every message."""
@@ -93,6 +95,12 @@ class Client:
         message = Twist()
         message.linear.x, message.angular.z = v, w
         self._commands.publish(message)
+
+    def drive_a_tick(self, v: float) -> None:
+        """Send one velocity command and wait for the next odometry."""
+        heard = len(self.robots)
+        self.command(v=v)
+        self.eventually(lambda: len(self.robots) > heard, "the next tick")
 
     def call(self, kind: type, name: str, request: Any | None = None) -> Any:
         """Call a service and give its answer."""

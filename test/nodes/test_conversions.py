@@ -185,7 +185,7 @@ def test_whatever_comes_in_is_read_or_refused(data: st.DataObject) -> None:
         lambda: conversions.world_from(
             scrambled(Situation(objects=[scrambled(ball, data.draw)]), data.draw), frame=FRAME
         ),
-        lambda: conversions.command_from(scrambled(Twist(), data.draw)),
+        lambda: conversions.command_from(scrambled(Twist(), data.draw), "cmd_vel"),
         lambda: conversions.objective_from(scrambled(Objective(), data.draw)),
         lambda: conversions.chain_from(chain, LIBRARY, frame=FRAME),
         lambda: conversions.action_set_from(chain, allowed={"default": None}),
@@ -210,10 +210,10 @@ def test_quaternions_that_are_no_heading_are_refused(quaternion: tuple[float, ..
 
 def test_a_command_that_a_wheeled_robot_cannot_follow_is_refused() -> None:
     message = conversions.twist_of(Command(0.5, 0.1))
-    assert conversions.command_from(message) == Command(0.5, 0.1)
+    assert conversions.command_from(message, "cmd_vel") == Command(0.5, 0.1)
     message.linear.y = 0.2
     with pytest.raises(MessageError, match=r"linear\.y.*expected 0"):
-        conversions.command_from(message)
+        conversions.command_from(message, "cmd_vel")
 
 
 def test_unknown_performance_is_nan() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -16,6 +17,7 @@ from documentation import ROOT, commands
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
 PATIENCE = 600.0
+STARTED, ENDED = "start=ator_interfaces.msg.Situation", "ChainPerformance"
 TEXTS = [printed.text for printed in commands()]
 IGNORED = shutil.ignore_patterns(
     ".git", ".venv*", "build", "install", "log", "out", "__pycache__", ".*_cache"
@@ -105,14 +107,36 @@ def test_the_printed_requests(shell: Shell) -> None:
         wait_for(words, nodes)
     actions = shell.start(printed("ros2 topic echo /performance/action"))
     assert "accepted=True, refined=True" in shell.run(printed("ros2 service call /refine_subgoal"))
-    told = shell.run(printed("ros2 action send_goal"))
+    told = shell.run(printed("ros2 action send_goal --feedback"))
     assert "Feedback" in told
     assert "arrived" in told
     assert "predicted" in wait_for("dribbleBall", actions)
     assert "arrived" in shell.run(printed("ros2 topic echo --once"))
     for beginning in ("ros2 service call /reset", "ros2 service call /place_ball"):
         assert "success=True" in shell.run(printed(beginning))
-    assert "arrived" in shell.run(printed("ros2 action send_goal"))
+    assert "arrived" in shell.run(printed("ros2 action send_goal --feedback"))
+
+
+def test_two_robots_play_at_the_same_time(shell: Shell) -> None:
+    started = [shell.start(printed('ros2 run ator_ros simulation --ros-args -p "robots'))]
+    wait_for("simulating pioneer_3dx as ann, pioneer_3dx as bob", started[0])
+    for name in ("ann", "bob"):
+        for node, words in (("executor", "ready for chains"), ("refinement", "refining chains")):
+            started.append(shell.start(printed(f"ros2 run ator_ros {node} --ros-args -r __ns:=/{name}")))
+            wait_for(words, started[-1])
+    goals = [shell.start(printed(f"ros2 action send_goal /{name}")) for name in ("ann", "bob")]
+    ends = [wait_for("Result:", goal) for goal in goals]
+    succeeded = "Result(outcome=ator_interfaces.msg.Outcome(code=1, reason='arrived"
+    assert all(succeeded in end for end in ends), ends
+    assert max(stamp(STARTED, end) for end in ends) < min(stamp(ENDED, end) for end in ends)
+
+
+def stamp(pattern: str, text: str) -> int:
+    """Return the first stamp after `pattern` in a printed message, in whole s."""
+    header = r"header=std_msgs.msg.Header\(stamp=builtin_interfaces.msg.Time\(sec=(\d+)"
+    found = re.search(rf"{pattern}\({header}", text)
+    assert found, text
+    return int(found[1])
 
 
 def test_a_copy_of_the_configuration_is_honoured(shell: Shell) -> None:

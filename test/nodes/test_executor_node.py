@@ -10,15 +10,19 @@ from collections.abc import Callable, Iterator
 import pytest
 from chain_client import ChainClient, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
 from process import Process
 from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import PlaceBall
 from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.network import free_domain
-from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS
 
 pytestmark = pytest.mark.node
 
@@ -112,6 +116,50 @@ def test_a_late_listener_gets_the_last_record(chains: ChainClient) -> None:
     late = chains.ros.listen(type(result.record), "performance/chain", LATCHED)
     chains.ros.eventually(lambda: late, "the last record")
     assert late[0].chain_id == result.record.chain_id
+
+
+def test_what_is_under_way_can_be_drawn_also_by_who_comes_later(chains: ChainClient) -> None:
+    sent = chains.send(PATROL)
+    chains.until_moving()
+    paths = chains.ros.listen(Path, "planned_path", LATCHED)
+    drawn = {
+        name: chains.ros.listen(MarkerArray, f"{name}_markers", LATCHED)
+        for name in ("chain", "object", "scene")
+    }
+    chains.ros.eventually(lambda: paths and all(drawn.values()), "path, chain, objects and scene")
+    end = paths[0].poses[-1].pose.position
+    assert any(math.dist((end.x, end.y), (x, 1.5)) < 0.01 for x in (2.5, -2.5))
+    assert 20 <= len(paths[0].poses) <= 60
+    added = [marker for marker in drawn["chain"][0].markers if marker.action == Marker.ADD]
+    arrows = [marker for marker in added if marker.type == Marker.ARROW]
+    assert len(arrows) == len(PATROL)
+    (ball,) = [marker for marker in drawn["object"][0].markers if marker.type == Marker.SPHERE]
+    assert math.hypot(ball.pose.position.x, ball.pose.position.y) < 0.02
+    assert {marker.header.frame_id for marker in drawn["scene"][0].markers} == {"odom"}
+    sent.cancel()
+    sent.outcome()
+    chains.ros.eventually(lambda: not paths[-1].poses, "no path without a goal")
+    chains.ros.eventually(lambda: len(drawn["chain"][-1].markers) == 1, "no chain without a goal")
+
+
+def test_a_goal_pose_of_rviz_is_driven_to(graph, chains: ChainClient) -> None:
+    node = graph[0]("goal_pose")
+    sender = chains.ros.node.create_publisher(PoseStamped, "goal_pose", COMMANDS)
+    chains.ros.eventually(sender.get_subscription_count, "somebody who takes poses")
+    before = len(chains.chains)
+    message = PoseStamped(pose=pose_of(Pose(-1.0, 0.5, 1.0)))
+    message.header.frame_id = "map"
+    sender.publish(message)
+    chains.ros.eventually(lambda: "expected the frame 'odom', got 'map'" in node.output, "a warning")
+    message.header.frame_id = "odom"
+
+    def arrived() -> bool:
+        sender.publish(message)  # again, as long as the node has not found the executor
+        time.sleep(3.0)
+        return any(chain.outcome.code == Outcome.SUCCEEDED for chain in chains.chains[before:])
+
+    chains.ros.eventually(arrived, "the end of a chain")
+    assert chains.ros.robot().pose.distance(Pose(-1.0, 0.5, 1.0)) < 0.06
 
 
 def test_cancel_stops_the_robot(chains: ChainClient) -> None:

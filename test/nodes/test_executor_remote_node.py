@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from action_servers import Server
 from chain_client import ChainClient, call
-from conftest import Host
+from conftest import Host, Start
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
@@ -35,6 +35,7 @@ tops:
   - name: follow
     action: navigate
     post: [{variable: robot.x, target: cart.x, tolerance: 1.0}]
+  - {name: deliver, action: deliver, post: [{variable: robot.x, target: goal.x, tolerance: 0.1}]}
   - {name: fly, action: fly, post: [{variable: robot.x, target: goal.x, tolerance: 0.1}]}
 actions:
   - name: navigate
@@ -44,6 +45,12 @@ actions:
       goal: [{field: "chain.calls[0].goal", source: goal}]
       success: {fields: [{field: outcome.code, equals: 1}]}
       timeouts: {server: 3.0, acceptance: 3.0, result: 30.0, cancel: 1.0}
+  - name: deliver
+    remote:
+      server: drive_to
+      type: ator_interfaces/action/DriveTo
+      goal: [{field: goal, source: goal}]
+      timeouts: {server: 10.0, silence: 1.5, cancel: 0.5}
   - name: fly
     remote:
       server: fly
@@ -85,10 +92,11 @@ class Hall:
         self.client = client
         self.base = Base(client)
         self.chains = ChainClient(client)
+        self._server: Server | None = None
 
     def serve(self, **options: bool) -> Server:
         """Start the server."""
-        self._server: Server = self.client.within(lambda: Server(self.client.node, **options))
+        self._server = self.client.within(lambda: Server(self.client.node, **options))
         return self._server
 
     def track(self, x: float, y: float) -> None:
@@ -98,7 +106,8 @@ class Hall:
     def close(self) -> None:
         """End base and server."""
         self.base.close()
-        self.client.within(self._server.destroy)
+        if self._server is not None:
+            self.client.within(self._server.destroy)
 
     def reach(self, server: Server, number: int, pose: Pose) -> None:
         """Let the server bring the robot to `pose` for its goal of this number, and say that it has."""
@@ -182,6 +191,24 @@ def test_a_newer_goal_waits_for_the_server_that_drives(hall: Hall) -> None:
     hall.client.within(lambda: server.finish("canceled"))
     hall.reach(server, 2, Pose(2.0, 0.5, 0.3))
     assert new.outcome().code == Outcome.SUCCEEDED
+
+
+def test_a_server_that_is_killed_is_noticed_within_seconds(hall: Hall, start: Start) -> None:
+    """DDS counts it for 20 s; `silence` is 1.5 s."""
+    server = start("drive_to_server")
+    sent = hall.chains.send([call("deliver", Pose(2.0, 0.5, 0.3))])
+    hall.client.eventually(
+        lambda: any("executed by drive_to" in told.status for told in sent.feedback), "feedback"
+    )
+    time.sleep(2.0)
+    assert not sent.ended()
+    server.kill()
+    began = time.monotonic()
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.FAILED
+    assert outcome.reason == "drive_to is gone or hangs: expected a sign of life within 1.5 s, got none"
+    assert time.monotonic() - began < 1.5 + 0.5 + 2.0  # silence, cancel, a busy machine
+    assert hall.client.node.count_services("drive_to/_action/send_goal") == 1
 
 
 def test_an_action_whose_type_is_not_installed_leaves_the_others_alone(hall: Hall) -> None:

@@ -10,8 +10,10 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from ator_ros.nodes.checks import WIDEST, MessageError
 from ator_ros.nodes.conversions import object_odometry_of, stamp_of
 from ator_ros.nodes.object_sources import TYPES, reader_of
+from ator_ros.nodes.tf_listener import Found
 from ator_ros.world.sources import Kind, ObjectSource
 from ator_ros.world.state import ObjectState
+from ator_ros.world.transforms import Placement
 
 
 def message_of(kind: str, time: float, x: float, y: float, frame: str = "map") -> Any:
@@ -25,7 +27,7 @@ def message_of(kind: str, time: float, x: float, y: float, frame: str = "map") -
 
 
 def test_every_kind_that_a_domain_may_declare_is_read() -> None:
-    assert set(TYPES) == set(get_args(Kind))
+    assert set(TYPES) | {"tf"} == set(get_args(Kind))
     assert TYPES["PoseStamped"] is PoseStamped
     assert TYPES["PoseWithCovarianceStamped"] is PoseWithCovarianceStamped
 
@@ -53,3 +55,29 @@ def test_what_cannot_be_used_is_told_and_not_remembered(kind: str) -> None:
             read(message_of(kind, 0.02 * tick, 3.0, 0.0, frame="odom"))
     _, there = read(message_of(kind, 0.2, 0.1, -0.04))
     assert (there.vx, there.vy) == pytest.approx((0.5, -0.2))
+
+
+def test_where_tf_finds_an_object_is_read_and_its_velocity_estimated() -> None:
+    read = reader_of(ObjectSource("cart", type="tf", frame="cart_link"), frame="map", bounds=WIDEST)
+    for tick in range(20):
+        time = 5.0 + 0.02 * tick
+        place = Placement((1.0 + 0.01 * tick, 2.0 - 0.004 * tick, 0.3), (0.0, 0.0, 0.0, 1.0))
+        stamp, there = read(Found(time, place))
+    assert stamp == pytest.approx(time)
+    assert (there.x, there.y, there.vx, there.vy) == pytest.approx((1.19, 1.924, 0.5, -0.2))
+    with pytest.raises(MessageError, match=r"^cart in tf.x: expected a finite number"):
+        read(Found(6.0, Placement((1e9, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))))
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"type": "tf", "topic": "cart"}, "topic: expected none with type tf; got 'cart'"),
+        ({"frame": "cart_link"}, "frame: expected none with type Odometry; got 'cart_link'"),
+        ({"type": "tf", "frame": "/cart link"}, "frame: expected the name of a frame"),
+    ],
+)
+def test_a_source_is_a_topic_or_a_frame(given: dict[str, Any], expected: str) -> None:
+    with pytest.raises(ValueError, match=expected):
+        ObjectSource("cart", **given)
+    assert ObjectSource("cart", type="tf").listened == "cart"

@@ -21,7 +21,7 @@ from ator_interfaces.msg import TopCall
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import free_domain
-from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.performance.model_file import load_models, model_path
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.gate_file import save_gate
@@ -214,9 +214,10 @@ def test_a_damaged_model_is_named(host: Host, client: Client, models: Path, tmp_
     assert "Traceback" not in node.output
 
 
-def test_markers_show_the_search_to_who_listens(asker: Client) -> None:
-    heard = asker.listen(MarkerArray, "refinement_markers", RESULTS)
-    asker.eventually(lambda: refine(asker, request_of_the_paper()) and heard, "markers")
+def test_markers_show_the_last_search_also_to_who_listens_later(asker: Client) -> None:
+    refine(asker, request_of_the_paper())
+    heard = asker.listen(MarkerArray, "refinement_markers", LATCHED)
+    asker.eventually(lambda: heard, "markers")
     markers = heard[0].markers
     assert any(len(marker.points) == len(marker.colors) >= 72 for marker in markers)
     assert all(marker.header.frame_id == "odom" for marker in markers)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import pytest
 
 from ator_ros.actions.base import Action, Goal, Status, Step
@@ -57,6 +59,37 @@ class Lift(Action):
 
     def step(self, world: World) -> Step:
         return Step(STOP, Status.SUCCEEDED, "lifted")
+
+
+class Fragile(Action):
+    """Plans for ever, and fails with an error in its first step."""
+
+    name = "lift"
+    ended: ClassVar[list[str]] = []
+
+    @property
+    def planning(self) -> bool:
+        return True
+
+    def start(self, world: World, goal: Goal) -> None:
+        pass
+
+    def step(self, world: World) -> Step:
+        raise RuntimeError("out of order")
+
+    def end(self, reason: str) -> None:
+        self.ended.append(reason)
+
+
+def test_an_action_whose_step_fails_is_ended() -> None:
+    robot, anywhere = load_robot(), Condition(())
+    library = TopLibrary(
+        robot, "own", tops=(Top("lift", "lift", anywhere, anywhere),), actions={"lift": Fragile}
+    )
+    Fragile.ended.clear()
+    with pytest.raises(RuntimeError, match="out of order"):
+        rehearse(robot, library, Predictor(robot, {}))
+    assert Fragile.ended == ["rehearsed"]
 
 
 @pytest.mark.parametrize("other", ["goal", "hold"])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 import rclpy
-from action_servers import Echo, Mute, Server, declared
+from action_servers import Deaf, Echo, Mute, Server, declared
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -38,10 +39,20 @@ class Bench:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.ours)
         self._executor.add_node(self.theirs)
-        self.server = RemoteServer(self.ours, declared(), "odom", time.monotonic)
-        self.action = RemoteAction(ROBOT, self.server)
+        self.declare()
         self.steps: list[Step] = []
         self._time = 0.0
+
+    def declare(self, **timeouts: float) -> None:
+        """Use the server with other timeouts."""
+        call = declared()
+        call = dataclasses.replace(call, timeouts=dataclasses.replace(call.timeouts, **timeouts))
+        self.server = RemoteServer(self.ours, call, "odom", time.monotonic)
+        self.action = RemoteAction(ROBOT, self.server)
+
+    def freeze(self) -> None:
+        """Let the other node do nothing more, as where it was killed: DDS still counts it."""
+        self._executor.remove_node(self.theirs)
 
     def spin(self) -> None:
         """Let both nodes work for a tick."""
@@ -175,6 +186,57 @@ def test_a_server_that_dies_is_noticed(bench: Bench) -> None:
     assert step.message == "drive is gone: its action server has been missing for 0.6 s"
     assert took < 0.6 + 2.0 * SLACK
     assert not bench.server.ending()  # there is nobody to wait for
+
+
+def drive_for(bench: Bench, duration: float) -> None:
+    """Let a server drive for so many real s."""
+    end = time.monotonic() + duration
+    bench.drive(lambda: time.monotonic() > end)
+
+
+def test_a_killed_server_is_noticed_long_before_dds_gives_it_up(bench: Bench) -> None:
+    Server(bench.theirs)
+    bench.declare(result=600.0)
+    bench.begin()
+    drive_for(bench, 1.2)  # longer than `silence`: it answers
+    bench.freeze()
+    step, took = bench.outcome()
+    assert step.message == "drive is gone or hangs: expected a sign of life within 0.6 s, got none"
+    assert step.status is Status.FAILED
+    assert 0.4 < took < 0.6 + SLACK
+
+
+def test_a_server_that_answers_nobody_while_it_drives_is_believed(bench: Bench) -> None:
+    Deaf(bench.theirs)
+    bench.declare(result=6.0)
+    bench.begin()
+    step, took = bench.outcome()
+    assert step.message == "drive took too long: expected a result within 6 s, got none"
+    assert took > 0.9
+
+
+def test_feedback_is_a_sign_of_life(bench: Bench) -> None:
+    server = Deaf(bench.theirs)
+    server.deaf = False
+    bench.declare(result=600.0)
+    bench.begin()
+    drive_for(bench, 0.5)
+    server.deaf = True
+    for _ in range(4):
+        drive_for(bench, 0.3)
+        server.tell()
+    assert "is gone or hangs" in bench.outcome()[0].message
+
+
+def test_a_stall_of_our_own_is_no_silence_of_the_server(bench: Bench) -> None:
+    server = Server(bench.theirs)
+    bench.declare(result=600.0)
+    bench.begin()
+    drive_for(bench, 0.5)
+    time.sleep(1.0)
+    drive_for(bench, 0.3)
+    server.finish()
+    assert bench.outcome()[0].status is Status.SUCCEEDED
 
 
 def test_a_server_that_never_answers_is_given_up_and_canceled_when_it_does(bench: Bench) -> None:

@@ -11,14 +11,13 @@ from action_servers import declared
 from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal
 from ator_ros.actions.remote import Expectation, Filling, Success
+from ator_ros.actions.remote_results import failure_in, status_name
 from ator_ros.geometry import Pose
 from ator_ros.nodes.remote_messages import (
     GoalWriter,
     RemoteError,
     action_type_of,
     check_result,
-    failure_in,
-    status_name,
 )
 
 GOAL = Goal(Pose(1.0, -2.0, 0.0), 0.4)

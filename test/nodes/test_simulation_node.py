@@ -7,7 +7,6 @@ import itertools
 import math
 import signal
 import statistics
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -16,8 +15,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from process import Process, Processes
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client
 from rosgraph_msgs.msg import Clock
@@ -26,7 +23,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlaceBall, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
@@ -63,12 +59,6 @@ def world(shared: tuple[Process, Client]) -> Client:
     return client
 
 
-def drive_a_tick(client: Client, v: float) -> None:
-    heard = len(client.robots)
-    client.command(v=v)
-    client.eventually(lambda: len(client.robots) > heard, "the next tick")
-
-
 def test_state_comes_at_20_hz_of_simulated_time(world: Client) -> None:
     client = world
     # A busy listener that keeps but the newest would lose some, and nobody but itself is to blame.
@@ -87,7 +77,7 @@ def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(wo
     client = world
     before = client.robot()
     for _ in range(100):
-        drive_a_tick(client, 50.0)
+        client.drive_a_tick(50.0)
         if client.robot().v > 1.1:
             break
     ceased = client.time()
@@ -97,51 +87,6 @@ def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(wo
     assert max(robot.v for _, robot in client.robots) < 1.2 * 1.02
     assert stood - ceased < 0.5 + 0.1 + 1e-6  # the last command may have met a later tick
     assert client.robot().pose.x > before.pose.x + 0.2
-
-
-def test_time_can_go_faster_while_it_runs(host: Host, client: Client) -> None:
-    host("simulation", real_time_factor=0.1)
-    client.robot()
-    before = client.robots[-1][0]
-    wanted = [("real_time_factor", 20.0, True), ("real_time_factor", -1.0, False), ("seed", 5.0, False)]
-    for name, value, is_taken in wanted:
-        number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-        request = SetParameters.Request(parameters=[Parameter(name=name, value=number)])
-        (result,) = client.call(SetParameters, "simulation/set_parameters", request).results
-        assert result.successful == is_taken, result.reason
-    client.eventually(lambda: client.robots[-1][0] > before + 5.0, "time goes on")
-
-
-def test_as_fast_as_possible_waits_for_who_steers(host: Host, client: Client) -> None:
-    host("simulation", real_time_factor=0.0, command_wait=10.0)
-    client.robot()
-    client.command(v=0.3)
-    client.eventually(lambda: client.robot().v > 0.0, "the robot starts")
-    for _ in range(5):
-        drive_a_tick(client, 0.3)
-    # What was published before may still be on its way.
-    client.eventually(lambda: is_silent(client), "the simulation waits", patience=9.0)
-
-
-def test_it_waits_again_for_who_is_late_once(host: Host, client: Client) -> None:
-    """As where one program hands over to another; else hundreds of ticks pass until that one begins."""
-    host("simulation", real_time_factor=0.0, command_wait=0.5)
-    client.robot()
-    client.command(v=0.3)
-    client.eventually(lambda: client.robot().v > 0.0, "the robot starts")
-    for _ in range(5):
-        drive_a_tick(client, 0.3)
-    time.sleep(0.1)  # what was published before may still be on its way
-    heard = len(client.robots)
-    time.sleep(0.8)
-    assert 1 <= len(client.robots) - heard <= 2
-
-
-def is_silent(client: Client) -> bool:
-    """Return whether no tick comes within half a second, in which hundreds would, were there no waiting."""
-    heard = len(client.robots)
-    time.sleep(0.5)
-    return len(client.robots) == heard
 
 
 def test_robot_and_ball_are_placed_and_the_world_is_reset(world: Client) -> None:
@@ -283,15 +228,13 @@ def test_rviz_and_robot_state_publisher_find_what_they_need(world: Client) -> No
     odometry, balls = (client.listen(Odometry, name, by_default) for name in ("odom", "ball"))
     transforms = client.listen(TFMessage, "tf", by_default)
     joints = client.listen(JointState, "joint_states", by_default)
-    scene = client.listen(MarkerArray, "scene_markers", LATCHED)
-    client.eventually(lambda: odometry and balls and transforms and joints and scene, "all topics")
+    client.eventually(lambda: odometry and balls and transforms and joints, "all topics")
     (transform,) = transforms[-1].transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("odom", "base_link")
     place, turn = transform.transform.translation, transform.transform.rotation
     assert (place.x, place.y) == pytest.approx((1.0, -0.5), abs=0.01)
     assert yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w) == pytest.approx(2.0, abs=0.01)
     assert list(joints[-1].name) == ["left_wheel_joint", "right_wheel_joint"]
-    assert {marker.header.frame_id for marker in scene[0].markers} == {"odom"}
     before = joints[-1].position[0]
     client.eventually(lambda: client.command(v=0.3) or joints[-1].position[0] != before, "the wheels turn")
 

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from ament_index_python.packages import get_package_prefix
 
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import collect
+from ator_ros.experience.episode import run_episode
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.table import read_experience
+from ator_ros.experience.table import episode_frame, read_experience
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools.work.collect_over_ros import Finished, drives
+from ator_ros.tops.outcome import top_of
 
 BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
 TOUR = find_domain("tour")
@@ -80,6 +86,31 @@ def test_finished_drives_are_kept_and_come_first(tmp_path: Path) -> None:
     assert [frame.iloc[0].to_dict() for frame in again] == [frame.iloc[0].to_dict() for frame in frames]
     finished(file).remove()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_finished_drives_keep_the_values_of_declared_goal_variables(tmp_path: Path) -> None:
+    spec = dataclasses.replace(TOUR.actions()["drive_to"], goal_variables=(GoalVariable("lift", "m", 0, 1),))
+    domain = dataclasses.replace(TOUR, action_sets={"default": (spec,)})
+    rng = np.random.default_rng(SEED)
+    sampled = spec.sample(domain.robot(), rng)
+    situation = dataclasses.replace(sampled, goal=dataclasses.replace(sampled.goal, values={"lift": 0.3}))
+    with Simulation(domain.robot()) as simulation:
+        top = top_of(situation, domain.tops, domain.robot())
+        episode = run_episode(simulation, spec.factory(domain.robot()), situation, top=top)
+    first = finished(tmp_path / "drives.parquet")
+    first.add(episode_frame(0, episode, domain.objects))
+    options = argparse.Namespace(actions=["drive_to"], episodes=1)
+    (frame,) = drives(options, domain, domain.robot(), first)
+    assert list(frame["liftg"]) == [0.3]
+
+
+@pytest.mark.parametrize("line", ["{}", "[1]", '{"action": "drive_to", "episode": [0]}', "3"])
+def test_lines_that_are_no_drives_are_refused(tmp_path: Path, line: str) -> None:
+    file = tmp_path / "drives.parquet"
+    with finished(file).path.open("a", encoding="utf-8") as text:
+        text.write(f"{line}\n")
+    with pytest.raises(ExperienceError, match=r"drives\.drives\.jsonl: expected drives, one a line"):
+        finished(file)
 
 
 def test_drives_of_another_seed_are_not_gone_on_with(tmp_path: Path) -> None:

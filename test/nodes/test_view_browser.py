@@ -51,6 +51,17 @@ class Watch:
         return float(np.hypot(there[0] - x, there[1] - y))
 
 
+@pytest.fixture(autouse=True)
+def browser_is_there(request: pytest.FixtureRequest) -> None:
+    """Fail `make test-long` where there is no browser; skip where a file's tests are run by hand."""
+    if EXECUTABLE is not None:
+        return
+    missing = "needs Chromium: apt install chromium"
+    if request.config.getoption("markexpr") == "long":
+        pytest.fail(missing)
+    pytest.skip(missing)
+
+
 @pytest.fixture
 def view() -> Iterator[tuple[str, int]]:
     """Yield the page's address and the nodes' ROS domain."""
@@ -84,7 +95,6 @@ def red_around(picture: bytes, place: tuple[float, float]) -> float:
     return float(np.mean((red > 90) & (red > 2 * green) & (red > 2 * blue)))
 
 
-@pytest.mark.skipif(EXECUTABLE is None, reason="needs Chromium: apt install chromium")
 def test_the_page_shows_the_robot_and_the_ball_is_dragged_and_a_race_is_driven(
     view: tuple[str, int], tmp_path: Path
 ) -> None:
@@ -115,4 +125,10 @@ def test_the_page_shows_the_robot_and_the_ball_is_dragged_and_a_race_is_driven(
         times = re.search(verdict, browser.text())
         assert times is not None
         assert 0.0 < float(times[2]) < float(times[1])
+
+        browser.press("History")
+        browser.until(lambda: "2 chains, 1 of them refined" in browser.text(), "the history")
+        gain = re.search(r"same start: \+(\d+\.\d\d) s, mean of 1", browser.text())
+        assert gain is not None
+        assert float(gain[1]) == pytest.approx(float(times[1]) - float(times[2]), abs=0.011)
     watch.close()

@@ -7,7 +7,8 @@ from ator_ros.domains.soccer.actions import ACTION_SETS
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.features import MOTIONS, SHOT
-from ator_ros.domains.soccer.field import goals_in
+from ator_ros.domains.soccer.field import field_in
+from ator_ros.domains.soccer.measurements import MEASUREMENTS
 from ator_ros.domains.soccer.presentation import PRESENTATION
 from ator_ros.domains.soccer.ranges import RANGES
 from ator_ros.domains.soccer.tops import TOPS
@@ -20,6 +21,7 @@ SOCCER = Domain(
     CHAINS,
     variables=RANGES,
     presentation=PRESENTATION,
-    bays=goals_in,
+    bays=field_in,
     features=(*MOTIONS, *SHOT),
+    measurements=MEASUREMENTS,
 )

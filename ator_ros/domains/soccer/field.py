@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.scene import Bay, Scene
 
@@ -41,6 +42,19 @@ def field_of(robot: Robot) -> Field:
     area, bays = robot.scene.area, robot.scene.bays
     width, depth = (bays[0].width, bays[0].depth) if bays else (0.0, 0.0)
     return Field(area.length, area.width, width, depth)
+
+
+def field_in(scene: Scene) -> tuple[Bay, ...]:
+    """Return the bays of a scene that soccer can be played in, for its ball is described.
+
+    Raises
+    ------
+    ConfigError
+        There is no ball, whose radius and mass the actions need; or the bays are no two equal goals.
+    """
+    if BALL not in scene.objects:
+        raise ConfigError(f"scene.objects: expected {BALL!r} among them, got {sorted(scene.objects)}")
+    return goals_in(scene)
 
 
 def goals_in(scene: Scene) -> tuple[Bay, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from ator_ros.domains.soccer.field import Field, field_of
 from ator_ros.geometry import FloatArray
 from ator_ros.robot.description import Robot
+from ator_ros.world.scene import WALL_THICKNESS
 
 
 def touches_goals(poses: FloatArray, robot: Robot) -> bool:
@@ -40,4 +41,5 @@ def wall_distances(poses: FloatArray, field: Field) -> FloatArray:
 def _walls(field: Field) -> Sequence[tuple[float, float, float, float]]:
     """Return the boxes (x low, x high, |y| low, |y| high) of a goal, mirrored to x > 0 and y > 0."""
     line, half, depth = field.length / 2, field.goal_width / 2, field.goal_depth
-    return ((line, line + depth, half, half + 0.05), (line + depth, line + depth + 0.05, 0.0, half))
+    back = line + depth
+    return (line, back, half, half + WALL_THICKNESS), (back, back + WALL_THICKNESS, 0.0, half)

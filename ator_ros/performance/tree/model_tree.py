@@ -147,7 +147,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return self.tree_, validate_data(self, X, dtype=np.float64, order="C", reset=False)
 
     def _limits(self) -> GrowthLimits:
-        """Check the parameters and give those of the growth."""
+        """Check the parameters and return those of the growth."""
         for name, kind, least in (
             ("min_samples_leaf", Real, 1),
             ("min_groups_leaf", Real, 1),

@@ -98,7 +98,7 @@ class Partition:
     nodes: list[GrownNode] = field(default_factory=list)
 
     def grow(self) -> list[GrownNode]:
-        """Split the nodes, those first that gain most, and give all of them."""
+        """Split the nodes, those first that gain most, and return all of them."""
         order = np.ascontiguousarray(np.argsort(self.X, axis=0, kind="stable").T)
         # What the sides of splits are fitted to: the rows, with the residuals of their node for a target.
         self._residuals = self.rows.copy()
@@ -117,7 +117,7 @@ class Partition:
         return self.nodes
 
     def _add(self, order: IntArray, depth: int, queue: list[tuple[float, int, _Split]]) -> int:
-        """Add a node with its normal equations, queue its best split, give its number."""
+        """Add a node with its normal equations, queue its best split, and return its number."""
         rows = order[0]
         table, weight = self.rows[rows], self.weight[rows]
         target = table[:, -1]

@@ -179,7 +179,7 @@ def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
 
 
 def _times(clients: list[Any], count: int, first: int) -> list[list[float]]:
-    """Ask each client `count` times; give the times of each in ms."""
+    """Ask each client `count` times; return the times of each in ms."""
     library = DOMAIN.library(DOMAIN.robot())
     times: list[list[float]] = [[] for _ in clients]
     for index in range(first, first + count):

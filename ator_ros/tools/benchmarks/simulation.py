@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import pybullet as p
 
-from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import CONTROL_RATE, RAMPS_PER_TICK, Simulation
 from ator_ros.world.state import Command
 
-LIMITS_TIMES_REAL_TIME = {"with ball contact": 100.0, "without a ball": 150.0}
+CONTACT = "with a held object"
+LIMITS_TIMES_REAL_TIME = {CONTACT: 100.0, "without objects": 150.0}
 LIMIT_OVER_BARE = 1.3
 _BLOCK_S = 5.0
 _SPEEDS = (Command(0.6, 0.3), Command(0.6, -0.3))
@@ -28,8 +28,8 @@ def measure(blocks: int = 12) -> dict[str, dict[str, float]]:
     """
     results = {}
     for name, limit in LIMITS_TIMES_REAL_TIME.items():
-        ball = name == "with ball contact"
-        pairs = [(_timed(_drive, ball=ball), _timed(_bare, ball=ball)) for _ in range(blocks)]
+        held = name == CONTACT
+        pairs = [(_timed(_drive, held=held), _timed(_bare, held=held)) for _ in range(blocks)]
         ours, bare = map(min, zip(*pairs, strict=True))
         results[name] = {
             "times_real_time": round(_BLOCK_S / ours, 1),
@@ -40,15 +40,16 @@ def measure(blocks: int = 12) -> dict[str, dict[str, float]]:
     return results
 
 
-def _timed(loop: Callable[[Simulation, int], None], *, ball: bool) -> float:
+def _timed(loop: Callable[[Simulation, int], None], *, held: bool) -> float:
     """Return how long `loop` takes for a block, in a world in which the robot drives in bends."""
-    robot = load_robot()
+    domain = find_domain()
+    robot = domain.robot()
     with Simulation(robot) as simulation:
         start = Pose(0.0, 0.0, 0.0)
         simulation.place_robot(start)
-        if ball:
-            held = robot.hold_point(start)
-            simulation.place_object(BALL, held.x, held.y)
+        if held:
+            place = robot.hold_point(start)
+            simulation.place_object(domain.objects[0], place.x, place.y)
         _drive(simulation, CONTROL_RATE)
         began = time.perf_counter()
         loop(simulation, round(_BLOCK_S * CONTROL_RATE))

@@ -15,11 +15,20 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ator_ros.domains.domain import find_domain
+from ator_ros.domains.measurements import Rows
 from ator_ros.experience.table import library_versions
 from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.formats import Format
 from ator_ros.schema import SchemaError
-from ator_ros.tools.benchmarks import collection, learners, planning, refinement, simulation
+from ator_ros.tools.benchmarks import collection, learners, refinement, simulation
+
+
+def _planning(_: argparse.Namespace) -> Rows:
+    domain = find_domain()
+    if domain.measurements.longest_ticks is None:
+        raise RuntimeError(f"expected a domain with measurements.longest_ticks, got {domain.name}")
+    return domain.measurements.longest_ticks()
 
 
 def _service(_: argparse.Namespace) -> dict[str, Any]:
@@ -41,7 +50,7 @@ def _learners(options: argparse.Namespace) -> dict[str, Any]:
 FORMAT = Format("ator_ros benchmarks", 1, "report of bench", unversioned=True)
 PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, Any]]] = {
     "simulation": lambda _: simulation.measure(),
-    "planning": lambda _: planning.measure(),
+    "planning": _planning,
     "refinement": lambda _: refinement.measure(),
     "service": _service,
     "collection": lambda _: collection.measure(),

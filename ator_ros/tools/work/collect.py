@@ -47,7 +47,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
             stopped = error
         finally:
             bar.close()
-    if isinstance(stopped, BackendError) and not frames:
+    if stopped is not None and not frames:
         raise stopped
     with undisturbed():
         metadata = {

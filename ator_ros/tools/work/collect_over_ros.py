@@ -19,6 +19,7 @@ from ator_ros.experience.records import ENDED, episode_of, sound
 from ator_ros.experience.table import episode_frame
 from ator_ros.files import UnreadableError, read_text, write_text
 from ator_ros.nodes.conversions import chain_of
+from ator_ros.printable import short
 from ator_ros.robot.description import Robot
 from ator_ros.tools.processes import all_nodes, node_setting
 from ator_ros.tools.work.demo_client import DemoClient
@@ -55,7 +56,7 @@ class Finished:
         if self.path.exists():
             try:
                 lines = read_text(self.path, _LARGEST).split("\n")[:-1]  # one that was cut off is forgotten
-                found = [json.loads(line) for line in lines[1:]]
+                found = [_row_in(line) for line in lines[1:]]
             except (OSError, ValueError, UnreadableError) as error:
                 raise ExperienceError(f"{self.path}: expected drives, one a line: {error}") from error
             if lines[:1] != [head]:
@@ -79,6 +80,16 @@ class Finished:
         self.path.unlink(missing_ok=True)
 
 
+def _row_in(line: str) -> dict[str, Any]:
+    """Return the row of a table that a line holds; raises ValueError where it holds something else."""
+    row = json.loads(line)
+    if not isinstance(row, dict) or (missing := sorted(columns(()).keys() - row.keys())):
+        raise ValueError(f"{short(line)} {f'lacks {missing}' if isinstance(row, dict) else 'is no row'}")
+    if not (isinstance(row["action"], str) and type(row["episode"]) is int):
+        raise ValueError(f"{short(line)}: expected a name as action and a whole number as episode")
+    return row
+
+
 def drives(
     options: argparse.Namespace, domain: Domain, robot: Robot, finished: Finished
 ) -> Iterator[pd.DataFrame]:
@@ -87,10 +98,11 @@ def drives(
     The situations are those that `collect` draws without ROS from the same seed.
     """
     wanted = [(action, number) for action in options.actions for number in range(options.episodes)]
-    names = list(columns(domain.objects))
+    names = columns(domain.objects, domain.goal_variables)
     for key in wanted:
         if key in finished.rows:
-            yield pd.DataFrame([finished.rows[key]])[names]
+            row = finished.rows[key]
+            yield pd.DataFrame([{name: row[name] for name in names if name in row}])
     missing = [key for key in wanted if key not in finished.rows]
     if not missing:
         return

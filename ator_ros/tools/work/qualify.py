@@ -3,100 +3,31 @@
 from __future__ import annotations
 
 import argparse
-import json
-from typing import Any
-
-from tqdm import tqdm
 
 from ator_ros.domains.domain import Domain
-from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.quality.action_quality import KINDS, Outcome, execute, regularity, summary, tasks
-from ator_ros.domains.soccer.quality.ruler import over_time_optimal
-from ator_ros.domains.soccer.quality.slices import draw_slices
+from ator_ros.domains.measurements import QualityRun
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.experience.parallel import run_tasks
-from ator_ros.files import write_text
-from ator_ros.formats import Format
-
-FORMAT = Format("ator_ros actions", 1, "measurement of actions")
-
-RULED = ("pose", "approach", "dribble")
 
 
 def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     """Do what the command line asks for; return the exit code."""
-    if domain is not SOCCER:
+    if domain.measurements.qualify is None:
         raise EvaluationError(
-            f"domain: expected soccer, whose kinds of motion are measured here, got {domain.name}: "
+            f"domain: expected one with measurements.qualify, got {domain.name}: "
             "`study` measures the actions of any domain"
         )
-    rows = [_measure(kind, options) for kind in KINDS]
-    result = {
-        "command": command,
-        "seed": options.seed,
-        "action_set": options.action_set,
-        "robot_digest": SOCCER.robot(options.robot or None).digest(),
-        "kinds": rows,
-    }
-    write_text(options.out, FORMAT.text(result))
-    write_text(options.out.with_suffix(".md"), _document(result))
-    print(json.dumps(rows, indent=1))
-    if options.slices is not None:
-        draw_slices(options.slices, options.action_set, options.jobs, options.robot)
-    print(f"written to {options.out}")
+    asked = QualityRun(
+        action_set=options.action_set,
+        situations=options.situations,
+        turned=options.turned,
+        pairs=options.pairs,
+        seed=options.seed,
+        jobs=options.jobs,
+        robot=options.robot,
+        optimal=options.optimal,
+        slices=options.slices,
+        out=options.out,
+        command=command,
+    )
+    domain.measurements.qualify(asked)
     return 0
-
-
-def _measure(kind: str, options: argparse.Namespace) -> dict[str, Any]:
-    def execute_all(label: str, count: int, degrees: int = 0) -> list[Outcome]:
-        work = tasks(kind, options.action_set, options.seed, count, degrees, robot=options.robot)
-        runs = run_tasks(execute, work, jobs=options.jobs)
-        return list(tqdm(runs, total=len(work), desc=label, disable=None))
-
-    base = execute_all(kind, options.situations)
-    row = summary(kind, base)
-    few = base[: options.turned]
-    turned = [execute_all(f"{kind} turned", len(few), degrees) for degrees in (-1, 1)]
-    if few:
-        row["turned_by_1_degree"] = regularity([*few, *few], [*turned[0], *turned[1]])
-    if options.optimal is not None and kind in RULED:
-        row |= over_time_optimal(kind, base[: options.pairs], options.optimal)
-    return row
-
-
-def _document(result: dict[str, Any]) -> str:
-    """Write the result as a Markdown table."""
-    lines = [
-        f"# How the actions perform (set `{result['action_set']}`)",
-        "",
-        f"Made by `{result['command']}`, seed {result['seed']}. Starts and goals at rest, times in s.",
-        "*Turned by 1°* is the change of duration when only the start's heading changes by a degree;",
-        "control ticks of 0.05 s are in it. *Over plan* is the mean and standard deviation of the duration",
-        "less that planned at the start. *Over time-optimal* is the mean duration over that of the",
-        "time-optimal motion (`benchmarks/time_optimal.py`) at the same limits, which knows no ball",
-        "and may drive backward; for dribbling at 1.0 m/s, 1.2 rad/s, 0.5 m/s² (losing speed), 3 rad/s².",
-        "*Greatest command / limit* compares speeds and turn rates with what the base can do; how fast they",
-        "change is not in it; the base clips that.",
-        "",
-        "| | situations | success | ball moved early | mean duration | greatest command / limit "
-        "| turned by 1°: p95 / p99 | over plan | over time-optimal |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    for row in result["kinds"]:
-        turned = row.get("turned_by_1_degree")
-        change = f"{turned['p95_s']:.2f} / {turned['p99_s']:.2f}" if turned else "-"
-        mean = "-" if row["mean_duration_s"] is None else f"{row['mean_duration_s']:.2f}"
-        plan = (
-            f"{row['over_plan_mean_s']:.3f} ± {row['over_plan_std_s']:.3f}"
-            if "over_plan_mean_s" in row
-            else "-"
-        )
-        over = f"{row['over_time_optimal']:.3f} ({row['pairs']} pairs)" if "over_time_optimal" in row else "-"
-        lines.append(
-            f"| {row['kind']} | {row['situations']} | {row['success_percent']} % "
-            f"| {row['ball_moved_early_percent']} % | {mean} "
-            f"| {row['greatest_command_over_limit']:.2f} | {change} | {plan} | {over} |"
-        )
-    failures = [f"* {row['kind']}: {reason}" for row in result["kinds"] for reason in row["failures"]]
-    lines += ["", "What failed:" if failures else "Nothing failed.", "", *failures]
-    return "\n".join(lines).strip() + "\n"

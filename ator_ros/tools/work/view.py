@@ -88,7 +88,6 @@ def _serve(options: argparse.Namespace, words: Sequence[str], stopped: Callable[
             page = Page(
                 desk, robot, robot_urdf(robot), models, host=options.host, port=options.port, runs=runs
             )
-            stage.go_to = lambda pose: page.inbox.put("go to", lambda: desk.go_to(pose))
             address = f"http://{options.host}:{page.server.get_port()}"
             print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
             try:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ator_ros.geometry import Pose, wrap_angle
+import numpy as np
+
+from ator_ros.geometry import FloatArray, Pose, wrap_angle
 
 _STRAIGHT_BEHIND = 3.1  # rad; what lies farther round is treated as if it lay here, to its own side
+_SAMPLES = 40
 _CORRIDOR = (-0.02, 0.06, 0.05)  # m along the axis from the run-in to behind the goal, and to either side
 
 
@@ -132,3 +135,16 @@ def _through(
         (end, 0.0),
     )
     return Curve(points, bearing, bend, *way)
+
+
+def sampled(curve: Curve, goal: Pose) -> FloatArray:
+    """Return poses on a curve to `goal`, and `goal` itself, shape (n, 3): x, y in m, yaw in rad."""
+    t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+    shares = [math.comb(4, k) * t**k * (1.0 - t) ** (4 - k) for k in range(5)]
+    local = sum(share * np.array(point) for share, point in zip(shares, curve.points, strict=True))
+    local = np.vstack([local, (0.0, 0.0)])
+    c, s = math.cos(goal.yaw), math.sin(goal.yaw)
+    places = local @ np.array([[c, s], [-s, c]]) + (goal.x, goal.y)
+    steps = np.diff(places, axis=0)
+    yaws = np.append(np.arctan2(steps[:, 1], steps[:, 0]), goal.yaw)
+    return np.column_stack([places, yaws])

@@ -8,7 +8,7 @@ from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, World
 
@@ -63,6 +63,10 @@ class BezierDribbleBall(Action):
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
         self._driver.reset(Command(world.robot.v, world.robot.w))
+
+    def way(self) -> FloatArray | None:
+        """Return the curve of the last tick; see `Action.way`."""
+        return self._driver.way()
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""

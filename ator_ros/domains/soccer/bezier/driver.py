@@ -6,13 +6,10 @@ import math
 from dataclasses import dataclass
 
 from ator_ros.actions.base import ActionError, Goal
-from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
-from ator_ros.geometry import Pose
+from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to, sampled
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits
-from ator_ros.world.state import Command, RobotState
-
-PERIOD = 0.05
-"""Control period in s for which changes of the command are limited."""
+from ator_ros.world.state import CONTROL_PERIOD, Command, RobotState
 
 LATERAL, HEADING = 0.04, 0.1
 """Greatest distance from the goal's axis (m) and from its heading (rad) with which a goal is reached."""
@@ -36,7 +33,7 @@ class Style:
     sharpest : float
         Greatest curvature in 1/m; far above 1/wheel track is turning on the spot.
     rotation : float
-        Greatest rotational velocity in rad/s; a curve is driven as fast as it allows.
+        Greatest rotational velocity in rad/s, within the limits; a curve is driven as fast as it allows.
     braking : float
         Deceleration in m/s^2 before the goal and before sharper curves.
     """
@@ -60,12 +57,18 @@ class Driver:
 
     def __init__(self, limits: Limits, style: Style) -> None:
         self._limits, self._style = limits, style
+        self._rotation = min(style.rotation, limits.w)  # rad/s
         self.reset(Command())
 
     def reset(self, last: Command) -> None:
         """Begin anew, with `last` as the command that the robot executes."""
         self._last = last
         self._side = 0.0
+        self._laid: tuple[Curve, Pose] | None = None
+
+    def way(self) -> FloatArray | None:
+        """Return the curve of the last tick as poses; see `Action.way`."""
+        return None if self._laid is None else sampled(*self._laid)
 
     def curve(self, pose: Pose, target: Pose, v: float) -> Curve:
         """Return the curve to `target` for a robot at `pose` that drives at v (m/s).
@@ -82,20 +85,21 @@ class Driver:
 
     def _time(self, curve: Curve) -> float:
         """Return an estimate in s of the time that a curve takes: its straight part and its two turns."""
-        return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._style.rotation
+        return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._rotation
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
         curve = self.curve(state.pose, target, state.v)
+        self._laid = curve, target
         bend = max(-self._style.sharpest, min(self._style.sharpest, curve.bend))
         return self.command(self._speed(curve, bend, state.v, end_speed), bend)
 
     def _speed(self, curve: Curve, bend: float, v: float, end_speed: float) -> float:
         """Return the greatest speed in m/s here, from which the rest of the curve can be driven, too."""
         style = self._style
-        left = max(curve.left - v * PERIOD, 0.0)
-        here = style.rotation / max(abs(bend), 1e-6)
-        circle = style.rotation * style.shape.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
+        left = max(curve.left - v * CONTROL_PERIOD, 0.0)
+        here = self._rotation / max(abs(bend), 1e-6)
+        circle = self._rotation * style.shape.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
         before_end = math.sqrt(end_speed**2 + 2.0 * style.braking * left)
         before_circle = math.sqrt(circle**2 + 2.0 * style.braking * curve.straight)
         most = min(self._limits.v, here, before_end, before_circle)
@@ -103,21 +107,21 @@ class Driver:
 
     def command(self, v: float, bend: float) -> Command:
         """Return the command nearest to v (m/s) on a curve (1/m) that the base can follow."""
-        last, most = self._last, self._style.rotation
+        last, most = self._last, self._rotation
         braking = min(_RESERVE * self._style.braking, self._limits.brake)
-        v = max(last.v - braking * PERIOD, min(last.v + self._limits.a * PERIOD, v))
+        v = max(last.v - braking * CONTROL_PERIOD, min(last.v + self._limits.a * CONTROL_PERIOD, v))
         return self.send(v, max(-most, min(most, max(v, 0.0) * bend)))
 
     def turn(self, angle: float) -> Command:
         """Return the command that stops and turns by what is left of an angle (rad)."""
         last, limits = self._last, self._limits
-        v = max(last.v - limits.brake * PERIOD, min(last.v + limits.a * PERIOD, 0.0))
+        v = max(last.v - limits.brake * CONTROL_PERIOD, min(last.v + limits.a * CONTROL_PERIOD, 0.0))
         w = max(-limits.w, min(limits.w, 3.0 * angle))
         return self.send(v, w if abs(v) < 0.2 else last.w)
 
     def send(self, v: float, w: float) -> Command:
         """Return v (m/s) with the rotational velocity (rad/s) that is nearest to w one tick later."""
-        step = self._limits.aw * PERIOD
+        step = self._limits.aw * CONTROL_PERIOD
         self._last = Command(v, max(self._last.w - step, min(self._last.w + step, w)))
         return self._last
 
@@ -127,7 +131,7 @@ def reached(rel: Pose, v: float, end_speed: float) -> bool:
     if abs(rel.y) > LATERAL or abs(rel.yaw) > HEADING:
         return False
     if end_speed > 0.0:
-        return -v * PERIOD / 2 <= rel.x < 0.1
+        return -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
     return standing_place(rel) and abs(v) < _AT_REST
 
 

@@ -9,7 +9,7 @@ from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, ObjectState, World
 
@@ -41,6 +41,10 @@ class BezierGoToPose(Action):
         style = TO_BALL if self._to_ball else TO_POSE
         self._driver = Driver(self.robot.limits, style)
         self._driver.reset(Command(world.robot.v, world.robot.w))
+
+    def way(self) -> FloatArray | None:
+        """Return the curve of the last tick; see `Action.way`."""
+        return self._driver.way()
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""

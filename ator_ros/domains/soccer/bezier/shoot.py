@@ -10,7 +10,7 @@ from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.dribble_ball import LOST, check_held, dribbling
 from ator_ros.domains.soccer.bezier.driver import Driver, check_goal
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, ObjectState, World
 
@@ -56,6 +56,10 @@ class BezierShoot(Action):
     def _half_mouth(self) -> float:
         """Return half the width in m in which the ball's centre passes clear of the posts."""
         return field_of(self.robot).goal_width / 2 - self.robot.scene.radius(BALL) - _POST_ROOM
+
+    def way(self) -> FloatArray | None:
+        """Return the curve of the last tick; see `Action.way`."""
+        return self._driver.way()
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""

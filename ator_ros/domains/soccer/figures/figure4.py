@@ -94,7 +94,7 @@ def _polar(axes: Any, angles: FloatArray, times: FloatArray, changes: Any) -> No
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw the figure to a file and print the rule; give the exit code."""
+    """Draw the figure to a file and print the rule; return the exit code."""
     parser = argparse.ArgumentParser(prog="figure4", description=__doc__)
     parser.add_argument("--model", type=Path, help="default: the shipped goToPose")
     parser.add_argument("--pose", action="store_true", help="without a ball at the destination")

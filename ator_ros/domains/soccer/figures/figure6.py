@@ -91,7 +91,7 @@ def _situation(axes: Any, robot: Robot, heading: float, name: str, colour: str, 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw the figure to a file; give the exit code."""
+    """Draw the figure to a file; return the exit code."""
     parser = argparse.ArgumentParser(prog="figure6", description=__doc__)
     parser.add_argument("--action-set", default="default")
     parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")

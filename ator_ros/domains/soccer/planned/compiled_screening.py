@@ -20,6 +20,7 @@ from ator_ros.motion.compiled_manoeuvre import (
     turn_pieces,
 )
 from ator_ros.motion.trajectory import DT
+from ator_ros.world.scene import WALL_THICKNESS
 
 DOUBT = 1e-8
 """Margin in m, s or m/s within which the exact check decides."""
@@ -229,8 +230,8 @@ def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
 def _wall_distance(x: float, y: float, shape: Outline) -> float:
     """Return the distance to a goal's walls, mirrored to x > 0 and y > 0."""
     line, half, depth = shape.line, shape.half, shape.depth
-    side = math.hypot(max(line - x, x - line - depth, 0.0), max(half - y, y - half - 0.05, 0.0))
-    back = math.hypot(max(line + depth - x, x - line - depth - 0.05, 0.0), max(-y, y - half, 0.0))
+    side = math.hypot(max(line - x, x - line - depth, 0.0), max(half - y, y - half - WALL_THICKNESS, 0.0))
+    back = math.hypot(max(line + depth - x, x - line - depth - WALL_THICKNESS, 0.0), max(-y, y - half, 0.0))
     return min(side, back)
 
 

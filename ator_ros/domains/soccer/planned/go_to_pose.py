@@ -64,6 +64,10 @@ class GoToPose(PlannedAction):
         touching = self.robot.hold_offset(world, BALL) < self.robot.holder_length + 2 * _MOVED
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
+    def chases(self) -> bool:
+        """Return whether it drives to the ball; one that others play elsewhere is no reason to give up."""
+        return self._approach
+
     def arrive(self, world: World) -> Step:
         """Return the last step of the plan; an approach succeeds only if it has caught the ball."""
         step = super().arrive(world)

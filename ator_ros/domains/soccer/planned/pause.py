@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from ator_ros.robot.description import Limits
-from ator_ros.world.state import STOP, Command, RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, RobotState, World
 
-_PERIOD = 0.05  # s of a control tick
 _SETTLING = 0.3  # s after which a base counts as standing whatever its odometry says
 
 
@@ -29,7 +28,7 @@ class Pause:
 
     def command(self, world: World) -> Command:
         """Return the command of this tick."""
-        elapsed = world.time - self._since + _PERIOD
+        elapsed = world.time - self._since + CONTROL_PERIOD
         return Command(
             _slowed(self._from.v, self._limits.brake * elapsed),
             _slowed(self._from.w, self._limits.aw * elapsed),

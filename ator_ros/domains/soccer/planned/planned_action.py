@@ -10,7 +10,7 @@ from typing import ClassVar
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.planned.pause import Pause
 from ator_ros.domains.soccer.planned.tracker import Tracker
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import Planning, Search
@@ -62,6 +62,10 @@ class PlannedAction(Action):
         """Whether there is no plan yet; see `Action.planning`."""
         return self._tracker is None
 
+    def way(self) -> FloatArray | None:
+        """Return the plan that is followed; see `Action.way`."""
+        return None if self._tracker is None else self._tracker.trajectory.poses()
+
     def defer_planning(self, time: float) -> None:
         """Plan nothing in the tick at `time`; see `Action.defer_planning`."""
         self._deferred = time
@@ -77,6 +81,10 @@ class PlannedAction(Action):
     def outdated(self, world: World) -> bool:  # noqa: ARG002
         """Return whether what was planned for has changed."""
         return False
+
+    def chases(self) -> bool:
+        """Return whether plans that are outdated count among those after which it gives up."""
+        return True
 
     def arrive(self, world: World) -> Step:
         """Return the step at the end of the plan."""
@@ -98,8 +106,10 @@ class PlannedAction(Action):
             return self._plan_on(world)
         tracker.wait_for_start(world)
         disturbed = tracker.disturbed(world)
-        if disturbed or self.outdated(world):
-            return self.replan(world, "disturbed" if disturbed else "the goal has moved")
+        if disturbed:
+            return self.replan(world, "disturbed")
+        if self.outdated(world):
+            return self.replan(world, "the goal has moved", counts=self.chases())
         left = tracker.left(world)
         if left <= 0.0:
             return self.arrive(world)
@@ -107,11 +117,21 @@ class PlannedAction(Action):
             return self._look_on(world, self._search)
         return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {left:.1f} s to go")
 
-    def replan(self, world: World, why: str) -> Step:
-        """Plan again from here, or fail if that cannot help any more."""
+    def replan(self, world: World, why: str, *, counts: bool = True) -> Step:
+        """Plan again from here, or fail if that cannot help any more.
+
+        Parameters
+        ----------
+        world : World
+            The present state.
+        why : str
+            A sentence on why.
+        counts : bool
+            Whether the new plan is one of those after which it gives up.
+        """
         if world.time == self._deferred:
             return self._following(world, f"{why}; planning in the next tick")
-        self._replans += 1
+        self._replans += counts
         if self._replans > _REPLANS:
             return finished(Status.FAILED, f"{why}; gave up after {_REPLANS} new plans")
         assert self._tracker is not None

@@ -74,7 +74,7 @@ class Shoot(HoldingAction):
         if self._released is None:
             return super().step(world)
         ball = ball_of(world)
-        over = world.time - self._released > _PATIENCE or ball is None or ball.speed < 0.02
+        over = world.time - self._released > _PATIENCE or ball is None or ball.rests
         if over:
             return finished(Status.FAILED, "the ball stopped before the goal")
         return finished(Status.RUNNING, "the ball is rolling")

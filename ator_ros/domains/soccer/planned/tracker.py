@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ator_ros.geometry import Pose
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import Command, RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, Command, RobotState, World
 
 DISTURBED_DISTANCE = 0.12  # m from the plan
 DISTURBED_HEADING = 0.35  # rad
@@ -43,8 +43,6 @@ class Tracker:
         What to follow.
     start_time : float
         When the trajectory starts, in s of the world's time.
-    period : float
-        Control period in s.
     waits : bool
         Whether the trajectory starts later where the robot does.
     """
@@ -62,18 +60,17 @@ class Tracker:
         robot: Robot,
         trajectory: Trajectory,
         start_time: float,
-        period: float = 0.05,
         *,
         waits: bool = False,
     ) -> None:
-        self._limits, self._period, self._lever = robot.limits, period, robot.track / 2.0
+        self._limits, self._lever = robot.limits, robot.track / 2.0
         self.trajectory = trajectory
         self._start = self._made = start_time
         first = trajectory.at(0.0)
         still = RobotState(first.pose, first.v, first.w).is_still
         self._waits = waits and still and trajectory.duration > _SHORT
         # A command is reached after a period's ramp, most of which it is late, and the motors lag behind.
-        self._preview = 0.8 * period + robot.motor_time_constant
+        self._preview = 0.8 * CONTROL_PERIOD + robot.motor_time_constant
 
     def wait_for_start(self, world: World) -> None:
         """Start the plan's time when a robot at rest starts: after long planning its command is late."""
@@ -88,17 +85,17 @@ class Tracker:
 
     def _begun(self, world: World) -> float:
         """Return when (s) a moving robot started, whole periods ago: states may have been missed."""
-        most = max(1, round(self.elapsed(world) / self._period))
+        most = max(1, round(self.elapsed(world) / CONTROL_PERIOD))
         if most == 1:
             return self._start
 
         def error(ticks: int) -> float:
-            planned = self.trajectory.at(ticks * self._period - _SEEN_LATE)
+            planned = self.trajectory.at(ticks * CONTROL_PERIOD - _SEEN_LATE)
             change = abs(planned.v - world.robot.v) + self._lever * abs(planned.w - world.robot.w)
             # Just after a start the speed tells most; a metre counts as much as a metre per second.
             return change + planned.pose.distance(world.robot.pose)
 
-        return world.time - min(range(1, most + 1), key=error) * self._period
+        return world.time - min(range(1, most + 1), key=error) * CONTROL_PERIOD
 
     def left(self, world: World) -> float:
         """Return the time in s to the end of the trajectory; not positive afterwards."""

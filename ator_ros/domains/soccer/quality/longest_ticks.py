@@ -20,11 +20,10 @@ from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import SLICE, Search
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.robot.ramp import ramped
-from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
 
 LIMIT_MS = 40.0
 _TICKS = 40
-_PERIOD = 0.05
 
 
 def measure(situations: int = 120) -> dict[str, dict[str, float]]:
@@ -143,12 +142,12 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
 def _after(robot: Robot, world: World, command: Command) -> World:
     """Return the world a tick later; a ball in front stays there."""
     before, ball = world.robot, ball_of(world)
-    speeds = ramped(Command(before.v, before.w), command, _PERIOD, robot.limits)
-    moved = before.pose.ahead(speeds.v * _PERIOD)
-    pose = moved._replace(yaw=moved.yaw + speeds.w * _PERIOD)
+    speeds = ramped(Command(before.v, before.w), command, CONTROL_PERIOD, robot.limits)
+    moved = before.pose.ahead(speeds.v * CONTROL_PERIOD)
+    pose = moved._replace(yaw=moved.yaw + speeds.w * CONTROL_PERIOD)
     if ball is not None and robot.hold_offset(world, BALL) < robot.holder_length:
         hold = robot.hold_point(pose)
         ball = ObjectState(hold.x, hold.y)
     elif ball is not None:
-        ball = ball.after(_PERIOD)
-    return World(world.time + _PERIOD, RobotState(pose, speeds.v, speeds.w), objects_of(ball))
+        ball = ball.after(CONTROL_PERIOD)
+    return World(world.time + CONTROL_PERIOD, RobotState(pose, speeds.v, speeds.w), objects_of(ball))

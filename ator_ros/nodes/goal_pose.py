@@ -1,0 +1,89 @@
+"""The node `goal_pose`: lets RViz's tool 2D Goal Pose, and whoever publishes one, drive the robot there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
+
+from ator_interfaces.action import ExecuteChain
+from ator_ros.nodes import checks
+from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.conversions import chain_of, pose_from
+from ator_ros.nodes.parameters import (
+    DOMAIN,
+    ROBOT,
+    Parameter,
+    SetupError,
+    declare_parameters,
+    domain_of,
+    robot_of,
+)
+from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.running import run_node
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.driving import driving_top
+
+PARAMETERS = (
+    Parameter("frame", "odom", "frame that poses must be given in; an empty frame_id means it"),
+    DOMAIN,
+    ROBOT,
+)
+
+
+class GoalPoseNode(Node):
+    """Sends the executor a chain of one step for each pose that comes; a newer pose preempts.
+
+    Parameters: see `PARAMETERS`.
+
+    Subscribes to
+        goal_pose (geometry_msgs/PoseStamped): where the middle of the axle shall come to rest.
+    Calls
+        execute_chain (ator_interfaces/ExecuteChain).
+    """
+
+    def __init__(self) -> None:
+        super().__init__("goal_pose")
+        settings = declare_parameters(self, PARAMETERS)
+        self._frame = settings["frame"]
+        domain = domain_of(settings)
+        self._library = domain.library(robot_of(settings))
+        top = driving_top(self._library)
+        if top is None:
+            raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")
+        self._top = top
+        self._chains = ActionClient(self, ExecuteChain, "execute_chain")
+        self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
+        self.get_logger().info(f"poses become goals of {top.name}")
+
+    def _take(self, message: PoseStamped) -> None:
+        try:
+            checks.frame(message.header.frame_id, "goal_pose.header.frame_id", expected=self._frame)
+            pose = pose_from(message.pose, "goal_pose.pose")
+        except MessageError as error:
+            self.get_logger().warning(f"ignored: {error}")
+            return
+        if not self._chains.server_is_ready():
+            self.get_logger().warning("ignored: expected the action execute_chain, it is not there")
+            return
+        chain = TopChain((TopCall(self._top, self._library.goal(self._top, pose)),))
+        goal = ExecuteChain.Goal(chain=chain_of(chain, action_set="", frame=self._frame))
+        self._chains.send_goal_async(goal).add_done_callback(self._accepted)
+
+    def _accepted(self, future: Future) -> None:
+        handle: Any = future.result()
+        if handle is not None and handle.accepted:
+            handle.get_result_async().add_done_callback(self._ended)
+
+    def _ended(self, future: Future) -> None:
+        answer = future.result()
+        if answer is not None:
+            self.get_logger().info(answer.result.outcome.reason)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run_node(GoalPoseNode, PARAMETERS, args)

@@ -1,0 +1,92 @@
+"""What a view hears of the nodes besides the state: executed chains, planned ways, learned models."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Path
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from ator_interfaces.msg import ChainPerformance, Outcome
+from ator_ros.execution.phases import Ending
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.conversions import pose_from, seconds_from
+from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.printable import printable
+from ator_ros.viewing.history import Driven, History
+
+_OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
+_LONGEST = 60
+_LEARNED = "learned set"
+_RECORDS = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
+
+
+class Heard:
+    """Listens to executor and refinement of one namespace.
+
+    Parameters
+    ----------
+    node : Node
+        Who listens.
+
+    Attributes
+    ----------
+    history : History
+        The executed chains, the one before it began to listen included.
+    learned : str
+        What the refinement node tells of the learned set of models in use; empty where there is none.
+    way : ndarray, shape (n, 2), or None
+        The way that the action under way has planned, x and y in m; None without one.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self.history, self.learned = History(), ""
+        self.way: FloatArray | None = None
+        self._refinement = node.resolve_service_name("refinement")
+        node.create_subscription(ChainPerformance, "performance/chain", self._take_record, _RECORDS)
+        node.create_subscription(Path, "planned_path", self._take_path, LATCHED)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._take_health, RESULTS)
+
+    def _take_record(self, message: ChainPerformance) -> None:
+        try:
+            self.history.add(driven_from(message))
+        except MessageError as error:
+            self._node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
+
+    def _take_path(self, message: Path) -> None:
+        places = [(pose.pose.position.x, pose.pose.position.y) for pose in message.poses]
+        self.way = np.array(places) if places and np.isfinite(places).all() else None
+
+    def _take_health(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self._refinement:
+                values = {value.key: value.value for value in status.values}
+                self.learned = printable(values.get(_LEARNED, ""), 3 * _LONGEST)
+
+
+def driven_from(record: ChainPerformance) -> Driven:
+    """Read a record.
+
+    Raises
+    ------
+    MessageError
+        A pose in it is none.
+    """
+    done = record.outcome.code == Outcome.SUCCEEDED
+    start = [pose_from(record.start.robot, "start.robot")]
+    start += [Pose(there.position.x, there.position.y, 0.0) for there in record.start.objects]
+    start += [pose_from(call.goal.pose, "chain.calls") for call in record.chain.calls[-1:]]
+    return Driven(
+        seconds_from(record.header.stamp),
+        tuple(printable(call.top, _LONGEST) for call in record.chain.calls),
+        record.refined,
+        record.predicted.duration,
+        record.actual.duration if done else math.nan,
+        _OUTCOMES.get(record.outcome.code, f"outcome {record.outcome.code}"),
+        tuple(start),
+    )

@@ -1,0 +1,91 @@
+"""Where the robot's state comes from: odometry or tf."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from geometry_msgs.msg import Quaternion
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+
+from ator_ros.geometry import Pose
+from ator_ros.nodes import checks, conversions
+from ator_ros.nodes.checks import MessageBounds, bounds_of
+from ator_ros.nodes.parameters import Parameter
+from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.nodes.tf_listener import Found, TfListener
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import RobotState
+from ator_ros.world.velocity import RobotVelocity
+
+STATE = Parameter(
+    "robot_from", "odom", "where the robot's state comes from: odom, or tf", choices=("odom", "tf")
+)
+Read = Callable[[], tuple[float, RobotState]]
+"""Returns time in s and state of the robot; raises MessageError."""
+
+
+class RobotSource:
+    """Listens to the robot's state.
+
+    Parameters
+    ----------
+    node : Node
+        Who listens.
+    settings : mapping
+        The parameters `STATE`, `frame` and `robot_frame`.
+    robot : Robot
+        Its limits.
+    take : callable
+        Is given what reads a message that has come.
+    tf : TfListener
+        Looks up the robot where tf tells of it.
+
+    Attributes
+    ----------
+    topics : dict of str to type
+        The type of the messages by the name of the topic, tf excepted.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: Mapping[str, Any],
+        robot: Robot,
+        take: Callable[[Read], None],
+        tf: TfListener,
+    ) -> None:
+        self._tf, self._frames = tf, (settings["frame"], settings["robot_frame"])
+        self._from_tf = settings[STATE.name] == "tf"
+        self.topics: dict[str, type] = {} if self._from_tf else {"odom": Odometry}
+        bounds, frame = bounds_of(robot), settings["frame"]
+        if self._from_tf:
+            estimate = RobotVelocity(robot.limits.v, robot.limits.w)
+            tf.follow(*self._frames, lambda found: take(partial(robot_in_tf, found, estimate, bounds)))
+            return
+        read = partial(conversions.robot_from, frame=frame, bounds=bounds)
+        node.create_subscription(Odometry, "odom", lambda message: take(partial(read, message)), SENSOR_DATA)
+
+    def missing(self) -> str:
+        """Return what is said where no state has come."""
+        if not self._from_tf:
+            return "odom is missing"
+        frame, child = self._frames
+        known = self._tf.connects(frame, child)
+        return f"tf is {'old' if known else 'missing'}: expected transforms from {frame} to {child}"
+
+
+def robot_in_tf(found: Found, estimate: RobotVelocity, bounds: MessageBounds) -> tuple[float, RobotState]:
+    """Read what tf tells of the robot; its velocities are differences. Raises MessageError."""
+    (x, y, _), (i, j, k, w) = found.placement
+    pose = Pose(
+        checks.position(x, "robot in tf: x", most=bounds.x),
+        checks.position(y, "robot in tf: y", most=bounds.y),
+        checks.planar_yaw(Quaternion(x=i, y=j, z=k, w=w), "robot in tf: rotation"),
+    )
+    state = estimate.state(found.time, pose)
+    checks.velocity(state.v, "robot in tf: v", most=bounds.v)
+    checks.velocity(state.w, "robot in tf: w", "rad/s", most=bounds.w)
+    return found.time, state

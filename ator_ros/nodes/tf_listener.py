@@ -1,0 +1,123 @@
+"""Listens to tf and looks frames up; needs the messages of tf, not tf2_ros."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from ator_ros.nodes.checks import LONGEST_NAME, MessageError
+from ator_ros.nodes.conversions import seconds_from
+from ator_ros.nodes.parameters import SetupError
+from ator_ros.nodes.qos import RESULTS
+from ator_ros.printable import quoted
+from ator_ros.world.transforms import MOST_FRAMES, Placement, Transforms
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # ROS without tf
+    TFMessage = None
+
+_FIXED = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""For /tf_static, on which each of many publishers keeps its last message."""
+_UNIT_TOLERANCE = 1e-3
+_WARNING_PERIOD = 2.0
+
+
+class Found(NamedTuple):
+    """Where a frame is: stamp in s and placement in another frame."""
+
+    time: float
+    placement: Placement
+
+
+@dataclass
+class _Followed:
+    """A frame that is looked up in another one."""
+
+    frame: str
+    child: str
+    take: Callable[[Found], None]
+    last: float | None = None
+
+    def look(self, transforms: Transforms) -> None:
+        """Pass on where the frame is, if there is a newer stamp, or an older one after a reset."""
+        found = transforms.latest(self.frame, self.child)
+        if found is not None and found[0] != self.last:
+            self.last = found[0]
+            self.take(Found(*found))
+
+
+class TfListener:
+    """Subscribes to /tf and /tf_static, once a frame is followed.
+
+    The names are absolute, as those of tf2_ros: where tf has a namespace, remap them (``-r /tf:=tf``).
+
+    Parameters
+    ----------
+    node : Node
+        Who listens, and logs what cannot be used.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._transforms = Transforms()
+        self._followed: list[_Followed] = []
+
+    @property
+    def used(self) -> bool:
+        """Whether any frame is followed."""
+        return bool(self._followed)
+
+    def connects(self, frame: str, child: str) -> bool:
+        """Return whether `child` is known in `frame`."""
+        return self._transforms.latest(frame, child) is not None
+
+    def follow(self, frame: str, child: str, take: Callable[[Found], None]) -> None:
+        """Pass on where `child` is in `frame` whenever that is told anew; in the order of these calls.
+
+        Raises
+        ------
+        SetupError
+            tf2_msgs is not installed.
+        """
+        if TFMessage is None:
+            raise SetupError(f"{child} is to come from tf: expected the package tf2_msgs, got none")
+        if not self.used:
+            self._node.create_subscription(TFMessage, "/tf_static", partial(self._hear, fixed=True), _FIXED)
+            self._node.create_subscription(TFMessage, "/tf", partial(self._hear, fixed=False), RESULTS)
+        self._followed.append(_Followed(frame, child, take))
+
+    def _hear(self, message: Any, *, fixed: bool) -> None:
+        for transform in itertools.islice(message.transforms, MOST_FRAMES):
+            try:
+                self._add(transform, fixed=fixed)
+            except ValueError as error:
+                logger = self._node.get_logger()
+                logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
+        for followed in self._followed:
+            followed.look(self._transforms)
+
+    def _add(self, message: Any, *, fixed: bool) -> None:
+        frame, child = message.header.frame_id.removeprefix("/"), message.child_frame_id.removeprefix("/")
+        if not (frame and child and frame != child and max(len(frame), len(child)) <= LONGEST_NAME):
+            raise MessageError(f"tf: expected two frames, got {quoted(frame)} and {quoted(child)}")
+        moved, turned = message.transform.translation, message.transform.rotation
+        origin, turn = (moved.x, moved.y, moved.z), (turned.x, turned.y, turned.z, turned.w)
+        if not all(map(math.isfinite, origin)):
+            raise MessageError(f"tf: {quoted(child)}: expected a finite translation, got {origin}")
+        if not abs(math.hypot(*turn) - 1.0) <= _UNIT_TOLERANCE:
+            raise MessageError(f"tf: {quoted(child)}: expected a quaternion of length 1, got {turn}")
+        time = seconds_from(message.header.stamp)
+        self._transforms.add(frame, child, time, Placement(origin, turn), fixed=fixed)

@@ -1,0 +1,17 @@
+"""TOPs that only drive the robot to a pose."""
+
+from __future__ import annotations
+
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.top import Top
+
+_PLACE = {"robot.x", "robot.y", "robot.yaw"}
+
+
+def driving_top(library: TopLibrary) -> Top | None:
+    """Return the first TOP that drives the robot to a pose whatever the situation is; None without one."""
+    return next((top for top in library.values() if _drives(top)), None)
+
+
+def _drives(top: Top) -> bool:
+    return not top.pre.terms and {term.variable for term in top.post.terms} >= _PLACE

@@ -1,0 +1,180 @@
+"""Transforms between frames, as tf tells them, and where one frame is in another. Nothing here knows ROS."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+MOST_FRAMES = 1000
+"""Frames that are remembered; a robot has some dozens."""
+_KEPT = 512
+"""Transforms of each frame that are remembered: five seconds at 100 Hz."""
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class Placement(NamedTuple):
+    """The pose of a frame in space: its origin in m, and a unit quaternion (x, y, z, w)."""
+
+    origin: Vector
+    turn: Quaternion
+
+    def compose(self, local: Placement) -> Placement:
+        """Return the placement `local`, seen from this one, in the frame of this one."""
+        x, y, z = _rotated(self.turn, local.origin)
+        return Placement(
+            (self.origin[0] + x, self.origin[1] + y, self.origin[2] + z), _product(self.turn, local.turn)
+        )
+
+    def inverse(self) -> Placement:
+        """Return where the frame that this is told in lies, seen from here."""
+        x, y, z, w = self.turn
+        back = (-x, -y, -z, w)
+        i, j, k = _rotated(back, self.origin)
+        return Placement((-i, -j, -k), back)
+
+    def between(self, other: Placement, share: float) -> Placement:
+        """Return the placement at `share` (0 to 1) of the way from this to `other`."""
+        origin = tuple(a + share * (b - a) for a, b in zip(self.origin, other.origin, strict=True))
+        # Of the two quaternions of a rotation the nearer one; so close to each other a chord is an arc.
+        near = math.copysign(1.0, sum(a * b for a, b in zip(self.turn, other.turn, strict=True)))
+        turn = [a + share * (near * b - a) for a, b in zip(self.turn, other.turn, strict=True)]
+        length = math.hypot(*turn) or 1.0
+        return Placement((origin[0], origin[1], origin[2]), _four([part / length for part in turn]))
+
+
+HERE = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+"""A frame in itself."""
+
+
+@dataclass
+class _Link:
+    """What is known of a frame in its parent: placements by time, or one that always holds."""
+
+    parent: str
+    fixed: bool
+    times: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    placements: deque[Placement] = field(default_factory=lambda: deque(maxlen=_KEPT))
+
+    def add(self, time: float, placement: Placement) -> None:
+        """Take a placement; one from before the last means that the clock was reset."""
+        if self.times and (self.fixed or time <= self.times[-1]):
+            again = self.fixed or time < self.times[-1]
+            (self.times.clear if again else self.times.pop)()
+            (self.placements.clear if again else self.placements.pop)()
+        self.times.append(time)
+        self.placements.append(placement)
+
+    def at(self, time: float) -> Placement | None:
+        """Return the placement at `time` (s); None where that is not remembered."""
+        if self.fixed:
+            return self.placements[-1]
+        after = bisect.bisect_left(self.times, time)
+        if after == len(self.times) or (after == 0 and self.times[0] > time):
+            return None
+        if self.times[after] == time:
+            return self.placements[after]
+        begin, end = self.times[after - 1], self.times[after]
+        return self.placements[after - 1].between(self.placements[after], (time - begin) / (end - begin))
+
+
+class Transforms:
+    """The recent transforms of all frames.
+
+    Attributes
+    ----------
+    newest : float or None
+        The newest stamp in s of all transforms that change; None before the first.
+    """
+
+    def __init__(self) -> None:
+        self._links: dict[str, _Link] = {}
+        self.newest: float | None = None
+
+    def add(self, frame: str, child: str, time: float, placement: Placement, *, fixed: bool = False) -> None:
+        """Take the placement of the frame `child` in `frame` at `time` (s).
+
+        Parameters
+        ----------
+        frame, child : str
+            The frames' names.
+        time : float
+            Its stamp in s.
+        placement : Placement
+            Finite, with a unit quaternion.
+        fixed : bool
+            Whether it holds at all times.
+
+        Raises
+        ------
+        ValueError
+            There are too many frames.
+        """
+        link = self._links.get(child)
+        if link is None or (link.parent, link.fixed) != (frame, fixed):
+            if link is None and len(self._links) >= MOST_FRAMES:
+                raise ValueError(f"tf: expected at most {MOST_FRAMES} frames, got another one")
+            link = self._links[child] = _Link(frame, fixed)
+        link.add(time, placement)
+        self.newest = self.newest if fixed else time
+
+    def latest(self, frame: str, child: str) -> tuple[float, Placement] | None:
+        """Return the newest time in s at which `child` is known in `frame`, and its placement then.
+
+        The time is that of the oldest of the newest transforms between the two frames; those that never
+        change hold at the newest time of all. None: no transforms connect the frames, or not at one time.
+        """
+        up, down = self._ancestors(child), self._ancestors(frame)
+        common = next((name for name in up if name in down), None)
+        if common is None:
+            return None
+        rising, falling = up[: up.index(common)], down[: down.index(common)]
+        changing = [self._links[name].times[-1] for name in rising + falling if not self._links[name].fixed]
+        time = min(changing, default=self.newest)
+        if time is None:
+            return None
+        there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
+        return None if there is None or back is None else (time, back.inverse().compose(there))
+
+    def _ancestors(self, frame: str) -> list[str]:
+        """Return a frame, its parent, and so on; where they run in a circle, each once."""
+        names = {frame: None}
+        while (link := self._links.get(frame)) is not None and link.parent not in names:
+            frame = link.parent
+            names[frame] = None
+        return list(names)
+
+    def _in_ancestor(self, names: list[str], time: float) -> Placement | None:
+        """Return the placement of the first of `names` in the parent of the last."""
+        placement = HERE
+        for name in names:
+            step = self._links[name].at(time)
+            if step is None:
+                return None
+            placement = step.compose(placement)
+        return placement
+
+
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def _rotated(turn: Quaternion, point: Vector) -> Vector:
+    x, y, z, w = turn
+    i, j, k, _ = _product(_product(turn, (*point, 0.0)), (-x, -y, -z, w))
+    return i, j, k
+
+
+def _four(parts: list[float]) -> Quaternion:
+    x, y, z, w = parts
+    return x, y, z, w

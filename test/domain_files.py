@@ -1,0 +1,75 @@
+"""A domain as a YAML file, for the tests of what such a file declares and of what is wrong in one."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+TOUR: dict[str, Any] = {
+    "name": "errands",
+    "objects": [{"name": "cart", "topic": "/cart/pose", "type": "PoseStamped", "optional": True}],
+    "tops": [
+        {
+            "name": "visit",
+            "action": "navigate",
+            "pre": [
+                {"variable": "cart.x", "target": 3, "tolerance": 2},
+                {"variable": "robot.x", "target": 0.0, "low": 0.5},
+            ],
+            "post": [
+                {"variable": "robot.x", "target": "goal.x", "tolerance": 0.25},
+                {"variable": "robot.y", "target": "goal.y", "tolerance": 0.25},
+            ],
+        },
+        {
+            "name": "fetch",
+            "action": "goToPose",
+            "point": "hold",
+            "post": [{"variable": "hold.x", "target": "cart.x", "tolerance": 0.1}],
+        },
+    ],
+    "actions": [
+        {
+            "name": "navigate",
+            "remote": {
+                "server": "navigate_to_pose",
+                "type": "nav2_msgs/action/NavigateToPose",
+                "goal": [{"field": "pose", "source": "goal", "frame": "map"}],
+                "success": {"fields": [{"field": "error_code", "equals": 0}]},
+            },
+        },
+        {"name": "goToPose", "local": {"domain": "soccer"}},
+    ],
+    "variables": [{"name": "yaw"}, {"name": "speed", "low": 0.1, "high": 0.4}],
+}
+
+
+PLACE = {"x": [-1, 1], "y": [0.5]}
+CHAIN: dict[str, Any] = {"name": "walk", "start": [PLACE], "steps": [{"top": "visit", "goal": [PLACE]}]}
+
+
+class _Plain(yaml.SafeDumper):
+    """Writes no aliases, which are refused."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def file_of(folder: Path, data: object) -> Path:
+    file = folder / "tour.yaml"
+    file.write_text(data if isinstance(data, str) else yaml.dump(data, Dumper=_Plain), encoding="utf-8")
+    return file
+
+
+def changed(path: str, value: object) -> dict[str, Any]:
+    """Return the domain with the value at a path replaced, or a field added."""
+    data = copy.deepcopy(TOUR)
+    *way, last = (int(key) if key.isdigit() else key for key in path.split("."))
+    inner: Any = data
+    for key in way:
+        inner = inner[key]
+    inner[last] = value
+    return data

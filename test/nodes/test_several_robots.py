@@ -1,0 +1,122 @@
+"""Several robots and one ball in one simulation."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import Host
+from ros_client import Client
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from ator_interfaces.srv import PlaceRobot
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.parameters import SetupError
+from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.nodes.simulation_settings import names_of, parameters_for, robots_of, simulated_of, world_of
+from ator_ros.resources import share_folder
+
+NAMES = ("ann", "bob")
+
+
+@pytest.fixture
+def pair(domain: int) -> Iterator[dict[str, Client]]:
+    """Yield a client for each robot."""
+    clients = {name: Client(domain, name, frame=f"{name}/odom") for name in NAMES}
+    yield clients
+    for client in clients.values():
+        client.close()
+
+
+def test_each_robot_is_commanded_and_observed_in_its_namespace(host: Host, pair: dict[str, Client]) -> None:
+    ann, bob = pair.values()
+    transforms = ann.listen(TFMessage, "/tf", RESULTS)
+    fixed = ann.listen(TFMessage, "/tf_static", LATCHED)
+    joints = bob.listen(JointState, "joint_states", RESULTS)
+    host("simulation", robots="[ann, bob]", robot_start="[-1.0, 0.0, 0.0, 1.0, 1.0, 3.0]", lockstep=True)
+    assert ann.robot().pose == pytest.approx(Pose(-1.0, 0.0, 0.0), abs=1e-3)
+    assert bob.robot().pose == pytest.approx(Pose(1.0, 1.0, 3.0), abs=1e-3)
+    ann.eventually(lambda: ann.robot().v > 0.1 or ann.command(v=0.3), "ann drives")
+    assert abs(bob.robot().v) < 0.02
+    ann.place(ball=(0.5, -1.0))
+    for client in pair.values():
+        client.eventually(lambda c=client: abs(c.ball().x - 0.5) < 0.01, "one ball for both")
+    frames = lambda heard: {  # noqa: E731
+        (there.header.frame_id, there.child_frame_id) for each in list(heard) for there in each.transforms
+    }
+    wanted = {(f"{name}/odom", f"{name}/base_link") for name in NAMES}
+    ann.eventually(lambda: frames(transforms) == wanted, "transforms of both")
+    ann.eventually(lambda: frames(fixed) == {("world", f"{name}/odom") for name in NAMES}, "one tree")
+    assert joints
+    assert bob.call(Trigger, "reset").success
+    ann.eventually(lambda: ann.robot().pose.distance(Pose(-1.0, 0.0, 0.0)) < 0.01, "a new world for all")
+
+
+def test_a_tick_waits_for_everybody_who_steers(host: Host, pair: dict[str, Client]) -> None:
+    ann, bob = pair.values()
+    host("simulation", robots="[ann, bob]", real_time_factor=0.0, command_wait=2.0)
+    for client in pair.values():
+        client.robot()
+        client.eventually(lambda c=client: c.node.count_subscribers("cmd_vel"), "who is commanded")
+    began = time.monotonic()
+    while time.monotonic() - began < 1.0:  # until both are known to be steered
+        ann.command(v=0.1)
+        bob.command(v=0.1)
+        time.sleep(0.01)
+    time.sleep(0.2)
+    heard = len(ann.robots)
+    for _ in range(10):
+        ann.command(v=0.1)
+        time.sleep(0.02)
+    assert len(ann.robots) - heard <= 1  # bob is awaited
+    bob.command(v=0.0)
+    ann.eventually(lambda: len(ann.robots) > heard + 5 or ann.command(v=0.1), "ann goes on", patience=0.9)
+
+
+def test_robots_are_not_placed_upon_each_other(host: Host, pair: dict[str, Client]) -> None:
+    host("simulation", robots="[ann, bob]")
+    request = PlaceRobot.Request()
+    request.pose.pose = pose_of(Pose(-2.0, 0.8, 0.0))
+    answer = pair["ann"].call(PlaceRobot, "place_robot", request)
+    assert not answer.success
+    assert answer.message == "pose.pose.position: expected ann at least 0.70 m from bob, got 0.20 m"
+    request.pose.header.frame_id = "bob/odom"
+    answer = pair["ann"].call(PlaceRobot, "place_robot", request)
+    assert "expected the frame 'ann/odom', got 'bob/odom'" in answer.message
+
+
+def settings(**changes: object) -> dict[str, object]:
+    return {item.name: item.default for item in parameters_for(["ball"])} | changes
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"robots": ["ann", "ann"]}, "parameter robots: expected 1 to 16 different names"),
+        ({"robots": ["ann", ""]}, "parameter robots: expected"),
+        ({"robots": ["/ann"]}, "parameter robots: expected"),
+        ({"robots": ["a", "b"], "robot_start": [0.0, 0.0, 0.0, 1.0]}, "robot_start: expected x, y and yaw"),
+        ({"robots": ["ann", "bob"], "robot_start": [0.0] * 6}, "robot_start: expected bob at least"),
+        ({"descriptions": ["", ""]}, "parameter descriptions: expected at most 1 files, got 2"),
+    ],
+)
+def test_what_cannot_be_is_refused_at_the_start(changes: dict[str, object], expected: str) -> None:
+    with pytest.raises(SetupError, match=expected):
+        world_of(settings(**changes), simulated_of(settings(**changes), robots_of(settings(**changes))))
+
+
+def test_robots_may_differ_and_stand_beside_each_other(tmp_path: Path) -> None:
+    shipped = (share_folder() / "config" / "pioneer.yaml").read_text(encoding="utf-8")
+    file = tmp_path / "quick.yaml"
+    file.write_text(shipped.replace("pioneer_3dx", "quick").replace("v: 1.2 ", "v: 1.9 "), encoding="utf-8")
+    values = settings(robots=["ann", "bob", "eve"], descriptions=["", str(file)])
+    first, second, third = simulated_of(values, robots_of(values))
+    assert names_of(values) == [first.name, second.name, third.name]
+    assert [robot.robot.limits.v for robot in (first, second, third)] == [1.2, 1.9, 1.2]
+    assert second.robot.scene == first.robot.scene
+    assert [robot.start for robot in (first, second, third)] == [Pose(-2.0, y, 0.0) for y in (0.0, 1.0, 2.0)]

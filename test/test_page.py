@@ -1,0 +1,77 @@
+"""The page, with clients that receive what a browser would; `nodes/test_view_browser.py` uses a browser."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+
+import pytest
+from in_process_stage import InProcessStage
+
+pytest.importorskip("viser", reason="needs viser: docs/install.md")
+
+from viser_client import ViserClient
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.page.page import Page
+from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.viewing.desk import Desk
+
+ROBOT = SOCCER.robot()
+
+
+class Shown:
+    """A desk with its page, and the loop that joins them."""
+
+    def __init__(self) -> None:
+        self.stage = InProcessStage(SOCCER, ROBOT)
+        self.desk = Desk(self.stage, SOCCER, self.stage.libraries)
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        self.page = Page(self.desk, ROBOT, robot_urdf(ROBOT), {}, port=port)
+        self._now = 0.0
+
+    def go_on(self, rounds: int = 2) -> None:
+        for _ in range(rounds):
+            self._now += 1.0
+            self.desk.step(self.page.inbox.take())
+            self.page.update(self._now)
+
+    def join(self) -> ViserClient:
+        return ViserClient(self.page.server.get_port())
+
+
+@pytest.fixture
+def shown() -> Iterator[Shown]:
+    shown = Shown()
+    shown.go_on()
+    yield shown
+    shown.page.close()
+
+
+def move_ball(shown: Shown, x: float, y: float) -> None:
+    """Do what a drag of the ball does, whoever drags."""
+    shown.page.inbox.put(("object", "ball"), lambda: shown.desk.move_object("ball", x, y))
+    shown.go_on()
+
+
+def test_two_clients_see_the_same_and_one_that_disappears_does_no_harm(shown: Shown) -> None:
+    first, second = shown.join(), shown.join()
+    move_ball(shown, 0.5, -1.0)
+    for client in (first, second):
+        client.until(lambda client=client: client.scene.get("/objects/ball") == (0.5, -1.0, 0.0), "the ball")
+    first.until(lambda: first.scene == second.scene, "the same scene")
+    pose = shown.stage.state.robot.pose
+    assert first.scene["/robot"] == pytest.approx((pose.x, pose.y, 0.0), abs=1e-6)
+    assert {"/chain/ring0", "/chain/naive/legs", "/goals/1"} <= set(first.scene)
+
+    first.vanish()
+    for step in range(10):
+        move_ball(shown, 0.1 * step, 1.0)
+    second.until(lambda: second.scene["/objects/ball"] == pytest.approx((0.9, 1.0, 0.0)), "the ball, moved")
+    third = shown.join()
+    third.until(lambda: third.scene == second.scene, "the same scene for who comes later")
+    assert shown.desk.problem == ""
+    second.close()
+    third.close()

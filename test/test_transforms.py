@@ -1,0 +1,118 @@
+"""Transforms as tf tells them: chains of frames, times between, clocks that are reset."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
+from ator_ros.world.transforms import HERE, MOST_FRAMES, Placement, Transforms
+
+
+def planar(x: float, y: float, yaw: float = 0.0) -> Placement:
+    return Placement((x, y, 0.0), quaternion_from_yaw(yaw))
+
+
+def pose_of(placement: Placement) -> Pose:
+    return Pose(*placement.origin[:2], yaw_from_quaternion(*placement.turn))
+
+
+def random_placement(rng: np.random.Generator) -> Placement:
+    turn = rng.normal(size=4)
+    i, j, k, w = (turn / np.linalg.norm(turn)).tolist()
+    x, y, z = rng.uniform(-3.0, 3.0, 3).tolist()
+    return Placement((x, y, z), (i, j, k, w))
+
+
+def same(one: Placement, other: Placement) -> bool:
+    near = abs(sum(a * b for a, b in zip(one.turn, other.turn, strict=True)))
+    return math.dist(one.origin, other.origin) < 1e-9 and near > 1.0 - 1e-9
+
+
+def test_placements_compose_as_poses_do_and_go_back_in_space() -> None:
+    a, b = Pose(1.0, -2.0, 2.5), Pose(0.3, 0.7, -1.2)
+    assert pose_of(planar(*a).compose(planar(*b))) == pytest.approx(a.compose(b))
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        one, other = random_placement(rng), random_placement(rng)
+        assert same(one.compose(one.inverse()), HERE)
+        assert same(one.inverse().compose(one.compose(other)), other)
+        assert same(one.between(other, 0.0), one)
+        assert same(one.between(other, 1.0), other)
+
+
+def robot_in_map() -> Transforms:
+    """Return a tree: map, odom, base_link, camera (looking ahead, its z axis forward), parcel."""
+    known = Transforms()
+    known.add("map", "odom", 0.0, planar(1.0, 0.0, math.pi / 2.0))
+    known.add("base_link", "camera", 0.0, Placement((0.2, 0.0, 0.5), (-0.5, 0.5, -0.5, 0.5)), fixed=True)
+    for tick in range(21):
+        known.add("odom", "base_link", 0.05 * tick, planar(0.1 * tick, 0.0))
+    return known
+
+
+def test_a_frame_is_found_along_a_chain_at_the_time_that_all_links_know() -> None:
+    known = robot_in_map()
+    time, placement = known.latest("map", "base_link") or (1.0, HERE)
+    assert (time, pose_of(placement)) == (0.0, pytest.approx(Pose(1.0, 0.0, math.pi / 2.0)))
+    known.add("map", "odom", 2.0, planar(1.0, 0.0, math.pi / 2.0))  # as AMCL, ahead of its time
+    time, placement = known.latest("map", "base_link") or (0.0, HERE)
+    assert time == pytest.approx(1.0)
+    assert pose_of(placement) == pytest.approx(Pose(1.0, 2.0, math.pi / 2.0))
+    known.add("camera", "parcel", 0.975, Placement((0.5, 0.2, 3.0), HERE.turn))  # 3 m ahead, 0.5 m right
+    time, placement = known.latest("odom", "parcel") or (0.0, HERE)
+    assert time == 0.975
+    assert placement.origin == pytest.approx((1.95 + 0.2 + 3.0, -0.5, 0.3))
+    _, back = known.latest("parcel", "odom") or (0.0, HERE)
+    assert same(back.compose(placement), HERE)
+
+
+def test_between_two_stamps_it_is_on_the_way() -> None:
+    known = Transforms()
+    known.add("odom", "base_link", 1.0, planar(0.0, 0.0, 3.0))
+    known.add("odom", "base_link", 2.0, planar(1.0, 0.0, -3.0))
+    known.add("map", "odom", 1.25, HERE)
+    time, placement = known.latest("map", "base_link") or (0.0, HERE)
+    assert time == 1.25
+    assert pose_of(placement) == pytest.approx(Pose(0.25, 0.0, 3.0 + 0.25 * (2.0 * math.pi - 6.0)), abs=1e-3)
+
+
+def test_what_is_not_connected_or_not_at_one_time_is_not_known() -> None:
+    known = robot_in_map()
+    assert known.latest("map", "moon") is None
+    assert known.latest("moon", "base_link") is None
+    known.add("hall", "map", -5.0, HERE)  # older than all that is known of the robot
+    assert known.latest("hall", "base_link") is None
+    known.add("a", "b", 0.0, HERE)
+    known.add("b", "a", 0.0, HERE)
+    assert known.latest("map", "a") is None
+
+
+def test_frames_that_never_move_hold_at_the_newest_time() -> None:
+    known = robot_in_map()
+    known.add("map", "station", 0.0, planar(4.0, 4.0), fixed=True)
+    assert known.latest("map", "station") == (pytest.approx(1.0), planar(4.0, 4.0))
+    known.add("map", "station", 0.0, planar(5.0, 4.0), fixed=True)
+    assert known.latest("map", "station") == (pytest.approx(1.0), planar(5.0, 4.0))
+    assert Transforms().latest("map", "map") is None
+
+
+def test_a_clock_that_is_reset_and_a_new_parent_begin_anew() -> None:
+    known = robot_in_map()
+    known.add("odom", "base_link", 0.5, planar(9.0, 0.0))
+    assert known.latest("odom", "base_link") == (0.5, planar(9.0, 0.0))
+    known.add("odom", "base_link", 0.5, planar(8.0, 0.0))
+    assert known.latest("odom", "base_link") == (0.5, planar(8.0, 0.0))
+    known.add("lift", "base_link", 0.6, planar(0.0, 0.0))
+    assert known.latest("odom", "base_link") is None
+
+
+def test_frames_without_end_are_refused() -> None:
+    known = Transforms()
+    for number in range(MOST_FRAMES):
+        known.add("map", f"frame{number}", 0.0, HERE)
+    with pytest.raises(ValueError, match="expected at most 1000 frames"):
+        known.add("map", "another", 0.0, HERE)
+    known.add("map", "frame7", 1.0, HERE)
