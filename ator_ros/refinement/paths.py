@@ -21,7 +21,7 @@ from ator_ros.refinement.slices import Slices
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
 """Returns the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
 
-BLOCK = 384
+BLOCK = 512
 """Pairs of candidates whose costs are computed at once: about a millisecond, the length of a slice."""
 
 
@@ -124,7 +124,7 @@ def _pairwise(
     """
     n, m = len(before), len(after)
     size = max(1, BLOCK // m)
-    blocks = [np.zeros((0, m))]
+    blocks = []
     for first in range(0, n, size):
         late = yield
         if late and cut:
@@ -136,4 +136,4 @@ def _pairwise(
             rows = step_cost(index, part, after)
         every = len(rows) == len(part) * m
         blocks.append(rows.reshape(len(part), m) if every else np.full((len(part), m), rows[0]))
-    return np.concatenate(blocks)
+    return blocks[0] if len(blocks) == 1 else np.concatenate([*blocks, np.zeros((0, m))])
