@@ -12,7 +12,7 @@ from chain_client import ChainClient, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
-from process import Process
+from process import Process, Processes
 from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -40,22 +40,11 @@ SETTINGS = {
 @pytest.fixture(scope="module")
 def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Callable[[str], Process], Client]]:
     """Return a function that starts a node, and a client, on a domain of their own."""
-    processes: list[Process] = []
-    folder = tmp_path_factory.mktemp("logs")
     with free_domain() as domain:
-
-        def start(name: str) -> Process:
-            arguments = ["--ros-args"]
-            for parameter, value in SETTINGS.get(name, {}).items():
-                arguments += ["-p", f"{parameter}:={value}"]
-            processes.append(Process(name, folder / f"{name}{len(processes)}.log", domain, arguments))
-            return processes[-1]
-
-        client = Client(domain)
-        yield start, client
+        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
+        yield lambda name: processes.start(name, **SETTINGS.get(name, {})), client
         client.close()
-        for process in processes:
-            process.kill()
+        processes.kill()
 
 
 @pytest.fixture(scope="module")

@@ -80,7 +80,7 @@ def test_a_changed_robot_gets_a_new_set(
     folder = tmp_path / "learned"
     node = host("learning", learned=folder, models=models, batch=40)
     tell(*map(record_of, episodes(45, slower=1.3)))
-    place = client.eventually(lambda: current_set(folder), "a set")
+    place = client.eventually(lambda: current_set(folder), "a set", patience=90.0)
     client.eventually(lambda: "default/goToPose: " in node.output, "word of it")
     manifest = read_manifest(place)
     values = values_of(client)
@@ -126,7 +126,7 @@ def test_learning_can_be_frozen_and_asked_for(
     assert current_set(folder) is None
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=False)).success
     assert client.call(Trigger, "learning/learn_now", Trigger.Request()).success
-    client.eventually(lambda: current_set(folder), "a set")
+    client.eventually(lambda: current_set(folder), "a set", patience=90.0)
 
 
 @pytest.mark.long
@@ -142,7 +142,7 @@ def test_it_goes_on_after_a_kill(
     start("learning", learned=folder, models=models, batch=40)
     client.eventually(lambda: values_of(client)["records since the last round"] == "30", "the second node")
     tell(*told[30:])
-    client.eventually(lambda: current_set(folder), "a set")
+    client.eventually(lambda: current_set(folder), "a set", patience=90.0)
     assert stored_in(folder) == 45
 
 

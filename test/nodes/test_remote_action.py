@@ -2,108 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
-import rclpy
-from action_servers import Deaf, Echo, Mute, Server, declared
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from action_servers import Deaf, Echo, Mute, Server
+from remote_bench import GOAL, Bench
 
-from ator_ros.actions.base import Goal, Status, Step
-from ator_ros.geometry import Pose
+from ator_ros.actions.base import Status
 from ator_ros.nodes.conversions import pose_from
-from ator_ros.nodes.remote_action import RemoteAction
-from ator_ros.nodes.remote_server import RemoteServer
-from ator_ros.robot.description import load_robot
-from ator_ros.world.state import STOP, RobotState, World
+from ator_ros.world.state import STOP
 
-ROBOT = load_robot()
-GOAL = Goal(Pose(1.0, 2.0, 0.5), 0.3)
-PERIOD = 0.02
-"""Real s of a tick; by the stamps it takes five times as long."""
 SLACK = 1.0
 """Real s that a busy machine may take longer."""
-
-
-class Bench:
-    """A node of ours and one of somebody else's, in one executor of this process."""
-
-    def __init__(self, domain: int) -> None:
-        self._context = rclpy.Context()
-        self._context.init(domain_id=domain)
-        self.ours, self.theirs = (Node(name, context=self._context) for name in ("ours", "theirs"))
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.ours)
-        self._executor.add_node(self.theirs)
-        self.declare()
-        self.steps: list[Step] = []
-        self._time = 0.0
-
-    def declare(self, **timeouts: float) -> None:
-        """Use the server with other timeouts."""
-        call = declared()
-        call = dataclasses.replace(call, timeouts=dataclasses.replace(call.timeouts, **timeouts))
-        self.server = RemoteServer(self.ours, call, "odom", time.monotonic)
-        self.action = RemoteAction(ROBOT, self.server)
-
-    def freeze(self) -> None:
-        """Let the other node do nothing more, as where it was killed: DDS still counts it."""
-        self._executor.remove_node(self.theirs)
-
-    def spin(self) -> None:
-        """Let both nodes work for a tick."""
-        end = time.monotonic() + PERIOD
-        while time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=PERIOD / 4.0)
-
-    def begin(self) -> None:
-        """Wait for the server, and start the action."""
-        self.until(lambda: self.server.present(time.monotonic()))
-        self.action.start(self.world(), GOAL)
-
-    def world(self, v: float = 0.0) -> World:
-        return World(self._time, RobotState(Pose(0.0, 0.0, 0.0), v))
-
-    def tick(self, v: float = 0.0) -> Step:
-        """Step the action once."""
-        self.spin()
-        self._time += 5.0 * PERIOD
-        self.steps.append(self.action.step(self.world(v)))
-        return self.steps[-1]
-
-    def until(self, happened: Callable[[], Any], patience: float = 5.0) -> None:
-        """Let both nodes work until something has happened."""
-        end = time.monotonic() + patience
-        while not happened():
-            assert time.monotonic() < end
-            self.spin()
-
-    def drive(self, happened: Callable[[], Any]) -> None:
-        """Step the action until something has happened; it must not end before."""
-        end = time.monotonic() + 5.0
-        while not happened():
-            assert time.monotonic() < end
-            assert self.tick().status is Status.RUNNING, self.steps[-1]
-
-    def outcome(self, patience: float = 10.0) -> tuple[Step, float]:
-        """Step the action until it ends, and end it; return its last step and how long that took."""
-        began = time.monotonic()
-        while self.tick().status is Status.RUNNING:
-            assert time.monotonic() - began < patience
-        self.action.end("over")
-        return self.steps[-1], time.monotonic() - began
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        for node in (self.ours, self.theirs):
-            for waitable in list(node.waitables):  # which outlive their node otherwise
-                getattr(waitable, "destroy", bool)()
-            node.destroy_node()
-        self._context.try_shutdown()
 
 
 @pytest.fixture
