@@ -56,6 +56,7 @@ def test_another_publisher_of_commands_is_refused(
     assert not (tmp_path / "mine.yaml").exists()
 
 
+@pytest.mark.long
 def test_without_odometry_it_says_so(start: Start, domain: int, tmp_path: Path) -> None:
     done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
     assert done.returncode == 1

@@ -75,6 +75,7 @@ def test_broken_off_it_tells_what_was_played_and_leaves_no_node(
     assert not [pid for pid in nodes if Path(f"/proc/{pid}").exists()]
 
 
+@pytest.mark.long
 def test_without_models_it_says_so_instead_of_playing(tmp_path: Path) -> None:
     words = [str(DEMO), "--situations", "1", "--models", str(tmp_path), "--out", str(tmp_path / "demo.png")]
     ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False)

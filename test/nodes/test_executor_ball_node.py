@@ -77,6 +77,7 @@ def test_a_lost_ball_ends_the_goal_under_that_name(chains: ChainClient) -> None:
     assert "lost the ball" in result.record.actions[-1].outcome.reason
 
 
+@pytest.mark.long
 def test_a_lost_ball_is_fetched_again_when_the_goal_asks_for_it(chains: ChainClient) -> None:
     sent = chains.send(chain_of_the_paper()[:2], fetches=9)
     until(chains, sent, "dribbleBall")
@@ -119,6 +120,7 @@ def test_a_ball_that_is_displaced_while_it_is_approached_is_followed(chains: Cha
     assert (position.x, position.y) == pytest.approx((0.3, 0.5), abs=0.02)
 
 
+@pytest.mark.long
 def test_refinement_is_asked_again_when_the_ball_was_displaced_and_the_robot_drives_on(
     chains: ChainClient,
 ) -> None:

@@ -133,6 +133,7 @@ def test_an_input_comes_back_before_its_timeout(arena: Arena, relay: Relay, name
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 
+@pytest.mark.long
 def test_a_chain_succeeds_with_lost_messages_and_a_late_ball(arena: Arena, relay: Relay) -> None:
     visit = arena.visit()
     relay.poor = True

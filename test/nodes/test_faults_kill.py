@@ -37,6 +37,7 @@ def recovers(arena: Arena, name: str) -> None:
     arena.visit().succeed()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", few(STAGES, dribble))
 def test_the_executor_is_killed(arena: Arena, stage: Stage) -> None:
     visit = arena.visit()

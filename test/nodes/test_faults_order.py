@@ -26,6 +26,7 @@ SOMEWHERE = call("goToPose", START.ahead(-0.5))
 ORDERS = list(itertools.permutations(["executor", "refinement", "simulation"]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", few(ORDERS, ORDERS[0]))
 def test_nodes_start_in_any_order(order: tuple[str, ...], tmp_path: Path) -> None:
     with arena_with(tmp_path) as arena:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Host
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_client import Client
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -17,11 +18,13 @@ from ator_interfaces.srv import PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.parameters import SetupError
-from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.simulation_settings import names_of, parameters_for, robots_of, simulated_of, world_of
 from ator_ros.resources import share_folder
 
 NAMES = ("ann", "bob")
+EACH_LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For a topic with several publishers, each of which keeps its last message."""
 
 
 @pytest.fixture
@@ -36,7 +39,7 @@ def pair(domain: int) -> Iterator[dict[str, Client]]:
 def test_each_robot_is_commanded_and_observed_in_its_namespace(host: Host, pair: dict[str, Client]) -> None:
     ann, bob = pair.values()
     transforms = ann.listen(TFMessage, "/tf", RESULTS)
-    fixed = ann.listen(TFMessage, "/tf_static", LATCHED)
+    fixed = ann.listen(TFMessage, "/tf_static", EACH_LATCHED)
     joints = bob.listen(JointState, "joint_states", RESULTS)
     host("simulation", robots="[ann, bob]", robot_start="[-1.0, 0.0, 0.0, 1.0, 1.0, 3.0]", lockstep=True)
     assert ann.robot().pose == pytest.approx(Pose(-1.0, 0.0, 0.0), abs=1e-3)
