@@ -194,7 +194,7 @@ def test_a_newer_goal_waits_for_the_server_that_drives(hall: Hall) -> None:
 
 
 def test_a_server_that_is_killed_is_noticed_within_seconds(hall: Hall, start: Start) -> None:
-    """DDS counts it for 20 s; `silence` is 1.5 s."""
+    """DDS counts it for 20 s, then the reason would be another; `silence` is 1.5 s."""
     server = start("drive_to_server")
     sent = hall.chains.send([call("deliver", Pose(2.0, 0.5, 0.3))])
     hall.client.eventually(
@@ -208,7 +208,6 @@ def test_a_server_that_is_killed_is_noticed_within_seconds(hall: Hall, start: St
     assert outcome.code == Outcome.FAILED
     assert outcome.reason == "drive_to is gone or hangs: expected a sign of life within 1.5 s, got none"
     assert time.monotonic() - began < 1.5 + 0.5 + 2.0  # silence, cancel, a busy machine
-    assert hall.client.node.count_services("drive_to/_action/send_goal") == 1
 
 
 def test_an_action_whose_type_is_not_installed_leaves_the_others_alone(hall: Hall) -> None:
