@@ -15,7 +15,7 @@ WITHOUT_NUMBA = """
 import sys
 sys.modules["numba"] = None
 from ator_ros import compiled
-assert not compiled.COMPILES
+assert not compiled.compiles()
 import numpy as np
 from test_compiled import table
 np.save(sys.argv[1], table())
@@ -33,7 +33,7 @@ def table() -> np.ndarray:
 
 
 def test_results_are_the_same_without_numba(tmp_path) -> None:
-    assert compiled.COMPILES
+    assert compiled.compiles()
     file = tmp_path / "table.npy"
     command = [sys.executable, "-c", WITHOUT_NUMBA, str(file)]
     subprocess.run(command, check=True, env={"PYTHONPATH": ":".join(sys.path), "PATH": ""})
