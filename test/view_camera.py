@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ator_ros.page.page import camera_over
+from ator_ros.page.serving import camera_over
 from ator_ros.robot.description import Robot
 
 

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from ator_interfaces.msg import ChainPerformance, Outcome
-from ator_ros.execution.phases import Ending
-from ator_ros.geometry import FloatArray, Pose
-from ator_ros.nodes.checks import MessageError
-from ator_ros.nodes.conversions import pose_from, seconds_from
+from ator_interfaces.msg import ChainPerformance
+from ator_ros.geometry import FloatArray
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.printable import printable
-from ator_ros.viewing.history import Driven, History
+from ator_ros.viewing.history import History
+from ator_ros.viewing.recorded import RecordError, driven_of
 
-_OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
 _LONGEST = 60
 _LEARNED = "learned set"
 _RECORDS = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
@@ -54,8 +49,8 @@ class Heard:
 
     def _take_record(self, message: ChainPerformance) -> None:
         try:
-            self.history.add(driven_from(message))
-        except MessageError as error:
+            self.history.add(driven_of(message))
+        except RecordError as error:
             self._node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
 
     def _take_path(self, message: Path) -> None:
@@ -67,26 +62,3 @@ class Heard:
             if status.name == self._refinement:
                 values = {value.key: value.value for value in status.values}
                 self.learned = printable(values.get(_LEARNED, ""), 3 * _LONGEST)
-
-
-def driven_from(record: ChainPerformance) -> Driven:
-    """Read a record.
-
-    Raises
-    ------
-    MessageError
-        A pose in it is none.
-    """
-    done = record.outcome.code == Outcome.SUCCEEDED
-    start = [pose_from(record.start.robot, "start.robot")]
-    start += [Pose(there.position.x, there.position.y, 0.0) for there in record.start.objects]
-    start += [pose_from(call.goal.pose, "chain.calls") for call in record.chain.calls[-1:]]
-    return Driven(
-        seconds_from(record.header.stamp),
-        tuple(printable(call.top, _LONGEST) for call in record.chain.calls),
-        record.refined,
-        record.predicted.duration,
-        record.actual.duration if done else math.nan,
-        _OUTCOMES.get(record.outcome.code, f"outcome {record.outcome.code}"),
-        tuple(start),
-    )
