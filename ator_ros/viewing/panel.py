@@ -14,11 +14,15 @@ from ator_ros.viewing.markdown import plain, seconds
 from ator_ros.viewing.runs import Run
 from ator_ros.world.state import World
 
+_SILENCE = 2.0
 
-def clock(world: World | None, *, paused: bool, status: str) -> str:
-    """Return the simulated time, and what is going on."""
+
+def clock(world: World | None, *, paused: bool, status: str, silence: float = 0.0) -> str:
+    """Return the simulated time, and what is going on; `silence`: real s since the last odometry."""
     if world is None:
         return "waits for odometry"
+    if silence > _SILENCE and not paused:
+        status = f"no odometry for {silence:.0f} s"
     return f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {plain(status)}"
 
 

@@ -72,6 +72,8 @@ def _serve(options: argparse.Namespace, words: Sequence[str], not_stopped: Calla
                 stage.ready(simulated=not options.attach)
             libraries = {name: domain.library(robot, name) for name in domain.action_sets}
             desk = Desk(next(iter(stages.values())), domain, libraries)
+            if options.attach:
+                desk.control(desk.stage)  # robots that run are not moved by being looked at
             page = Page(
                 desk,
                 robot,
