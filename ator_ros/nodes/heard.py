@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
@@ -15,8 +17,8 @@ from ator_ros.printable import printable
 from ator_ros.viewing.history import History
 from ator_ros.viewing.recorded import RecordError, driven_of
 
-_LONGEST = 60
-_LEARNED = "learned set"
+_LONGEST = 300
+_NEW, _SWITCH, _ERROR = "records since the last round", "last switch", ": error on the newest"
 _RECORDS = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
 
 
@@ -32,17 +34,20 @@ class Heard:
     ----------
     history : History
         The executed chains, the one before it began to listen included.
-    learned : str
-        What the refinement node tells of the learned set of models in use; empty where there is none.
     way : ndarray, shape (n, 2), or None
         The way that the action under way has planned, x and y in m; None without one.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self.history, self.learned = History(), ""
+        self.history = History()
+        self._told: dict[str, str] = {}
         self.way: FloatArray | None = None
-        self._refinement = node.resolve_service_name("refinement")
+        self._tellers = {
+            node.resolve_service_name("refinement"): _set_in_use,
+            node.resolve_service_name("learning"): _progress,
+            "/learning": _progress,  # one may learn for all robots
+        }
         node.create_subscription(ChainPerformance, "performance/chain", self._take_record, _RECORDS)
         node.create_subscription(Path, "planned_path", self._take_path, LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._take_health, RESULTS)
@@ -59,6 +64,24 @@ class Heard:
 
     def _take_health(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == self._refinement:
+            tell = self._tellers.get(status.name)
+            if tell is not None:
                 values = {value.key: value.value for value in status.values}
-                self.learned = printable(values.get(_LEARNED, ""), 3 * _LONGEST)
+                self._told[status.name] = printable(tell(values), _LONGEST)
+
+    @property
+    def learned(self) -> str:
+        """What is told of the learned models in use and of learning; empty where nothing is learned."""
+        return "; ".join(said for said in tuple(self._told.values()) if said)
+
+
+def _set_in_use(values: Mapping[str, str]) -> str:
+    """Return what the node `refinement` tells."""
+    return values.get("learned set", "")
+
+
+def _progress(values: Mapping[str, str]) -> str:
+    """Return what the node `learning` tells: what it does, and errors of old and new models."""
+    said = [f"learning is {values.get('learning', '')}"]
+    said += [f"{name}: {values[name]}" for name in (_NEW, _SWITCH) if name in values]
+    return ", ".join(said + [f"{name} {value}" for name, value in values.items() if _ERROR in name])

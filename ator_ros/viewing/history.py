@@ -124,7 +124,7 @@ def told(chains: Sequence[Driven], learned: str = "") -> str:
             "",
         ]
     if learned:
-        lines += [f"Learned models: {plain(learned)}.", ""]
+        lines += [f"Learned models: {plain(learned, 600)}.", ""]
     lines += ["| | chain | predicted | actual | gain |", "|---|---|---|---|---|"]
     newest = list(zip(range(1, len(chains) + 1), chains, won, strict=True))[-_SHOWN:]
     lines += [_row(number, chain, gain) for number, chain, gain in reversed(newest)]
