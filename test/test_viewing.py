@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -205,6 +206,43 @@ def test_worst_runs_of_an_evaluation_are_its_situations_again() -> None:
 def test_a_folder_without_an_evaluation_is_told(tmp_path: Path) -> None:
     with pytest.raises(EvaluationError, match=r"evaluation\.json"):
         worst_trials(tmp_path, SOCCER, ROBOT)
+
+
+DAMAGE: dict[str, tuple[tuple[str, ...], object]] = {
+    "settings.seed": (("settings", "seed"), -1),
+    "settings.chain": (("settings", "chain"), "chess"),
+    "settings.source.action_set": (("settings", "source", "action_set"), "../other"),
+    "runs.index[0]": (("runs", "index"), [-1, 2]),
+    "runs.policies": (("runs", "policies"), {"naive": {"duration": [1.0], "success": [True]}}),
+    "runs: expected columns": (("runs", "policies", "gated", "success"), [True]),
+    "runs.policies.naive.duration[1]": (("runs", "policies", "naive", "duration"), [1.0, "long"]),
+    "runs.policies.naive": (("runs", "policies", "naive"), None),
+}
+
+
+@pytest.mark.parametrize("field", DAMAGE)
+def test_an_evaluation_that_makes_no_sense_is_told_in_one_line(tmp_path: Path, field: str) -> None:
+    runs = {"duration": [2.0, 3.0], "success": [True, False]}
+    data: dict[str, Any] = {
+        "schema": "ator_ros/evaluation", "version": 1, "summary": {"situations": 10**15},
+        "settings": {"seed": 3, "chain": "dribble", "source": {"action_set": "default"}},
+        "runs": {"index": [4, 7], "policies": {"naive": runs, "gated": dict(runs)}},
+    }  # fmt: skip
+    file = tmp_path / "evaluation.json"
+    file.write_text(json.dumps(data))
+    assert [label for label, _ in worst_trials(tmp_path, SOCCER, ROBOT)] == [
+        "situation 7: failed against 3.00 s", "situation 4: +0.00 s against 2.00 s"
+    ]  # fmt: skip
+    (*path, last), value = DAMAGE[field]
+    place = data
+    for name in path:
+        place = place[name]
+    place[last] = value
+    file.write_text(json.dumps(data))
+    with pytest.raises(EvaluationError) as told:
+        worst_trials(tmp_path, SOCCER, ROBOT)
+    assert str(told.value).startswith(f"{file}: {field}")
+    assert "\n" not in str(told.value)
 
 
 def test_of_wishes_with_the_same_key_the_newest_counts() -> None:

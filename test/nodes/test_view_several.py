@@ -26,7 +26,7 @@ PATIENCE = 240.0
 def stages(domain: int, start: Start) -> Iterator[dict[str, LiveStage]]:
     """Yield the stages of both robots, as `view --attach --robots ann bob` makes them."""
     numbers = [value for name in NAMES for value in STARTS[name]]
-    start("simulation", robots=f"[{', '.join(NAMES)}]", robot_start=f"{numbers}", command_wait=2.0)
+    start("simulation", robots=f"[{', '.join(NAMES)}]", robot_start=f"{numbers}", command_wait=10.0)
     for name in NAMES:
         frame = f"{name}/odom"
         start("refinement", namespace=name, frame=frame, deadline=5.0)
@@ -79,7 +79,7 @@ def test_two_robots_of_one_simulation_are_shown_moved_and_played(stages: dict[st
     for stage in stages.values():
         steps(desk, lambda stage=stage: is_ball_at(stage, 0.3, 0.6), "the ball for both")
 
-    desk.step([lambda: ann.set_factor(5.0)])
+    desk.step([lambda: ann.set_factor(2.0)])
     assert desk.problem == ""
     desk.play(REFINED)
     steps(desk, lambda: bool(desk.runs) and desk.runs[-1].ended, "ann's chain")
@@ -103,7 +103,7 @@ def is_ball_at(stage: LiveStage, x: float, y: float) -> bool:
 
 
 def test_an_executor_that_dies_ends_the_run_and_another_one_plays(domain: int, start: Start) -> None:
-    start("simulation", command_wait=2.0)
+    start("simulation", command_wait=10.0)
     start("refinement", deadline=5.0)
     setting = {"odom_timeout": 10.0, "refinement_timeout": 20.0, "start_timeout": 30.0}
     executor = start("executor", **setting)
