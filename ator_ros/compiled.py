@@ -42,6 +42,9 @@ class _Compiled:
     def __call__(self, *values: Any) -> Any:
         return self.dispatcher(*values)
 
+    def __reduce__(self) -> str:
+        return str(vars(self)["__qualname__"])  # another process finds it by its name
+
     @functools.cached_property
     def dispatcher(self) -> Any:
         """The function as numba has it; as it was written where numba is not there."""

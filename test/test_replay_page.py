@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import pytest
@@ -56,4 +57,10 @@ def test_clients_see_the_recording_at_its_time(page: ReplayPage) -> None:
     page.update(4.0)
     second.until(lambda: second.scene["/robot"] == pytest.approx((1.75, -1.0, 0.0)), "the other robot, then")
     assert second.scene["/robots/0"] == pytest.approx((1.75, 0.0, 0.0))
+
+    page.inbox.put("Robot", lambda: page.choose("nobody"))
+    page.inbox.put("Seconds", lambda: page.player.seek("late"))  # type: ignore[arg-type]
+    page.inbox.put("back", lambda: page.player.seek(-math.nan))
+    page.update(4.0)
+    second.until(lambda: second.scene["/robot"] == pytest.approx((x_at(0.0), -1.0, 0.0)), "the begin")
     second.close()

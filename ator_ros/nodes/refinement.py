@@ -48,9 +48,7 @@ PARAMETERS = (
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     LEARNED,
     Parameter("gate", True, "whether to refine only where the gate expects that it pays", live=True),
-    Parameter(
-        "explore", 0.0, "greatest share of the predicted time to spend on trying chains; 0: none", 0.0, 0.5
-    ),
+    Parameter("explore", 0.0, "greatest share of predicted time to try chains; 0: none", 0.0, 0.5, live=True),
     Parameter(
         "deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0
     ),
@@ -71,7 +69,7 @@ _MOST_WAITING = 2000
 class RefinementNode(Node):
     """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; `gate` can change while it runs.
+    Parameters: see `PARAMETERS`; `gate` and `explore` can change while it runs.
 
     Service
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
@@ -114,9 +112,11 @@ class RefinementNode(Node):
         return load_refiners(self, self._domain, self._libraries, folder, gated=self._settings["gate"])
 
     def _change(self, values: Mapping[str, Any]) -> None:
-        """Use the gates from now on, or no longer."""
+        """Use the gates from now on, or no longer; try more chains, or fewer."""
         if "gate" in values:
             set_gates(self, self._sets.present, gated=values["gate"])
+        if "explore" in values:
+            self._explorer.share = values["explore"]
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         finish = functools.partial(self._answer, answer)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 
@@ -75,8 +76,7 @@ class ReplayPage:
     def choose(self, name: str) -> None:
         """Play another robot, from the same stamp on if it was recorded then."""
         former, stamp = self.player, self.recorded.world(self.player.seconds).time
-        self._name = name
-        self.player = Player(self.recorded.duration)
+        self.player, self._name = Player(self._robots[name].duration), name
         self.player.speed, self.player.playing = former.speed, former.playing
         self.player.seek(self.recorded.seconds_at(stamp))
         self._controls.restart()
@@ -92,7 +92,8 @@ class ReplayPage:
             Of the robot's joints in rad, by name.
         """
         for wish in self.inbox.take():
-            wish()
+            with contextlib.suppress(LookupError, TypeError, ValueError):  # a client may send anything
+                wish()
         self.player.tick(now)
         world = self.recorded.world(self.player.seconds)
         played = self.recorded.chain(self.player.seconds)

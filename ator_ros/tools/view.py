@@ -14,7 +14,6 @@ from ator_ros.tools.command_line import add_factor, add_models, add_setting
 from ator_ros.tools.option_types import whole
 
 _PORTS = (1024, 65535)
-EVALUATION = "evaluation.json"
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -61,15 +60,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(own)
     if options.robots and not options.attach:
         parser.error("--robots: expected --attach, too: what it names must run")
-    if options.shown is not None and not (options.shown / EVALUATION).is_file():
+    if options.shown is not None and not _is_evaluation(options.shown):
         if options.attach:
-            parser.error("--attach: expected no recording beside: no node runs in one")
+            parser.error(f"--attach: expected the folder of an evaluation beside it, got {options.shown}")
         from ator_ros.tools.work import replay
 
         return replay.run(options)
     from ator_ros.tools.work import view as work
 
     return work.run(options, words[len(own) :])
+
+
+def _is_evaluation(place: Path) -> bool:
+    from ator_ros.evaluation.storage import RESULT  # takes long, and no help needs it
+
+    return (place / RESULT).is_file()
 
 
 if __name__ == "__main__":

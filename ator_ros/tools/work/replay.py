@@ -10,11 +10,11 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ator_ros.domains.domain import DomainError, find_domain
+from ator_ros.evaluation.storage import RESULT
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.robot.description import ConfigError
 from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.tools.view import EVALUATION
 from ator_ros.tools.work.until_stopped import until_stopped
 from ator_ros.viewing.recording_file import read_robots
 
@@ -36,7 +36,7 @@ def _serve(options: argparse.Namespace, going_on: Callable[[], None]) -> None:
     domain, file = find_domain(options.domain), options.shown
     if not file.exists() or (file.is_dir() and not (file / "metadata.yaml").is_file()):
         raise ExperienceError(
-            f"{file}: expected the folder of an evaluation, with {EVALUATION}, or a recording, "
+            f"{file}: expected the folder of an evaluation, with {RESULT}, or a recording, "
             "an .mcap file or the folder that ros2 bag record made"
         )
     robot = domain.robot(options.robot or None)
