@@ -44,5 +44,5 @@ def test_results_are_the_same_without_numba(tmp_path) -> None:
 
 
 def test_a_compiled_function_is_found_by_its_name_in_another_process() -> None:
-    assert pickle.loads(pickle.dumps(wrapped)) is wrapped
+    assert pickle.loads(pickle.dumps(wrapped)) is wrapped  # noqa: S301
     assert copy.deepcopy(wrapped) is wrapped
