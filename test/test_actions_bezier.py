@@ -130,7 +130,7 @@ def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
     ("start", "ball"),
     [
         ((0.03, 1.51, 1.4), (-2.93, -1.062, 0.4189)),  # round the ball by the side away from the post
-        ((-2.529, 0.99, -3.0556), (-3.0732, -0.7337, 0.1571)),  # both sides lead through the post: short handles
+        ((-2.529, 0.99, -3.0556), (-3.0732, -0.7337, 0.1571)),  # both sides hit the post
     ],
 )
 def test_approach_keeps_clear_of_the_posts(

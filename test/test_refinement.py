@@ -109,7 +109,8 @@ def test_failures_count_only_where_they_are_predicted() -> None:
     duration = np.array([3.0, 4.0])
     told = SimpleNamespace(duration=duration, success=np.array([1.0, 0.9]))
     assert expected_time(30.0).cost(told) == pytest.approx([3.0, 7.0])
-    assert np.array_equal(expected_time(30.0).cost(SimpleNamespace(duration=duration, success=None)), duration)
+    untold = SimpleNamespace(duration=duration, success=None)
+    assert np.array_equal(expected_time(30.0).cost(untold), duration)
 
 
 @pytest.mark.parametrize(

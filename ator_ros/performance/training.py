@@ -69,8 +69,8 @@ def train(
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
 
-    Duration is learned from the episodes that succeeded, success from the starts of all of them (its rate where
-    no tree is better), and the errors from the starts of those that succeeded.
+    Duration is learned from the episodes that succeeded, success from the starts of all of them (its rate
+    where no tree is better), and the errors from the starts of those that succeeded.
 
     Parameters
     ----------
@@ -159,9 +159,9 @@ def _small_tree_of(table: pd.DataFrame, values: np.ndarray) -> ModelTreeRegresso
 def _success_tree(starts: pd.DataFrame, source: _Source) -> ModelTree:
     """Learn the probability of success: the rate of all episodes, unless a tree predicts it better.
 
-    A few failures make leaves of any shape, and each would repel refinement, as failures cost much. So the tree
-    has to have the smaller squared error (Brier score) on episodes that it was not learned from, by more than
-    two standard errors.
+    A few failures make leaves of any shape, and each would repel refinement, as failures cost much. So the
+    tree has to have the smaller squared error (Brier score) on episodes that it was not learned from, by more
+    than two standard errors.
     """
     happened = starts["success"].to_numpy(dtype=float)
     table, fold = source.table(starts), np.arange(len(starts)) % _FOLDS

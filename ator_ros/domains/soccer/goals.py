@@ -37,7 +37,7 @@ def depth_in_goals(places: FloatArray, robot: Robot) -> float:
 
 
 def wall_distances(poses: FloatArray, field: Field) -> FloatArray:
-    """Compute the distance in m from the axle at each place or pose, shape (n, 2 or 3), to the nearest wall."""
+    """Compute the distance in m from the axle at places or poses, shape (n, 2 or 3), to the nearest wall."""
     x, y = np.abs(poses[:, 0]), np.abs(poses[:, 1])
     distances = [
         np.hypot(

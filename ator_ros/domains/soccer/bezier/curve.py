@@ -53,8 +53,8 @@ class Curve:
     straight, turn, left : float
         Way in m to the circle beside the goal, angle in rad on it, and way in m to the goal.
     heading, side : float
-        Heading in rad of the straight part for a circle to the left of the goal's axis; -1 if the circle lies to
-        its right, and all is mirrored.
+        Heading in rad of the straight part for a circle to the left of the goal's axis; -1 if the circle lies
+        to its right, and all is mirrored.
     """
 
     points: tuple[tuple[float, float], ...]
