@@ -32,8 +32,13 @@ def depth_in_goals(places: FloatArray, robot: Robot) -> float:
         x, y of the axle in m.
     """
     field = field_of(robot)
-    near = places[np.abs(places[:, 0]) > field.walls_begin - robot.reach]
+    near = places[np.abs(places[:, 0]) > nearest_to_goals(robot)]
     return float(np.max(robot.reach - wall_distances(near, field), initial=0.0))
+
+
+def nearest_to_goals(robot: Robot) -> float:
+    """Return the |x| in m of the axle up to which the robot touches no wall of a goal, whatever y and yaw."""
+    return field_of(robot).walls_begin - robot.reach
 
 
 def wall_distances(poses: FloatArray, field: Field) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from ator_ros.actions.base import ActionError, Goal
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to, sampled, shortest_way
-from ator_ros.domains.soccer.goals import depth_in_goals
+from ator_ros.domains.soccer.goals import depth_in_goals, nearest_to_goals
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import CONTROL_PERIOD, Command, RobotState
@@ -86,7 +86,7 @@ class Driver:
             self._shape = self._fitting(pose, target, v)
         curves = self._curves(pose, target, v, self._shape)
         times = {
-            side: self._time(curve) + _PER_DEPTH * self._depth(curve, self._shape, target)
+            side: self._time(curve) + _PER_DEPTH * self._depth(curve, self._shape, pose, target)
             for side, curve in curves.items()
         }
         if self._side == 0.0 or times[-self._side] < times[self._side] - _FAITH:
@@ -102,7 +102,7 @@ class Driver:
         """Return the style's shape, with short handles where both ways lead through the wall of a goal."""
         shape = self._style.shape
         curves = self._curves(pose, target, v, shape)
-        if min(self._depth(curve, shape, target) for curve in curves.values()) == 0.0:
+        if min(self._depth(curve, shape, pose, target) for curve in curves.values()) == 0.0:
             return shape
         return replace(shape, radius=_TIGHT * shape.radius)
 
@@ -110,9 +110,10 @@ class Driver:
         """Return an estimate in s of the time that a curve takes: its straight part and its two turns."""
         return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._rotation
 
-    def _depth(self, curve: Curve, shape: CurveShape, target: Pose) -> float:
+    def _depth(self, curve: Curve, shape: CurveShape, pose: Pose, target: Pose) -> float:
         """Return by how much in m the robot may reach into the wall of a goal on the way of a curve."""
-        if self._robot is None:
+        farthest = max(abs(pose.x), abs(target.x) + shape.run_in + 2.0 * shape.radius)
+        if self._robot is None or farthest <= nearest_to_goals(self._robot):
             return 0.0
         return depth_in_goals(shortest_way(curve, shape, target), self._robot)
 
