@@ -27,6 +27,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2005": "earlier evaluations, looked at while the gate was made",
         "2015": "an evaluation of the paper's actions by a smaller set of models",
         "2017": "an evaluation of the paper's actions, whose failures were looked at while they were mended",
+        "2033": "the dense oracle of open places",
         "2032": "the final evaluation of the paper's actions",
         "2026": "the final evaluation",
         "2027": "the evaluation of the observed models",
