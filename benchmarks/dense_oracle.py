@@ -169,7 +169,8 @@ def main() -> None:
     options = parser.parse_args()
     policies, source = ("naive", "refined_speed", "refined_free"), ToolsetSource(models=options.models)
     settings = Settings(options.seed, "shoot", policies, options.count, source=source)
-    results = PartialResults(options.work, settings, settings.source.digest(settings.policies, settings.chain))
+    digest = settings.source.digest(settings.policies, settings.chain)
+    results = PartialResults(options.work, settings, digest)
     tasks = [(settings, index) for index in range(options.situations) if index not in results.records]
     for record in run_tasks(situation, tasks, jobs=options.jobs):
         results.append(record)
