@@ -122,7 +122,10 @@ class Driver:
         curve = self.curve(state.pose, target, state.v)
         self._laid = curve, target
         bend = max(-self._style.sharpest, min(self._style.sharpest, curve.bend))
-        return self.command(self._speed(curve, bend, state.v, end_speed), bend)
+        v = self._speed(curve, bend, state.v, end_speed)
+        if end_speed == 0.0 and not standing_pose(target.relative(state.pose)):
+            v = max(v, _CREEP)
+        return self.command(v, bend)
 
     def _speed(self, curve: Curve, bend: float, v: float, end_speed: float) -> float:
         """Return the greatest speed in m/s here, from which the rest of the curve can be driven, too."""
@@ -132,8 +135,7 @@ class Driver:
         circle = self._rotation * self._shape.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
         before_end = math.sqrt(end_speed**2 + 2.0 * style.braking * left)
         before_circle = math.sqrt(circle**2 + 2.0 * style.braking * curve.straight)
-        most = min(self._limits.v, here, before_end, before_circle)
-        return max(most, _CREEP) if end_speed == 0.0 and left > _SHORT else most
+        return min(self._limits.v, here, before_end, before_circle)
 
     def command(self, v: float, bend: float) -> Command:
         """Return the command nearest to v (m/s) on a curve (1/m) that the base can follow."""
@@ -158,11 +160,15 @@ class Driver:
 
 def reached(rel: Pose, v: float, end_speed: float) -> bool:
     """Return whether a robot at `rel` in the goal's frame, at v (m/s), stands at or passes the goal."""
-    if abs(rel.y) > LATERAL or abs(rel.yaw) > HEADING:
-        return False
     if end_speed > 0.0:
-        return -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
-    return standing_place(rel) and abs(v) < _AT_REST
+        at_goal = abs(rel.y) <= LATERAL and abs(rel.yaw) <= HEADING
+        return at_goal and -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
+    return standing_pose(rel) and abs(v) < _AT_REST
+
+
+def standing_pose(rel: Pose) -> bool:
+    """Return whether `rel`, in the goal's frame, is a pose to stand in at the goal."""
+    return standing_place(rel) and abs(rel.yaw) <= HEADING
 
 
 def standing_place(rel: Pose) -> bool:
