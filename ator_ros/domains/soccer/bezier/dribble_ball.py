@@ -16,8 +16,8 @@ LOST = 0.15
 """Distance in m between ball and hold beyond which the ball counts as lost."""
 
 _LOOSE, _TAKEN = 0.025, 0.01
-"""Distances in m of the ball before the hold. A ball that is farther away than the first is taken in, up to the
-second, before the first turn, in which it would slip out."""
+"""Distances in m of the ball before the hold. A ball that is farther away than the first is taken in, up to
+the second, before the first turn, in which it would slip out."""
 
 _TAKING = 0.3
 """Speed in m/s at which the ball is taken in."""
