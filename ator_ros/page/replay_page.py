@@ -110,12 +110,12 @@ class ReplayPage:
         for name, model in self._others.items():
             there = None if name == self._name else self._robots[name].world_at_stamp(world.time)
             model.show(None if there is None else there.robot.pose)
-        for name, ball in self._objects.items():
+        for name, sphere in self._objects.items():
             at = world.objects.get(name)
-            if ball.visible != (at is not None):
-                ball.visible = at is not None
-            if at is not None and tuple(ball.position[:2]) != (at.x, at.y):
-                ball.position = (at.x, at.y, ball.position[2])
+            if sphere.visible != (at is not None):
+                sphere.visible = at is not None
+            if at is not None and tuple(sphere.position[:2]) != (at.x, at.y):
+                sphere.position = (at.x, at.y, sphere.position[2])
 
     def _show_chain(self, played: PlayedChain | None, stamp: float) -> None:
         if played is None or self.player.seconds > played.ended:
