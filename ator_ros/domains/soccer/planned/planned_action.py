@@ -20,9 +20,17 @@ from ator_ros.world.state import Command, World
 
 # Share of the base's limits that plans use; the rest is for feedback.
 PLAN_SHARE = 0.97
+# Centripetal acceleration in m/s^2 beyond which the wheels may slide: rubber on a hard floor holds some 0.6 g, of which
+# a base that is driven by two wheels and rests on a caster has about 0.7.
+GRIP = 4.0
 POSITION_TOLERANCE = 0.05
 HEADING_TOLERANCE = 0.1
 _REPLANS = 20
+
+
+def gripping(limits: Limits) -> Limits:
+    """Return the limits with a turn rate at which the wheels don't slide, whatever the speed."""
+    return dataclasses.replace(limits, w=min(limits.w, GRIP / limits.v))
 
 
 class PlannedAction(Action):
@@ -41,7 +49,7 @@ class PlannedAction(Action):
     def __init__(self, robot: Robot, limits: Limits) -> None:
         super().__init__(robot)
         self.limits = limits
-        self.plan_limits = limits.within(robot.limits.scaled(PLAN_SHARE))
+        self.plan_limits = gripping(limits.within(robot.limits.scaled(PLAN_SHARE)))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
