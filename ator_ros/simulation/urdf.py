@@ -13,7 +13,8 @@ WHEEL_MASS = 0.4
 WHEEL_SHARE = 0.25
 # Seen through the gear (38.3:1) the motor's rotor outweighs the wheel: 4e-6 kg m^2 * 38.3^2.
 WHEEL_INERTIA = 0.008
-CENTRE_OF_MASS_X = -0.06
+_CENTRE_OF_MASS, _CASTER = 0.06, 0.04
+"""Distances in m: of the centre of mass behind the axle, and of the caster from the body's end."""
 _FINGER = (
     '<{tag}><origin xyz="{x:.6g} {side}{y:.6g} 0.12"/>'
     '<geometry><box size="{length:.6g} {thickness:.6g} 0.1"/></geometry>{material}</{tag}>'
@@ -29,11 +30,13 @@ def robot_urdf(robot: Robot) -> str:
         Sizes and masses; everything else is in `urdf/robot.urdf.template`.
     """
     wheel_mass = min(WHEEL_MASS, WHEEL_SHARE * robot.mass)
+    # However short a body is, its weight lies between axle and caster: it does not tip.
+    caster = max(robot.rear - _CASTER, 0.5 * robot.rear)
     body_mass = robot.mass - 2 * wheel_mass
     # The body lies between the wheels; that of a robot narrower than 16 cm overlaps them.
     length, width = robot.front + robot.rear, max(2 * robot.half_width - 0.08, robot.half_width)
     numbers = {
-        "com_x": CENTRE_OF_MASS_X,
+        "com_x": -min(_CENTRE_OF_MASS, 0.5 * caster),
         "body_mass": body_mass,
         "ixx": body_mass * (width**2 + 0.2**2) / 12,
         "iyy": body_mass * (length**2 + 0.2**2) / 12,
@@ -45,7 +48,7 @@ def robot_urdf(robot: Robot) -> str:
         "wheel_i": WHEEL_INERTIA,
         "wheel_radius": robot.wheel_radius,
         "half_track": robot.track / 2,
-        "caster_x": -robot.rear + 0.04,
+        "caster_x": -caster,
     }
     fingers = {
         "visual_fingers": _fingers("visual", robot.holder, robot.front, '<material name="steel"/>'),

@@ -10,6 +10,7 @@ from typing import ClassVar
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.planned.pause import Pause
 from ator_ros.domains.soccer.planned.tracker import Tracker
+from ator_ros.domains.soccer.thresholds import gripping
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.opening import opening_of
@@ -20,17 +21,9 @@ from ator_ros.world.state import Command, World
 
 # Share of the base's limits that plans use; the rest is for feedback.
 PLAN_SHARE = 0.97
-# Centripetal acceleration in m/s^2 beyond which the wheels may slide: rubber on a hard floor holds some 0.6 g, of which
-# a base that is driven by two wheels and rests on a caster has about 0.7.
-GRIP = 4.0
 POSITION_TOLERANCE = 0.05
 HEADING_TOLERANCE = 0.1
 _REPLANS = 20
-
-
-def gripping(limits: Limits) -> Limits:
-    """Return the limits with a turn rate at which the wheels don't slide, whatever the speed."""
-    return dataclasses.replace(limits, w=min(limits.w, GRIP / limits.v))
 
 
 class PlannedAction(Action):
