@@ -52,6 +52,15 @@ def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
     return world, TopChain(calls)
 
 
+def drive(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+    """Draw a place to pass on the way to a pose, without a ball: every robot can drive there."""
+    way = random_pose(robot, rng)
+    goal = pose_within(robot, rng, way, SHORTEST, farthest(robot, _OF_TWO))
+    start = pose_within(robot, rng, way, SHORTEST, farthest(robot, _OF_TWO))
+    calls = (_call(library, "goToPose", way, _OPEN_HEADING), _call(library, "goToPose", goal))
+    return World(0.0, RobotState(start)), TopChain(calls)
+
+
 def _start(robot: Robot, rng: np.random.Generator) -> tuple[Pose, World]:
     """Draw a ball, and a robot at rest that does not touch it."""
     ball = random_pose(robot, rng)
@@ -63,4 +72,4 @@ def _call(library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = fr
     return TopCall(library[top], Goal(pose, 0.0, library[top].point), opened)
 
 
-CHAINS: Mapping[str, ChainSampler] = MappingProxyType({"dribble": dribble, "shoot": shoot})
+CHAINS: Mapping[str, ChainSampler] = MappingProxyType({"dribble": dribble, "drive": drive, "shoot": shoot})

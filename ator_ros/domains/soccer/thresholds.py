@@ -14,8 +14,8 @@ _BODY_ROOM = 0.1  # m between a robot and what it must not touch
 _LEAST_END_MARGIN = 0.9
 _LEAST_SIDE_MARGIN = 0.4
 _LEAST_CLEARANCE = 0.6
-# Centripetal acceleration in m/s^2 beyond which wheels may slide: rubber on a hard floor holds some 0.6 g, of which a base
-# that two driven wheels and a caster carry has about 0.7.
+# Centripetal acceleration in m/s^2 beyond which wheels may slide: rubber on a hard floor holds some 0.6 g, of
+# which a base that two driven wheels and a caster carry has about 0.7.
 _GRIP = 4.0
 _LEAST_DISTANCE = 1.5  # m, so that there are goals to draw
 
@@ -56,7 +56,7 @@ def line_margins(robot: Robot) -> tuple[float, float]:
 
 
 def steady_rate(w: float, v: float) -> float:
-    """Return the turn rate `w` (rad/s), or the greatest one at which wheels don't slide at the speed `v` (m/s)."""
+    """Return the turn rate `w` (rad/s), or at `v` (m/s) the greatest one without sliding, if that is less."""
     return math.copysign(min(abs(w), _GRIP / max(abs(v), 1e-3)), w)
 
 

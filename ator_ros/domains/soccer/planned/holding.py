@@ -31,7 +31,7 @@ _DIGITS = 6  # of m/s and m/s^2: the same ways to drive have the same numbers, b
 
 
 def held_limits(robot: Robot, what: str) -> Limits:
-    """Return the limits for `what` with a ball: a ball rolls away from a robot that brakes harder than it does."""
+    """Return the limits for `what` with a ball, which rolls away from a robot that brakes harder."""
     limits = robot.holder_for(what).limits
     rolling = robot.scene.objects[BALL].rolling_deceleration
     return dataclasses.replace(limits, brake=min(limits.brake, max(rolling - MARGIN, 0.5 * rolling)))
@@ -116,7 +116,7 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
 
 
 def _keeps(robot: Robot, turn: TurnDriving, fastest: float) -> bool:
-    """Return whether a turn that gains speed keeps the ball, also at the speed `fastest`, where no more is gained."""
+    """Return whether a turn keeps the ball, also at the speed `fastest` (m/s), where it gains no more."""
     v, gain, w = turn.speed, turn.acceleration, turn.turn_rate
     lasts = v + gain * _LARGEST_TURN / w < fastest
     return push(robot, v, w, gain) >= MARGIN and (lasts or push(robot, fastest, w, 0.0) >= MARGIN)

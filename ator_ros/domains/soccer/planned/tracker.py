@@ -54,8 +54,7 @@ class Tracker:
     GAIN_ACROSS = 12.0
     ACROSS_BANDWIDTH = 6.0
     SLOW = 0.1
-    # These gains want a base that gains and loses turn rate within 0.7 s or so; a loop of a robot that is weaker,
-    # or whose motors lag more, swings unless it is slower.
+    # These gains swing a robot that turns less briskly, or whose motors lag more: its loop has to be slower.
     BRISK_TURNING = 4.0  # rad/s^2
     BRISK_LAG = 0.14  # s
 
