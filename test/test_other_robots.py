@@ -17,9 +17,12 @@ from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import MARGIN, entry_sides, push
 from ator_ros.domains.soccer.planned.shooting_room import has_room
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.experience.collect import EpisodeTask, episode_generator, run_task
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Limits, NoHolderError, Robot
+from ator_ros.nodes.simulation_settings import robots_of
+from ator_ros.robot.description import Limits, NoHolderError, Robot, load_robot
 from ator_ros.simulation.run import TIME_LIMIT, place, run_action
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.simulation.urdf import robot_urdf
@@ -138,3 +141,15 @@ def test_slow_robots_are_not_sent_farther_than_they_come() -> None:
         drawn = situations.go_to_pose(slowest, rng)
         way = drawn.robot.pose.distance(drawn.goal.pose)
         assert way <= 0.6 * TIME_LIMIT * slowest.limits.v
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
+def test_nodes_take_each_file_and_a_naive_chain_succeeds(file: Path) -> None:
+    (robot,) = robots_of({"domain": "soccer", "robot": str(file), "robots": [""], "descriptions": [""]})
+    assert robot == load_robot(file)
+    library = SOCCER.library(robot)
+    trial = random_trial(SOCCER, "dribble" if robot.holder else "drive", library, seed=3, index=0)
+    start, first = trial.world.robot.pose, trial.chain.calls[0].goal.pose
+    chain = with_headings(trial.chain, {0: math.atan2(first.y - start.y, first.x - start.x)})
+    done = run_chain(robot, library, trial.world, chain)
+    assert done.success, done.reason

@@ -33,7 +33,7 @@ def robot_urdf(robot: Robot) -> str:
         Sizes and masses; everything else is in `urdf/robot.urdf.template`.
     """
     wheel_mass = min(WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS), WHEEL_SHARE * robot.mass)
-    # However short a body is, its weight lies between axle and caster, and so low that a stop does not tip it.
+    # Also in a short body the weight lies before the caster, and so low that a stop does not tip it.
     caster = max(robot.rear - _CASTER, 0.5 * robot.rear)
     behind = min(_CENTRE_OF_MASS, 0.5 * caster)
     body_mass = robot.mass - 2 * wheel_mass
