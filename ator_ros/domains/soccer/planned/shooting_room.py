@@ -42,7 +42,7 @@ def has_room(robot: Robot, situation: Situation) -> bool:
         action.start(World(0.0, start, situation.objects), situation.goal)
     except ActionError:
         return False
-    brakes = start.v * start.v / (2.0 * action.plan_limits.brake)
+    brakes = start.v * (start.v / (2.0 * action.plan_limits.brake) + robot.motor_time_constant)
     way = np.array([start.pose.ahead(at) for at in np.arange(0.0, brakes, _SEEN)])
     if action.planning and len(way) and touches_goals(way, robot):
         return False
