@@ -9,13 +9,13 @@ from ator_ros.actions.base import ActionError, Goal
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to, sampled
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits
-from ator_ros.world.state import CONTROL_PERIOD, Command, RobotState
+from ator_ros.world.state import CONTROL_PERIOD, Command, RobotState, Standstill
 
 LATERAL, HEADING = 0.04, 0.1
 """Greatest distance from the goal's axis (m) and from its heading (rad) with which a goal is reached."""
 
 _SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may stand
-_AT_REST = 0.03  # m/s
+_AT_REST = Standstill(0.03)
 _CREEP = 0.04  # m/s
 _FAITH = 0.3  # s by which the way round the other side must be quicker to be preferred
 _RESERVE = 1.2  # greatest deceleration over the planned one
@@ -132,7 +132,7 @@ def reached(rel: Pose, v: float, end_speed: float) -> bool:
         return False
     if end_speed > 0.0:
         return -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
-    return standing_place(rel) and abs(v) < _AT_REST
+    return standing_place(rel) and _AT_REST.holds(v)
 
 
 def standing_place(rel: Pose) -> bool:

@@ -16,6 +16,7 @@ from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.planning import Planning
 from ator_ros.motion.ways import ways_to_drive
 from ator_ros.robot.description import Robot
+from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import ObjectState, World
 
 _BALL_MARGIN = 0.04  # m
@@ -61,7 +62,7 @@ class GoToPose(PlannedAction):
         rest, planned = self._rest(world), self._planned_for
         if rest is None or planned is None:
             return rest is not planned
-        touching = self.robot.hold_offset(world, BALL) < self.robot.holder_length + 2 * _MOVED
+        touching = is_at_front(world, self.robot, BALL)
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def chases(self) -> bool:
