@@ -10,7 +10,7 @@ import pytest
 from ator_ros.actions.base import Goal, Point
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import depth_in_goal, field_of, is_in_goal
+from ator_ros.domains.soccer.field import behind_line, field_of, is_in_goal
 from ator_ros.domains.soccer.planned.release import release, release_poses, scoring_time
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.tops import SHOOT
@@ -138,7 +138,7 @@ def test_a_ball_is_in_the_goal_where_the_post_condition_of_shoot_says_so(side: i
     for deep in np.linspace(-0.5, field.goal_depth, 23):
         for y in np.linspace(-1.5, 1.5, 31):
             ball = ObjectState(mouth.x + side * deep, float(y))
-            assert depth_in_goal(ball, mouth) == pytest.approx(deep)
+            assert behind_line(ball, mouth) == pytest.approx(deep)
             scored = not unmet(SHOOT, World(0.0, robot, {BALL: ball}), Goal(mouth), ROBOT)
             on_an_edge = abs(deep) < 1e-9 or abs(abs(y) - field.goal_width / 2) < 1e-9
             assert on_an_edge or is_in_goal(ball, mouth, field, 0.0) == scored

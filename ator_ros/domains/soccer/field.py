@@ -46,7 +46,7 @@ def field_of(robot: Robot) -> Field:
     return Field(area.length, area.width, width, depth)
 
 
-def depth_in_goal(ball: ObjectState, mouth: Pose) -> float:
+def behind_line(ball: ObjectState, mouth: Pose) -> float:
     """Return how far in m a ball's centre lies behind the goal line of `mouth`; negative before it."""
     return (ball.x - mouth.x) * math.copysign(1.0, mouth.x)
 
@@ -65,7 +65,7 @@ def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> b
     beyond : float
         How far in m the ball's centre must lie behind the line; its radius, if the whole ball must.
     """
-    return depth_in_goal(ball, mouth) > beyond and abs(ball.y - mouth.y) < field.goal_width / 2
+    return behind_line(ball, mouth) > beyond and abs(ball.y - mouth.y) < field.goal_width / 2
 
 
 def field_in(scene: Scene) -> tuple[Bay, ...]:

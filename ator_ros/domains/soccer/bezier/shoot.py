@@ -9,7 +9,7 @@ from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finis
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.dribble_ball import check_held, dribbling
 from ator_ros.domains.soccer.bezier.driver import Driver, check_goal
-from ator_ros.domains.soccer.field import depth_in_goal, field_of, is_in_goal
+from ator_ros.domains.soccer.field import behind_line, field_of, is_in_goal
 from ator_ros.domains.soccer.thresholds import lost_beyond
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
@@ -82,7 +82,7 @@ class BezierShoot(Action):
             target = self._target(world.robot.pose)
             command = self._driver.follow(world.robot, target, self._limits.v)
             return Step(command, Status.RUNNING, "dribbling along a curve to the goal's mouth")
-        return self._run_up(world, -depth_in_goal(ball, mouth), crossing)
+        return self._run_up(world, -behind_line(ball, mouth), crossing)
 
     def _crossing(self, pose: Pose) -> float | None:
         """Return y (m) where the robot's straight way ahead crosses the goal line; None where it doesn't."""
