@@ -9,7 +9,7 @@ from ator_ros.actions.base import Goal, Point, Status, Step
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.domains.soccer.planned.planner import fastest, free_sides, run_sides
+from ator_ros.domains.soccer.planned.planner import fastest, free_sides, prepare, run_sides
 from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
@@ -35,6 +35,13 @@ class GoToPose(PlannedAction):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot, robot.limits)
+
+    def setup(self) -> None:
+        """Compute the tables of drives and approaches from rest to rest; see `Action.setup`."""
+        limits = self.plan_limits
+        entries = free_sides(limits, 0.0, 0.0)
+        prepare(entries, free_sides(limits, 0.0, 0.0), limits)
+        prepare(entries, run_sides(limits, 0.0, approach_run(self.robot)), limits)
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
