@@ -21,6 +21,7 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of, train
 from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.refinement.gate import FEATURES
+from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -81,8 +82,10 @@ class CrossFit:
             for kind, plan in enumerate((trial.chain, open_speeds(trial.chain))):
                 refinement = refiner.refine(trial.world, reopened(naive, plan))
                 values = [refinement.features.get(name, 0.0) for name in FEATURES]
+                objective = expected_time(self.failure_cost)
                 before, after = (
-                    predict_chain(trial.world, chain, judge, self.robot).cost + self._error(chain, rng)
+                    predict_chain(trial.world, chain, judge, self.robot, objective).cost
+                    + self._error(chain, rng)
                     for chain in (naive, refinement.chain)
                 )
                 yield values, before, after, trial.index, kind
