@@ -1,25 +1,27 @@
 """Compilation of number-crunching functions with numba, where it is installed.
 
 rosdep has no key for numba on Ubuntu 24.04, so nodes must run without it: then `compiled` leaves functions as
-they are, with the same results, some hundred times slower.
+they are, with the same results, some hundred times slower. numba takes long to import, and ``--help`` needs
+none: it is imported when the first function is called, or by `compiles`.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-try:
-    import numba
-except ImportError:
-    numba = None
-else:
-    from ator_ros.compile_cache import CheckedCache
 
-COMPILES = numba is not None
-"""Whether numba is there."""
+@functools.cache
+def compiles() -> bool:
+    """Import numba, and return whether it is there."""
+    try:
+        import numba  # noqa: F401
+    except ImportError:
+        return False
+    return True
 
 
 def compiled(function: Function) -> Function:
@@ -28,10 +30,38 @@ def compiled(function: Function) -> Function:
     Division by zero gives infinity, as in numpy; nothing else is relaxed, so results stay the same to the
     last bit whoever asks.
     """
-    if not COMPILES:
-        return function
-    result: Function = numba.njit(error_model="numpy")(function)
-    if not numba.config.DISABLE_JIT:
-        # numba has no public way to bring a cache of one's own.
-        result._cache = CheckedCache(function)  # type: ignore[attr-defined]
-    return result
+    return _Compiled(function)  # type: ignore[return-value]
+
+
+class _Compiled:
+    """A function that becomes numba's dispatcher when it is called, or named by another compiled function."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        functools.update_wrapper(self, function)
+
+    def __call__(self, *values: Any) -> Any:
+        return self.dispatcher(*values)
+
+    def __reduce__(self) -> str:
+        return str(vars(self)["__qualname__"])  # another process finds it by its name
+
+    @functools.cached_property
+    def dispatcher(self) -> Any:
+        """The function as numba has it; as it was written where numba is not there."""
+        function: Callable[..., Any] = vars(self)["__wrapped__"]
+        if not compiles():
+            return function
+        import numba
+
+        from ator_ros.compile_cache import CheckedCache
+
+        result = numba.njit(error_model="numpy")(function)
+        if not numba.config.DISABLE_JIT:
+            # numba has no public way to bring a cache of one's own.
+            result._cache = CheckedCache(function)
+        return result
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba asks of a value in whose place stands a dispatcher."""
+        return self.dispatcher._numba_type_

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
+import pytest
+
 EXECUTABLE = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 WIDTH, HEIGHT = 1280, 800
 _OPTIONS = (
@@ -23,6 +25,16 @@ _OPTIONS = (
     "--remote-debugging-port=0",
     f"--window-size={WIDTH},{HEIGHT}",
 )
+
+
+def need_browser(request: pytest.FixtureRequest) -> None:
+    """Fail `make test-long` where there is no browser; skip where a file's tests are run by hand."""
+    if EXECUTABLE is not None:
+        return
+    missing = "needs Chromium: apt install chromium"
+    if request.config.getoption("markexpr") == "long":
+        pytest.fail(missing)
+    pytest.skip(missing)
 
 
 class Chromium:

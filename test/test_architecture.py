@@ -148,7 +148,12 @@ EXAMPLES = {
         "goToBall starts with the ball at x, y",
         "The actions of soccer declare none",
     ),
-    "launch/ator.launch.xml": ("odom, ball and cmd_vel", "pioneer.yaml", "the simulated Pioneer"),
+    "launch/ator.launch.xml": (
+        'default="soccer"',
+        "odom, ball and cmd_vel",
+        "pioneer.yaml",
+        "the simulated Pioneer",
+    ),
 }
 """What interfaces and the launch file may say, as examples from the default domain; None: anything.
 

@@ -169,9 +169,31 @@ def test_help_imports_nothing_that_takes_long() -> None:
     assert done.stdout == "[]\n"
 
 
+NODES = ("simulation", "executor", "refinement", "learning", "goal_pose")
+HELP = """
+import importlib, sys
+for module in sys.argv[1:]:
+    try:
+        importlib.import_module(module).main([module, "--help"])
+    except SystemExit as ended:
+        assert ended.code == 0
+assert not [name for name in ("numba", "sklearn", "pandas", "pybullet") if name in sys.modules], "imported"
+"""
+
+
+def test_help_of_nodes_is_printed_without_what_only_their_work_needs() -> None:
+    pytest.importorskip("rclpy")
+    modules = [*(f"ator_ros.nodes.{name}" for name in NODES), "ator_ros.examples.drive_to_server"]
+    command = [sys.executable, "-c", HELP, *modules]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.stderr, done.returncode) == ("", 0)
+    assert done.stdout.count("usage: ") == len(modules)
+    assert "rotate_above" in done.stdout  # a parameter of drive_to_server
+
+
 def test_no_banner_of_a_library_is_at_the_head_of_the_output() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", "import ator_ros.simulation.simulation"],
+        [sys.executable, "-c", "from ator_ros.simulation.physics import connect"],
         capture_output=True,
         text=True,
         check=True,

@@ -38,7 +38,7 @@ def run() -> int:
     """Compute in a dispatcher of its own, as a new process would; say how often it found code on disk."""
     function: Any = compiled(hypotenuse)
     assert function(3.0, 4.0) == 5.0
-    return sum(function.stats.cache_hits.values())
+    return sum(function.dispatcher.stats.cache_hits.values())
 
 
 def files(folder: Path) -> list[Path]:
@@ -75,7 +75,7 @@ def test_code_of_another_package_is_compiled_anew_when_any_of_its_files_changes(
         importlib.invalidate_caches()
         twice: Any = importlib.import_module("elsewhere.middle").twice
         results.append(twice(1.0))
-        hits.append(sum(twice.stats.cache_hits.values()))
+        hits.append(sum(twice.dispatcher.stats.cache_hits.values()))
     assert (results, hits) == ([2.0, 2.0, 60.0], [0, 1, 0])
 
 

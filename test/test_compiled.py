@@ -1,5 +1,7 @@
 """Without numba, which rosdep can't install everywhere, the same code gives the same numbers."""
 
+import copy
+import pickle
 import subprocess
 import sys
 
@@ -8,6 +10,7 @@ import pytest
 
 from ator_ros import compiled
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.performance.compiled_geometry import wrapped
 from ator_ros.performance.features import feature_table
 from ator_ros.robot.description import load_robot
 
@@ -15,7 +18,7 @@ WITHOUT_NUMBA = """
 import sys
 sys.modules["numba"] = None
 from ator_ros import compiled
-assert not compiled.COMPILES
+assert not compiled.compiles()
 import numpy as np
 from test_compiled import table
 np.save(sys.argv[1], table())
@@ -33,8 +36,13 @@ def table() -> np.ndarray:
 
 
 def test_results_are_the_same_without_numba(tmp_path) -> None:
-    assert compiled.COMPILES
+    assert compiled.compiles()
     file = tmp_path / "table.npy"
     command = [sys.executable, "-c", WITHOUT_NUMBA, str(file)]
     subprocess.run(command, check=True, env={"PYTHONPATH": ":".join(sys.path), "PATH": ""})
     assert np.load(file) == pytest.approx(table(), abs=1e-12)
+
+
+def test_a_compiled_function_is_found_by_its_name_in_another_process() -> None:
+    assert pickle.loads(pickle.dumps(wrapped)) is wrapped  # noqa: S301
+    assert copy.deepcopy(wrapped) is wrapped

@@ -44,6 +44,8 @@ BY_TEST = {
     r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_base_is_described",
     r"(ros2 run ator_ros )?study .*": "test_tools_study.py::test_it_says_what_the_actions_and_ref",
     r"make view|(ros2 run ator_ros )?view( docs/evaluation)?": f"{_VIEW}::test_the_page_shows_the_robot_",
+    r"view --attach --robots ann bob": "nodes/test_view_several.py::test_two_robots_of_one_simulation_",
+    r"view RECORDING": "test_replay_browser.py::test_a_recording_is_played_in_the_browser",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r".*evaluate --learning.*": "test_learning_stream.py::test_a_stream_goes_on_where_it_was_interrupted",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",

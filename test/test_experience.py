@@ -61,6 +61,7 @@ TURNING = ActionSpec("goToPose", TurnDriveTurn, SOCCER.actions()["goToPose"].sam
 
 def draw(action: str, robot: Robot, count: int = 300) -> list[Situation]:
     rng = np.random.default_rng(1)
+    count = min(count, 60) if action == "shoot" else count  # each shot is planned when it is drawn
     return [SOCCER.actions()[action].sample(robot, rng) for _ in range(count)]
 
 

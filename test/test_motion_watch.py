@@ -125,13 +125,28 @@ def test_commands_on_their_way_count_when_another_goal_takes_over(preempts: bool
         time = tick * TICK
         driving.ahead(World(time, RobotState(Pose(x, 0.0, 0.0), v)), goal, time)
         if tick == 9:  # the base does not move yet
-            driving.begin(preempts=preempts)
+            driving.begin(latency, preempts=preempts)
         sent.append(Command(0.8, 0.0) if tick < 9 else STOP)
         driving.sent(time, sent[-1])
         acting = sent[tick - 10] if tick >= 10 else STOP
         v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits).v
         x += v * TICK
     assert bool(ended) is not preempts
+
+
+def test_another_latency_counts_from_the_next_goal_on_unless_it_takes_over() -> None:
+    driving = Driving(ROBOT, 0.0)
+    there = World(0.0, RobotState(Pose(0.0, 0.0, 0.0), 0.5))
+
+    def foreseen() -> float:
+        driving.sent(0.0, Command(0.5, 0.0))
+        return driving.ahead(there, None, 0.0).robot.pose.x
+
+    assert foreseen() == 0.0
+    driving.begin(0.2, preempts=True)
+    assert foreseen() == 0.0
+    driving.begin(0.2, preempts=False)
+    assert foreseen() == pytest.approx(0.1, abs=0.02)
 
 
 def fault_of_coasting(deceleration: float) -> str | None:

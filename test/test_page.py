@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Iterator
 
 import pytest
+from free_port import free_port
 from in_process_stage import InProcessStage
 
 pytest.importorskip("viser", reason="needs viser: docs/install.md")
@@ -31,10 +31,7 @@ class Shown:
         self.other.place_robot(Pose(-1.0, 1.5, 0.5))
         self.other.place_object("ball", 2.0, -0.5)
         stages = {"ann": self.stage, "bob": self.other}
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        self.page = Page(self.desk, ROBOT, robot_urdf(ROBOT), {}, port=port, stages=stages)
+        self.page = Page(self.desk, ROBOT, robot_urdf(ROBOT), {}, port=free_port(), stages=stages)
         self._now = 0.0
 
     def go_on(self, rounds: int = 2) -> None:

@@ -88,7 +88,8 @@ def test_a_robot_without_a_holder_is_studied_as_far_as_it_goes() -> None:
     assert "dribbleBall" not in actions
     assert "goToPose" in actions
     assert "holder" in left_out["dribbleBall"]
-    assert possible_chain(SOCCER, SOCCER.library(plain), "dribble", actions) is None
+    assert possible_chain(SOCCER, SOCCER.library(plain), "dribble", actions) == "drive"
+    assert possible_chain(SOCCER, SOCCER.library(plain), "dribble", ["shoot"]) is None
     assert (
         possible_chain(SOCCER, SOCCER.library(SOCCER.robot()), "dribble", list(SOCCER.actions())) == "dribble"
     )

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from in_process_stage import InProcessStage
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.geometry import Pose
 from ator_ros.refinement.answer import SubgoalCurve
 from ator_ros.robot.wheels import Wheels
@@ -23,10 +20,8 @@ from ator_ros.viewing.ring import rings_of, times_by_heading
 from ator_ros.viewing.runs import Race, Run
 from ator_ros.viewing.shapes import Arrow, Segments
 from ator_ros.viewing.surroundings import surroundings
-from ator_ros.viewing.worst import worst_trials
 
 ROBOT = SOCCER.robot()
-EVALUATION = Path(__file__).resolve().parents[1] / "docs" / "evaluation"
 
 
 def desk_and_stage() -> tuple[Desk, InProcessStage]:
@@ -192,24 +187,6 @@ def test_a_plan_that_is_none_is_told_and_not_played() -> None:
     desk.step()
     assert not desk.playing
     assert not stage.executed
-
-
-def test_worst_runs_of_an_evaluation_are_its_situations_again() -> None:
-    runs = worst_trials(EVALUATION, SOCCER, ROBOT)
-    data = json.loads((EVALUATION / "evaluation.json").read_text())["runs"]["policies"]
-    losses = [a - b for a, b in zip(data["gated"]["duration"], data["naive"]["duration"], strict=True)]
-    label, trial = runs[0]
-    assert losses[trial.index] == max(losses)
-    assert label.startswith(f"situation {trial.index}: {max(losses):+.2f} s")
-    desk, _ = desk_and_stage()
-    desk.show(trial)
-    desk.step()
-    assert desk.draft.world == trial.world
-
-
-def test_a_folder_without_an_evaluation_is_told(tmp_path: Path) -> None:
-    with pytest.raises(EvaluationError, match=r"evaluation\.json"):
-        worst_trials(tmp_path, SOCCER, ROBOT)
 
 
 def test_of_wishes_with_the_same_key_the_newest_counts() -> None:

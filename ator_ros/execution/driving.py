@@ -23,22 +23,30 @@ class Driving:
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
-        self._watch = MotionWatch(robot, latency)
-        self._foresight = Foresight(robot, latency)
+        self._robot = robot
+        self._use(latency)
+
+    def _use(self, latency: float) -> None:
+        self._latency = latency
+        self._watch = MotionWatch(self._robot, latency)
+        self._foresight = Foresight(self._robot, latency)
 
     def reset(self) -> None:
         """Forget all states and commands because time was reset."""
         self._foresight.reset()
         self._watch.reset()
 
-    def begin(self, *, preempts: bool) -> None:
-        """Begin to watch the base for a new goal.
+    def begin(self, latency: float, *, preempts: bool) -> None:
+        """Begin to watch the base for a new goal, with a latency that may be another one.
 
         Motion before the goal is ignored, as others may have moved the base. A goal that `preempts` another
-        continues its watch: its commands may still be under way.
+        continues its watch, and with the latency of before: its commands may still be under way.
         """
-        if not preempts:
-            self._watch.reset()
+        if preempts:
+            return
+        if latency != self._latency:
+            self._use(latency)
+        self._watch.reset()
 
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Record a command sent in response to the state of `time` (s); see `MotionWatch.sent`.

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 
 from ator_ros.actions.goal_variables import direct_name
 
+FARTHEST = 1e6
+"""Greatest number that is believed, in m, rad, m/s, rad/s or s."""
 MOST_OBJECTS = 16
 """Objects that a situation or a table may hold."""
 STATE_COLUMNS = ("t", "x", "y", "yaw", "v", "w")

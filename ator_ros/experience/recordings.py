@@ -8,9 +8,8 @@ neither, drives are found in ``odom``, ``cmd_vel``, and the topics of the domain
 from __future__ import annotations
 
 import itertools
-import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,8 @@ from ator_ros.experience.bag_reading import RecordingError, messages
 from ator_ros.experience.columns import MOST_OBJECTS
 from ator_ros.experience.drives import SHORTEST, drives
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.records import ENDED, episode_of, finite, pose_of, sound
-from ator_ros.experience.streams import Streams, Track
+from ator_ros.experience.records import ENDED, episode_of, sound
+from ator_ros.experience.streams import Stretches, Track, kind_of
 from ator_ros.experience.table import Experience, episode_frame, join, library_versions
 from ator_ros.experience.validation import checked_rows
 from ator_ros.experience.vocabulary import Vocabulary
@@ -39,11 +38,10 @@ class _Recorded:
     """What one robot recorded: stretches of its time, and the executor's records."""
 
     actions: ActionTopics
-    stretches: list[Streams] = field(default_factory=lambda: [Streams()])
+    stretches: Stretches = field(default_factory=Stretches)
     records: list[Episode] = field(default_factory=list)
     action_sets: set[str] = field(default_factory=set)
     left_out: int = 0
-    frame: str = ""
 
     def add(self, message: Any, domain: Vocabulary) -> None:
         """Take an ActionPerformance; one with numbers that are none is left out, and counted."""
@@ -57,12 +55,14 @@ class _Recorded:
 
     def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:
         """Return the goals of action servers and the executor's other records, or the drives."""
-        tracks = [Track(streams) if streams.odom else None for streams in self.stretches]
-        driven = list(self.actions.episodes(tracks, robot, self.frame))
+        tracks = [Track(streams) if streams.odom else None for streams in self.stretches.all]
+        driven = list(self.actions.episodes(tracks, robot, self.stretches.frame))
         self.left_out += self.actions.left_out
         told = {episode.situation.action for episode in driven}
         both = [*driven, *(record for record in self.records if record.situation.action not in told)]
-        return both or [episode for streams in self.stretches for episode in drives(streams, robot, domain)]
+        return both or [
+            episode for streams in self.stretches.all for episode in drives(streams, robot, domain)
+        ]
 
 
 def read_recording(path: Path | str, robot: Robot, domain: Vocabulary) -> Experience:
@@ -135,13 +135,13 @@ def _read(file: Path, domain: Vocabulary) -> dict[str, _Recorded]:
     servers = topics_of(domain)
     topics = (RECORDS, *TOPICS, *domain.objects, *servers)
     kinds = {call.type for call in domain.remote_calls.values()}
-    for name, message in messages(file, lambda topic: bool(_kind(topic, topics)), kinds):
-        topic = _kind(name, topics)
+    for name, message in messages(file, lambda topic: bool(kind_of(topic, topics)), kinds):
+        topic = kind_of(name, topics)
         namespace = name[: -len(topic)] or "/"
         if topic in servers:
             _add_goal(_driver(by_robot, namespace), topic, message)
         elif topic != RECORDS:
-            _add(by_robot[namespace], topic, message)
+            by_robot[namespace].stretches.take(topic, message)
         elif message.outcome.code in ENDED:
             by_robot[namespace].add(message, domain)
     return by_robot
@@ -149,7 +149,7 @@ def _read(file: Path, domain: Vocabulary) -> dict[str, _Recorded]:
 
 def _driver(by_robot: Mapping[str, _Recorded], namespace: str) -> _Recorded | None:
     """Return whom a server of a namespace drives: the robot there, or the only one; None if there is none."""
-    moving = {name: recorded for name, recorded in by_robot.items() if recorded.stretches[-1].odom}
+    moving = {name: recorded for name, recorded in by_robot.items() if recorded.stretches.newest.odom}
     return moving.get(namespace, next(iter(moving.values())) if len(moving) == 1 else None)
 
 
@@ -157,9 +157,9 @@ def _add_goal(recorded: _Recorded | None, topic: str, message: Any) -> None:
     # As commands, goals count from the last odometry on, which is in the robot's own time.
     if recorded is None:
         return
-    now = recorded.stretches[-1].odom[-1][0]
+    now = recorded.stretches.newest.odom[-1][0]
     try:
-        recorded.actions.take(topic, message, now, len(recorded.stretches) - 1)
+        recorded.actions.take(topic, message, now, len(recorded.stretches.all) - 1)
     except (AttributeError, TypeError, ValueError):  # the topic is no action server's
         recorded.left_out += 1
 
@@ -167,31 +167,3 @@ def _add_goal(recorded: _Recorded | None, topic: str, message: Any) -> None:
 def _listed(names: Iterable[str]) -> str:
     """Return the first of the names that a recording holds."""
     return ", ".join(map(printable, itertools.islice(names, 5)))
-
-
-def _kind(topic: str, topics: Sequence[str]) -> str:
-    """Return which of `topics` a topic is, in whatever namespace; empty for none."""
-    return next((name for name in topics if f"/{topic}".endswith(f"/{name}")), "")
-
-
-def _add(recorded: _Recorded, topic: str, message: Any) -> None:
-    streams = recorded.stretches[-1]
-    if topic == "cmd_vel":
-        # A Twist has no stamp: it counts from the last odometry on, which is in the robot's own time.
-        twist = getattr(message, "twist", message)
-        now = streams.odom[-1][0] if streams.odom else math.nan
-        command = (now, twist.linear.x, twist.angular.z)
-        if finite(command):
-            streams.cmd_vel.append(command)
-        return
-    stamp = message.header.stamp
-    time = stamp.sec + 1e-9 * stamp.nanosec
-    pose, twist = pose_of(message.pose.pose), message.twist.twist
-    if topic not in TOPICS:
-        if finite(pose):
-            streams.objects[topic].append((time, pose.x, pose.y))
-    elif finite(row := (time, *pose, twist.linear.x, twist.angular.z)):
-        if not streams.goes_on_at(time):
-            recorded.stretches.append(streams := Streams())
-        recorded.frame = message.header.frame_id
-        streams.odom.append(row)

@@ -9,9 +9,8 @@ import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.columns import MOST_OBJECTS
+from ator_ros.experience.columns import FARTHEST, MOST_OBJECTS
 from ator_ros.experience.episode import Episode, sample_width
-from ator_ros.experience.validation import FARTHEST
 from ator_ros.experience.vocabulary import Vocabulary, point_of
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, yaw_from_quaternion

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import bisect
+import math
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from ator_ros.experience.episode import sample_of
+from ator_ros.experience.records import finite, pose_of
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -26,6 +31,57 @@ class Streams:
     def goes_on_at(self, time: float) -> bool:
         """Return whether odometry of `time` (s) follows: not after a reset, nor after a long silence."""
         return not self.odom or 0.0 <= time - self.odom[-1][0] <= SILENCE
+
+
+class Stretches:
+    """What one robot recorded; the next stretch of its time begins after a reset or a long silence.
+
+    Attributes
+    ----------
+    all : list of Streams
+        In order; the last one grows.
+    frame : str
+        The frame of the newest odometry.
+    """
+
+    def __init__(self) -> None:
+        self.all = [Streams()]
+        self.frame = ""
+
+    @property
+    def newest(self) -> Streams:
+        """The stretch that grows."""
+        return self.all[-1]
+
+    def take(self, topic: str, message: Any) -> None:
+        """Take a message of `odom`, `cmd_vel`, or an object; one with numbers that are none is left out."""
+        if topic == "cmd_vel":
+            # A Twist has no stamp: it counts from the last odometry on, which is in the robot's own time.
+            twist, odom = getattr(message, "twist", message), self.newest.odom
+            command = (odom[-1][0] if odom else math.nan, twist.linear.x, twist.angular.z)
+            if finite(command):
+                self.newest.cmd_vel.append(command)
+            return
+        time, pose, twist = time_of(message), pose_of(message.pose.pose), message.twist.twist
+        if topic != "odom":
+            if finite(pose):
+                self.newest.objects[topic].append((time, pose.x, pose.y))
+        elif finite(row := (time, *pose, twist.linear.x, twist.angular.z)):
+            if not self.newest.goes_on_at(time):
+                self.all.append(Streams())
+            self.frame = message.header.frame_id
+            self.newest.odom.append(row)
+
+
+def time_of(message: Any) -> float:
+    """Return the stamp of a message in s."""
+    stamp = message.header.stamp
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+
+def kind_of(topic: str, topics: Sequence[str]) -> str:
+    """Return which of `topics` a topic is, in whatever namespace; empty for none."""
+    return next((name for name in topics if f"/{topic}".endswith(f"/{name}")), "")
 
 
 class Track:
@@ -84,7 +140,9 @@ def in_order(rows: list[tuple[float, ...]]) -> FloatArray:
 
 
 def _at(table: FloatArray, time: float) -> FloatArray:
-    return np.array([np.interp(time, table[:, 0], column) for column in table.T])
+    after = bisect.bisect_right(table[:, 0], time)
+    rows = table[max(0, after - 1) : after + 1]  # all that matters, of a table that may be long
+    return np.array([np.interp(time, rows[:, 0], column) for column in rows.T])
 
 
 def _pose(row: FloatArray) -> Pose:

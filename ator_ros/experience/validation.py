@@ -9,14 +9,17 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
-from ator_ros.experience.columns import goal_variables_of_columns, object_columns, objects_of_columns
+from ator_ros.experience.columns import (
+    FARTHEST,
+    goal_variables_of_columns,
+    object_columns,
+    objects_of_columns,
+)
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.files import is_name
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import quoted
 
-FARTHEST = 1e6
-"""Greatest number that is believed, in m, rad, m/s, rad/s or s."""
 _NAME = "a name of letters, digits and _"
 
 

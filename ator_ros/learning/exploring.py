@@ -26,10 +26,15 @@ class Explorer:
         Greatest share of the predicted time of all chains so far that what was tried may have cost.
     seed : int
         Of its choices.
+
+    Attributes
+    ----------
+    share : float
+        As given; it may change.
     """
 
     def __init__(self, share: float, seed: int = 0) -> None:
-        self._share = share
+        self.share = share
         self._rng = np.random.default_rng(seed)
         self.played = self.spent = 0.0
         """Predicted time in s of all chains, and what was added to it to try others."""
@@ -49,7 +54,7 @@ class Explorer:
         if not np.isfinite(usual.duration):
             return found
         self.played += usual.duration
-        allowed = self._share * self.played - self.spent
+        allowed = self.share * self.played - self.spent
         if not found.curves or allowed <= 0.0:
             return found
         best: tuple[float, float, TopChain] | None = None
@@ -81,7 +86,7 @@ class Explorer:
 
     def told(self) -> dict[str, object]:
         """Return what diagnostics tell; nothing where nothing is ever tried."""
-        if self._share <= 0.0:
+        if self.share <= 0.0:
             return {}
         percent = 100.0 * self.spent / self.played if self.played else 0.0
         return {

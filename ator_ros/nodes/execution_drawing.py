@@ -21,7 +21,7 @@ from ator_ros.nodes.markers import marker_array, object_array
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.viewing.chain_picture import picture_under_way
+from ator_ros.viewing.chain_picture import goals_of, picture_under_way
 from ator_ros.viewing.surroundings import surroundings
 from ator_ros.world.state import World
 
@@ -87,7 +87,7 @@ class ExecutionDrawing:
         self._objects.publish(object_array(world.objects, self._scene, self._frame))
 
     def _chain_message(self, start: Pose, chain: TopChain | None, step: int) -> MarkerArray:
-        shapes = [] if chain is None else picture_under_way(start, chain, step)
+        shapes = [] if chain is None else picture_under_way(start, goals_of(chain), step)
         return marker_array(shapes, "chain", self._frame)
 
     def _path_message(self, way: FloatArray, now: float) -> Path:

@@ -191,7 +191,7 @@ class ExecutorNode(Node):
         except MessageError as error:  # the running goal continues
             self._refuse(handle, str(error))
             return
-        self._driving.begin(preempts=self._run is not None)
+        self._driving.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run = run
         self._watchdog.watch(closely=True)

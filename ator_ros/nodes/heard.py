@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -10,18 +10,15 @@ from nav_msgs.msg import Path
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from ator_interfaces.msg import ChainPerformance, Outcome
-from ator_ros.execution.phases import Ending
-from ator_ros.geometry import FloatArray, Pose
-from ator_ros.nodes.checks import MessageError
-from ator_ros.nodes.conversions import pose_from, seconds_from
+from ator_interfaces.msg import ChainPerformance
+from ator_ros.geometry import FloatArray
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.printable import printable
-from ator_ros.viewing.history import Driven, History
+from ator_ros.viewing.history import History
+from ator_ros.viewing.recorded import RecordError, driven_of
 
-_OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
-_LONGEST = 60
-_LEARNED = "learned set"
+_LONGEST = 300
+_NEW, _SWITCH, _ERROR = "records since the last round", "last switch", ": error on the newest"
 _RECORDS = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
 
 
@@ -37,25 +34,28 @@ class Heard:
     ----------
     history : History
         The executed chains, the one before it began to listen included.
-    learned : str
-        What the refinement node tells of the learned set of models in use; empty where there is none.
     way : ndarray, shape (n, 2), or None
         The way that the action under way has planned, x and y in m; None without one.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self.history, self.learned = History(), ""
+        self.history = History()
+        self._told: dict[str, str] = {}
         self.way: FloatArray | None = None
-        self._refinement = node.resolve_service_name("refinement")
+        self._tellers = {
+            node.resolve_service_name("refinement"): _set_in_use,
+            node.resolve_service_name("learning"): _progress,
+            "/learning": _progress,  # one may learn for all robots
+        }
         node.create_subscription(ChainPerformance, "performance/chain", self._take_record, _RECORDS)
         node.create_subscription(Path, "planned_path", self._take_path, LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._take_health, RESULTS)
 
     def _take_record(self, message: ChainPerformance) -> None:
         try:
-            self.history.add(driven_from(message))
-        except MessageError as error:
+            self.history.add(driven_of(message))
+        except RecordError as error:
             self._node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
 
     def _take_path(self, message: Path) -> None:
@@ -64,29 +64,24 @@ class Heard:
 
     def _take_health(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == self._refinement:
+            tell = self._tellers.get(status.name)
+            if tell is not None:
                 values = {value.key: value.value for value in status.values}
-                self.learned = printable(values.get(_LEARNED, ""), 3 * _LONGEST)
+                self._told[status.name] = printable(tell(values), _LONGEST)
+
+    @property
+    def learned(self) -> str:
+        """What is told of the learned models in use and of learning; empty where nothing is learned."""
+        return "; ".join(said for said in tuple(self._told.values()) if said)
 
 
-def driven_from(record: ChainPerformance) -> Driven:
-    """Read a record.
+def _set_in_use(values: Mapping[str, str]) -> str:
+    """Return what the node `refinement` tells."""
+    return values.get("learned set", "")
 
-    Raises
-    ------
-    MessageError
-        A pose in it is none.
-    """
-    done = record.outcome.code == Outcome.SUCCEEDED
-    start = [pose_from(record.start.robot, "start.robot")]
-    start += [Pose(there.position.x, there.position.y, 0.0) for there in record.start.objects]
-    start += [pose_from(call.goal.pose, "chain.calls") for call in record.chain.calls[-1:]]
-    return Driven(
-        seconds_from(record.header.stamp),
-        tuple(printable(call.top, _LONGEST) for call in record.chain.calls),
-        record.refined,
-        record.predicted.duration,
-        record.actual.duration if done else math.nan,
-        _OUTCOMES.get(record.outcome.code, f"outcome {record.outcome.code}"),
-        tuple(start),
-    )
+
+def _progress(values: Mapping[str, str]) -> str:
+    """Return what the node `learning` tells: what it does, and errors of old and new models."""
+    said = [f"learning is {values.get('learning', '')}"]
+    said += [f"{name}: {values[name]}" for name in (_NEW, _SWITCH) if name in values]
+    return ", ".join(said + [f"{name} {value}" for name, value in values.items() if _ERROR in name])

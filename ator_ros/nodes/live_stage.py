@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from functools import partial
 from typing import Any
 
@@ -31,10 +32,12 @@ from ator_ros.robot.description import Robot
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Run
-from ator_ros.viewing.stage import StageError
+from ator_ros.viewing.stage import AbsentError, StageError
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _NEAR = 0.02
+_PATIENCE = 5.0
+"""Real s that an answer of nodes may take that are not ours to watch."""
 _DISCOVERY = 2.0
 """Real s after which a simulation that has not been found is taken for missing."""
 _FORGOTTEN = 1.0
@@ -59,6 +62,7 @@ class LiveStage:
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._robot: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
+        self._heard_at = time.monotonic()
         self._run: Run | None = None
         self._goal: Any = None
         self.can_place = False
@@ -72,7 +76,9 @@ class LiveStage:
         node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
         self._placing = Placing(own, robot.scene.objects)
         self._refine = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
-        self._factor = node.create_client(SetParameters, "simulation/set_parameters")
+        self._factors = [  # of a simulation of this robot, or of several
+            node.create_client(SetParameters, f"{space}simulation/set_parameters") for space in ("", "/")
+        ]
         self._server = ActionClient(node, ExecuteChain, "execute_chain")
 
     def ready(self, *, simulated: bool) -> None:
@@ -89,12 +95,15 @@ class LiveStage:
         self._own.until(self._server.server_is_ready, "the action execute_chain")
         self._own.meet("execute_chain")
         self.can_place = simulated or self._placing.offered(_DISCOVERY)
+        if not simulated:  # they may end, and the page waits for every answer
+            self._own.patience = _PATIENCE
 
     # What is heard
 
     def _take_odom(self, message: Odometry) -> None:
         try:
             self._robot = robot_from(message, frame=self._frame)
+            self._heard_at = time.monotonic()
         except MessageError as error:
             self._own.node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
 
@@ -108,6 +117,11 @@ class LiveStage:
         run = self._run
         if run is not None and not run.ended and message.outcome.code == Outcome.SUCCEEDED:
             run.actual.append(message.actual.duration)
+
+    @property
+    def silence(self) -> float:
+        """Real s since the last odometry."""
+        return time.monotonic() - self._heard_at
 
     @property
     def learned(self) -> str:
@@ -132,6 +146,8 @@ class LiveStage:
     def refine(self, draft: Draft) -> Advice:
         """Ask the node `refinement`."""
         library = self._libraries[draft.action_set]
+        if not self._refine.service_is_ready():
+            raise AbsentError(f"expected the service {self._refine.srv_name}, it is not there")
         request = request_of(draft, frame=self._frame)
         answer = self._own.call(self._refine, request)
         if not answer.accepted:
@@ -174,7 +190,8 @@ class LiveStage:
     def set_factor(self, factor: float) -> None:
         """Set the simulated seconds per real second."""
         value = Parameter("real_time_factor", value=factor).to_parameter_msg()
-        answer = self._own.call(self._factor, SetParameters.Request(parameters=[value]))
+        there = [client for client in self._factors if client.service_is_ready()] or self._factors
+        answer = self._own.call(there[0], SetParameters.Request(parameters=[value]))
         if not answer.results[0].successful:
             raise StageError(answer.results[0].reason)
 
@@ -205,10 +222,14 @@ class LiveStage:
         run, handle = self._run, self._goal
         if run is None or run.ended or handle is None:
             return
-        if self.can_place:
-            self.pause(paused=False)  # the robot can stand only in time
-        self._own.within(handle.cancel_goal_async)
-        self._own.until(lambda: run.ended, "the end of the chain")
+        try:
+            if self.can_place:
+                self.pause(paused=False)  # the robot can stand only in time
+            self._own.within(handle.cancel_goal_async)
+            self._own.until(lambda: run.ended, "the end of the chain")
+        finally:
+            if not run.ended:  # whoever executed it is gone; nothing will end it any more
+                run.ended, run.status = True, "lost: the executor does not answer"
 
 
 def _finish(run: Run, future: Future) -> None:

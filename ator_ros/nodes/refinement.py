@@ -59,9 +59,7 @@ PARAMETERS = (
         smallest=LEAST_WEIGHT,
         live=True,
     ),
-    Parameter(
-        "explore", 0.0, "greatest share of the predicted time to spend on trying chains; 0: none", 0.0, 0.5
-    ),
+    Parameter("explore", 0.0, "greatest share of predicted time to try chains; 0: none", 0.0, 0.5, live=True),
     Parameter(
         "deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0
     ),
@@ -82,7 +80,7 @@ _MOST_WAITING = 2000
 class RefinementNode(Node):
     """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; `gate` and `failure_cost` can change while it runs.
+    Parameters: see `PARAMETERS`; `gate`, `failure_cost` and `explore` can change while it runs.
 
     Service
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
@@ -139,9 +137,11 @@ class RefinementNode(Node):
             refiner.failure_cost = self._failure_cost(settings)
 
     def _change(self, values: Mapping[str, Any]) -> None:
-        """Use the gates from now on, or no longer; count failures at another cost."""
+        """Use the gates, or no longer; count failures at another cost; try more chains, or fewer."""
         if values.keys() & {"gate", "failure_cost"}:
             self._prepare(self._sets.present, values)
+        if "explore" in values:
+            self._explorer.share = values["explore"]
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         finish = functools.partial(self._answer, answer)

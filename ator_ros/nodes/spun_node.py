@@ -50,7 +50,7 @@ class SpunNode:
         patience: float = 10.0,
         fails: type[RuntimeError] = StageError,
     ) -> None:
-        self._check, self._patience, self._fails = check, patience, fails
+        self._check, self.patience, self._fails = check, patience, fails
         self._context = rclpy.Context()
         self._context.init(args=list(words), domain_id=domain)
         self.node = Node(name, context=self._context)
@@ -96,7 +96,7 @@ class SpunNode:
             raise self._fails(f"expected the service {client.srv_name}, it is not there")
 
     def _asked(self, client: Any, request: Any) -> Any:
-        end = time.monotonic() + self._patience
+        end = time.monotonic() + self.patience
         while True:
             future = client.call_async(request)
             if self._arrives(future, min(end, time.monotonic() + _AGAIN)):
@@ -113,7 +113,7 @@ class SpunNode:
 
     def answer(self, future: Future, what: str) -> Any:
         """Wait for an answer; raise if it does not come."""
-        end = time.monotonic() + self._patience
+        end = time.monotonic() + self.patience
         while not self._arrives(future, end):
             self._checked(end, f"an answer of {what}")
         return future.result()
@@ -130,7 +130,7 @@ class SpunNode:
 
     def until(self, happened: Callable[[], bool], what: str) -> None:
         """Wait until something has happened; raise if it does not."""
-        end = time.monotonic() + self._patience
+        end = time.monotonic() + self.patience
         while not happened():
             self._checked(end, what)
             time.sleep(_POLL)
@@ -138,7 +138,7 @@ class SpunNode:
     def _checked(self, end: float, what: str) -> None:
         self._check()
         if time.monotonic() > end:
-            raise self._fails(f"expected {what} within {self._patience:g} s, it did not come")
+            raise self._fails(f"expected {what} within {self.patience:g} s, it did not come")
 
     def close(self) -> None:
         """Leave the graph."""

@@ -125,3 +125,9 @@ class RobotModel:
         if turned != self._angles:
             self._angles = turned
             self._urdf.update_cfg(np.asarray(turned))
+
+
+def write(text: viser.GuiMarkdownHandle, content: str) -> None:
+    """Let a text of the panel say something; it is sent only if it is new."""
+    if text.content != content:
+        text.content = content

@@ -29,8 +29,8 @@ def on_floor(camera: FloatArray, pointer: FloatArray, height: float) -> tuple[fl
     share = (height - camera[2]) / ray[2]
     if share <= 0.0:
         return None
-    x, y = (camera + share * ray)[:2]
-    return float(x), float(y)
+    x, y = map(float, (camera + share * ray)[:2])
+    return (x, y) if math.isfinite(x) and math.isfinite(y) else None  # a client may send anything
 
 
 class Grip:

@@ -7,7 +7,6 @@ from viser import uplot
 
 from ator_ros.geometry import FloatArray
 from ator_ros.viewing import history
-from ator_ros.viewing.stage import ViewStage
 
 _HEIGHT = 220
 
@@ -28,17 +27,15 @@ class HistoryTab:
         with tab:
             self._text = gui.add_markdown(history.told(()))
         self._chart: viser.GuiUplotHandle | None = None
-        self._shown: tuple[int, str] = (0, "")
+        self._shown: tuple[history.History | None, int, str] = (None, 0, "")
 
-    def show(self, stage: ViewStage) -> None:
-        """Show what is new."""
-        now = (stage.history.edition, stage.learned)
-        if now == self._shown:
+    def show(self, driven: history.History, learned: str = "") -> None:
+        """Show what is new of the chains, and of the learned set of models in use."""
+        if (driven, driven.edition, learned) == self._shown:
             return
-        self._shown = now
-        chains = stage.history.chains
-        self._text.content = history.told(chains, stage.learned)
-        curves = stage.history.curves()
+        self._shown = driven, driven.edition, learned
+        self._text.content = history.told(driven.chains, learned)
+        curves = driven.curves()
         if self._chart is not None:
             self._chart.data = curves
         elif len(curves[0]) > 1:  # a single chain makes no curve

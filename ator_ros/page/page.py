@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import logging
 import math
 from collections.abc import Mapping, Sequence
-
-import viser
 
 from ator_ros.evaluation.trials import Trial
 from ator_ros.geometry import Pose
 from ator_ros.page.controls import Controls
-from ator_ros.page.drawing import NO_ANGLES, Canvas, RobotModel
+from ator_ros.page.drawing import NO_ANGLES, Canvas, RobotModel, write
 from ator_ros.page.grips import Grip
 from ator_ros.page.history_tab import HistoryTab
+from ator_ros.page.serving import LOOPBACK, served
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.robot.description import Robot
 from ator_ros.viewing import panel
@@ -24,24 +20,12 @@ from ator_ros.viewing.desk import NAIVE, REFINED, Desk
 from ator_ros.viewing.inbox import Inbox
 from ator_ros.viewing.shapes import BLUE, ORANGE, YELLOW, polyline
 from ator_ros.viewing.stage import NO_STAGES, ViewStage
-from ator_ros.viewing.surroundings import surroundings
 from ator_ros.world.state import World
 
-LOOPBACK = "127.0.0.1"
 _TRAILS = {NAIVE: ORANGE, REFINED: BLUE}
 _WRITE_PERIOD = 0.2
 _TRAIL_WIDTH = 0.025
-_CAMERA_HEIGHT = 0.85
-"""Height of the camera as a share of the area's length."""
-_FLOOR = (72, 122, 84)
 _GOAL_RADIUS = 0.16
-
-
-def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
-    """Return where a new client's camera is and looks at (m), and its vertical field of view (rad)."""
-    area = robot.scene.area
-    look_at = (0.0, -0.05 * area.width, 0.0)
-    return (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length), look_at, math.radians(50.0)
 
 
 class Page:
@@ -79,13 +63,9 @@ class Page:
     ) -> None:
         self.inbox = Inbox()
         self._desk, self._robot, self._models = desk, robot, models
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that goes away is no error
-        with contextlib.redirect_stdout(io.StringIO()):  # viser tells its address in a frame
-            self.server = server = viser.ViserServer(host=host, port=port, label="ator_ros", verbose=False)
-        self._look(server, robot)
+        self.server = server = served(desk.domain, robot, host=host, port=port)
         self._chain = Canvas(server, "/chain")
         self._trails = Canvas(server, "/trails", 0.03)
-        Canvas(server, "/surroundings", 0.02).draw(surroundings(desk.domain, robot))
         self._model = RobotModel(server, "/robot", urdf)
         self._ghost = RobotModel(server, "/ghost", urdf, ghost=True)
         self._stages = stages
@@ -100,19 +80,6 @@ class Page:
             self._controls = Controls(server, desk, self.inbox, runs, stages)
         self._history = HistoryTab(server.gui, tabs.add_tab("History"))
         self._edition, self._written = -1, -math.inf
-
-    @staticmethod
-    def _look(server: viser.ViserServer, robot: Robot) -> None:
-        area, (position, look_at, fov) = robot.scene.area, camera_over(robot)
-        server.scene.set_up_direction("+z")
-        server.gui.configure_theme(show_logo=False, show_share_button=False)
-        server.gui.main_panel.dock_right()
-        camera = server.initial_camera
-        camera.position, camera.look_at, camera.fov = position, look_at, fov
-        size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
-        server.scene.add_box(
-            "/floor", color=_FLOOR, dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
-        )
 
     def _object_grip(self, name: str) -> Grip:
         radius = self._robot.scene.radius(name)
@@ -199,11 +166,12 @@ class Page:
     def _write(self, world: World | None) -> None:
         desk, controls = self._desk, self._controls
         status = "drag robot, objects or goals" if desk.run is None else desk.run.status
-        self._set(controls.clock, panel.clock(world, paused=desk.paused, status=status))
-        self._set(controls.times, panel.times(desk.advice, desk.runs))
-        self._set(controls.gate, panel.gate(desk.advice, desk.problem))
-        self._set(controls.verdict, desk.race.verdict if desk.race else "")
-        self._history.show(desk.stage)
+        told = panel.clock(world, paused=desk.paused, status=status, silence=desk.stage.silence)
+        write(controls.clock, told)
+        write(controls.times, panel.times(desk.advice, desk.runs))
+        write(controls.gate, panel.gate(desk.advice, desk.problem))
+        write(controls.verdict, desk.race.verdict if desk.race else "")
+        self._history.show(desk.stage.history, desk.stage.learned)
         way = desk.stage.way()
         planned = polyline("planned", [] if way is None else way.tolist(), YELLOW, _TRAIL_WIDTH)
         driven = (
@@ -214,12 +182,7 @@ class Page:
         if desk.advice is not None:
             models = self._models.get(desk.draft.action_set, {})
             told = panel.rules(desk.draft.world, desk.advice.chain, self._robot, models)
-            self._set(controls.rules, told)
-
-    @staticmethod
-    def _set(text: viser.GuiMarkdownHandle, content: str) -> None:
-        if text.content != content:
-            text.content = content
+            write(controls.rules, told)
 
     def close(self) -> None:
         """Stop serving."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import pybullet as p
-
 from ator_ros.robot.description import Robot
+from ator_ros.simulation import physics as p
 
 _STANDING = 0.05  # rad/s of a wheel
 _HOLDING_GAIN = 0.1

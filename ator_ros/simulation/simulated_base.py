@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-import pybullet as p
-
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
 from ator_ros.robot.description import Robot
+from ator_ros.simulation import physics as p
 from ator_ros.simulation.base_controller import BaseController
 from ator_ros.simulation.bodies import load_base
 from ator_ros.simulation.motors import Motors

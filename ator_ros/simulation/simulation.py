@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from types import TracebackType
 
-import pybullet as p
-
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
+from ator_ros.simulation import physics as p
 from ator_ros.simulation.bodies import (
     GRAVITY,
     make_bay,

@@ -13,7 +13,11 @@ WHEEL_MASS = 0.4
 WHEEL_SHARE = 0.25
 # Seen through the gear (38.3:1) the motor's rotor outweighs the wheel: 4e-6 kg m^2 * 38.3^2.
 WHEEL_INERTIA = 0.008
-CENTRE_OF_MASS_X = -0.06
+_HEIGHT = 0.12  # m of the centre of mass
+_LIGHT = 0.1  # mass times squared radius over the Pioneer's, below which the motors are smaller
+_USUAL_MASS, _USUAL_RADIUS = 9.0, 0.0975  # kg and m, of the Pioneer and its wheels
+_CENTRE_OF_MASS, _CASTER = 0.06, 0.04
+"""Distances in m: of the centre of mass behind the axle, and of the caster from the body's end."""
 _FINGER = (
     '<{tag}><origin xyz="{x:.6g} {side}{y:.6g} 0.12"/>'
     '<geometry><box size="{length:.6g} {thickness:.6g} 0.1"/></geometry>{material}</{tag}>'
@@ -28,12 +32,16 @@ def robot_urdf(robot: Robot) -> str:
     robot : Robot
         Sizes and masses; everything else is in `urdf/robot.urdf.template`.
     """
-    wheel_mass = min(WHEEL_MASS, WHEEL_SHARE * robot.mass)
+    wheel_mass = min(WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS), WHEEL_SHARE * robot.mass)
+    # Also in a short body the weight lies before the caster, and so low that a stop does not tip it.
+    caster = max(robot.rear - _CASTER, 0.5 * robot.rear)
+    behind = min(_CENTRE_OF_MASS, 0.5 * caster)
     body_mass = robot.mass - 2 * wheel_mass
     # The body lies between the wheels; that of a robot narrower than 16 cm overlaps them.
     length, width = robot.front + robot.rear, max(2 * robot.half_width - 0.08, robot.half_width)
     numbers = {
-        "com_x": CENTRE_OF_MASS_X,
+        "com_x": -behind,
+        "com_z": _HEIGHT * (behind / _CENTRE_OF_MASS),
         "body_mass": body_mass,
         "ixx": body_mass * (width**2 + 0.2**2) / 12,
         "iyy": body_mass * (length**2 + 0.2**2) / 12,
@@ -42,10 +50,10 @@ def robot_urdf(robot: Robot) -> str:
         "body_length": length,
         "body_width": width,
         "wheel_mass": wheel_mass,
-        "wheel_i": WHEEL_INERTIA,
+        "wheel_i": WHEEL_INERTIA * _motor_size(robot),
         "wheel_radius": robot.wheel_radius,
         "half_track": robot.track / 2,
-        "caster_x": -robot.rear + 0.04,
+        "caster_x": -caster,
     }
     fingers = {
         "visual_fingers": _fingers("visual", robot.holder, robot.front, '<material name="steel"/>'),
@@ -53,6 +61,17 @@ def robot_urdf(robot: Robot) -> str:
     }
     template = Template(resource_path("urdf", "robot.urdf.template").read_text(encoding="utf-8"))
     return template.substitute({name: f"{value:.6g}" for name, value in numbers.items()} | fingers)
+
+
+def _motor_size(robot: Robot) -> float:
+    """Return the inertia of the motors over that of the Pioneer's.
+
+    Those would let a heavy base lag more than described, and throw over one that is very light.
+    """
+    load = robot.mass * robot.wheel_radius**2 / (_USUAL_MASS * _USUAL_RADIUS**2)
+    if load >= _LIGHT:
+        return max(1.0, load)
+    return max(load, (load / _LIGHT) ** 2)
 
 
 def _fingers(tag: str, holder: Holder | None, front: float, material: str = "") -> str:

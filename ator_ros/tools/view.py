@@ -1,4 +1,7 @@
-"""Show robot, chains and what refinement says of them on a page in the browser, and let them be changed."""
+"""Show robot, chains and what refinement says of them on a page in the browser, and let them be changed.
+
+With a recording it is played instead: odometry, objects, and the executed chains, predicted against actual.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +19,15 @@ _PORTS = (1024, 65535)
 def arguments() -> argparse.ArgumentParser:
     """Return the command line of `view`."""
     parser = argparse.ArgumentParser(
-        prog="view", description=__doc__, usage="%(prog)s [options] [EVALUATION] [--ros-args ...]"
+        prog="view", description=__doc__, usage="%(prog)s [options] [EVALUATION | RECORDING] [--ros-args ...]"
     )
     parser.add_argument(
-        "evaluation", nargs="?", type=Path, metavar="EVALUATION", help="folder whose worst runs can be chosen"
+        "shown",
+        nargs="?",
+        type=Path,
+        metavar="EVALUATION | RECORDING",
+        help="folder of an evaluation, whose worst runs can be chosen; "
+        "or a recording of ros2 bag record -s mcap, a folder or a file",
     )
     parser.add_argument("--port", type=whole(*_PORTS), default=8080, help="default: %(default)s")
     parser.add_argument(
@@ -52,9 +60,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(own)
     if options.robots and not options.attach:
         parser.error("--robots: expected --attach, too: what it names must run")
+    if options.shown is not None and not _is_evaluation(options.shown):
+        if options.attach:
+            parser.error(f"--attach: expected the folder of an evaluation beside it, got {options.shown}")
+        from ator_ros.tools.work import replay
+
+        return replay.run(options)
     from ator_ros.tools.work import view as work
 
     return work.run(options, words[len(own) :])
+
+
+def _is_evaluation(place: Path) -> bool:
+    from ator_ros.evaluation.storage import RESULT  # takes long, and no help needs it
+
+    return (place / RESULT).is_file()
 
 
 if __name__ == "__main__":

@@ -14,19 +14,23 @@ _LEG_WIDTH = 0.015
 _THIN = 0.008
 
 
-def picture_of_chain(name: str, start: Pose, chain: TopChain, colour: Colour) -> list[Shape]:
+def picture_of_goals(name: str, start: Pose, goals: Sequence[Pose], colour: Colour) -> list[Shape]:
     """Return an arrow at each subgoal of a chain, and a line from `start` from one to the next."""
-    poses = [call.goal.pose for call in chain.calls]
-    legs = polyline(f"{name}/legs", [(pose.x, pose.y) for pose in (start, *poses)], colour, _LEG_WIDTH)
-    arrows = (Arrow(f"{name}/subgoal{step}", pose, colour) for step, pose in enumerate(poses))
+    legs = polyline(f"{name}/legs", [(pose.x, pose.y) for pose in (start, *goals)], colour, _LEG_WIDTH)
+    arrows = (Arrow(f"{name}/subgoal{step}", pose, colour) for step, pose in enumerate(goals))
     return [legs, *arrows]
 
 
-def picture_under_way(start: Pose, chain: TopChain, step: int) -> list[Shape]:
+def picture_under_way(start: Pose, goals: Sequence[Pose], step: int, colour: Colour = BLUE) -> list[Shape]:
     """Return a chain that is executed from `start`; the subgoal of `step`, from 0, is orange."""
-    shapes = picture_of_chain("chain", start, chain, BLUE)
-    pose = chain.calls[step].goal.pose
-    return [Arrow(shape.name, pose, ORANGE) if n == step + 1 else shape for n, shape in enumerate(shapes)]
+    shapes = picture_of_goals("chain", start, goals, colour)
+    present = [Arrow(f"chain/subgoal{step}", pose, ORANGE) for pose in goals[step : step + 1]]
+    return [*(shape for shape in shapes if shape.name != f"chain/subgoal{step}"), *present]
+
+
+def goals_of(chain: TopChain) -> list[Pose]:
+    """Return the subgoals of a chain."""
+    return [call.goal.pose for call in chain.calls]
 
 
 def alternatives(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
@@ -34,7 +38,7 @@ def alternatives(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
     return [
         polyline(
             f"alternative{number}",
-            [(start.x, start.y), *((call.goal.pose.x, call.goal.pose.y) for call in chain.calls)],
+            [(pose.x, pose.y) for pose in (start, *goals_of(chain))],
             VIOLET,
             _THIN,
         )
@@ -45,8 +49,8 @@ def alternatives(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
 def picture_of(start: Pose, advice: Advice) -> list[Shape]:
     """Return what is drawn of an advice for a robot at `start`."""
     return [
-        *picture_of_chain("naive", start, advice.naive, GREY),
-        *picture_of_chain("chain", start, advice.chain, BLUE),
+        *picture_of_goals("naive", start, goals_of(advice.naive), GREY),
+        *picture_of_goals("chain", start, goals_of(advice.chain), BLUE),
         *rings(advice),
     ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 from ator_ros.domains.domain import Domain
@@ -14,11 +15,17 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Race, Run
-from ator_ros.viewing.stage import StageError, ViewStage
+from ator_ros.viewing.stage import AbsentError, StageError, ViewStage
 from ator_ros.world.state import RobotState, World
 
 _MOVED = 0.01
-"""Distance in m by which a robot that cannot be placed must have moved to ask refinement again."""
+"""Distance in m, or difference in rad, by which a robot that is followed must have moved to ask again."""
+_PATIENCE = 25
+"""Steps after which a refinement that was not there is asked again."""
+_LOOK_AGAIN = 0.2
+"""Seconds of the robot's clock between two looks at where it is."""
+_MISTAKES = (StageError, RefinementError, ValueError, TypeError, ArithmeticError)
+"""What wishes raise; a client may send any value, or speak of a chain that another client has changed."""
 NAIVE, REFINED = "naive", "refined"
 
 
@@ -61,6 +68,8 @@ class Desk:
         self.edition = 0
         self._waiting: list[Run] = []
         self._stale, self._displaced = True, True
+        self._follows, self._looked = False, -math.inf
+        self._absent = 0
         self.draft = self._drawn()
 
     # Situations
@@ -87,7 +96,7 @@ class Desk:
         """Go to another draft: what is executed is stopped, and robot and objects are placed."""
         self._stop()
         self._edited(draft)
-        self._displaced = True
+        self._displaced, self._follows = True, False
 
     # Edits
 
@@ -140,7 +149,7 @@ class Desk:
             self.stage.place(self.draft.world)
             self.stage.pause(paused=False)
             self.paused = False
-        self._displaced = False
+        self._displaced = self._follows = False
 
     # Playing
 
@@ -157,12 +166,15 @@ class Desk:
         self.race = Race(*self._waiting) if len(self._waiting) == 2 else None
 
     def control(self, stage: ViewStage) -> None:
-        """Look after another robot, from where it is; what the former one executes goes on."""
+        """Look after a robot that is there, from where it is; what another one executes goes on.
+
+        Nothing is placed, and the draft follows robot and objects until something is moved or played.
+        """
         self.stage = stage
         self._waiting.clear()
         self.runs.clear()
-        world = stage.world()
-        self._edited(self.draft if world is None else self._here(world))
+        self.race = None
+        self._stale, self._follows, self._looked = True, True, -math.inf
         self._displaced, self.paused = False, False
 
     def stop(self) -> None:
@@ -203,11 +215,14 @@ class Desk:
         world = self.stage.world()
         if world is None:
             return
-        if not self.stage.can_place and not self.playing:
+        if not self.playing and (self._follows or not self.stage.can_place):
             self._follow(world)
         if self._stale:
             self._stale = False
             self._ask()
+        elif self._absent:
+            self._absent -= 1
+            self._stale = not self._absent
         run = self.run
         if run is not None and not run.ended:
             run.saw(world.time, world.robot.pose)
@@ -219,15 +234,24 @@ class Desk:
     def _tried(self, wish: Callable[[], None]) -> None:
         try:
             wish()
-        except (StageError, RefinementError, ValueError) as error:
-            self.problem = str(error)
-            self.edition += 1
-            self._waiting.clear()
+        except LookupError:
+            self._failed("expected something of the present chain")
+        except _MISTAKES as error:
+            self._failed(str(error))
+
+    def _failed(self, problem: str) -> None:
+        self.problem = problem
+        self.edition += 1
+        self._waiting.clear()
 
     def _follow(self, world: World) -> None:
-        """Let the draft start where the robot is, where nothing can be placed."""
-        draft = self._here(world)
-        moved = draft.world.robot.pose.distance(self.draft.world.robot.pose) > _MOVED
+        """Let the draft start where robot and objects are."""
+        if abs(world.time - self._looked) < _LOOK_AGAIN:
+            return
+        self._looked = world.time
+        draft, former = self._here(world), self.draft.world
+        x, y, yaw = former.robot.pose.relative(draft.world.robot.pose)
+        moved = max(math.hypot(x, y), abs(yaw)) > _MOVED or set(draft.world.objects) != set(former.objects)
         if moved or draft.chain != self.draft.chain:
             self.draft, self._stale = draft, True
 
@@ -243,6 +267,7 @@ class Desk:
             self.advice, self.problem = self.stage.refine(self.draft), ""
         except StageError as error:
             self.advice, self.problem = None, str(error)
+            self._absent = _PATIENCE if isinstance(error, AbsentError) else 0
         self.edition += 1
 
     def _begin(self) -> None:
@@ -250,9 +275,9 @@ class Desk:
         if self.advice is None:
             raise StageError(self.problem or "expected a chain that can be executed")
         run = self._waiting.pop(0)
-        if self.stage.can_place:
+        if self.stage.can_place and not self._follows:
             self.stage.place(self.draft.world)
-        self.paused, self._displaced = False, True
+        self.paused, self._displaced, self._follows = False, True, False
         refine = run.label == REFINED
         run.predicted = list(self.advice.predicted if refine else self.advice.before)
         self.runs.append(run)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.geometry import FloatArray, Pose
+from ator_ros.viewing.markdown import plain, seconds
 
 _MOST = 500
 _SHOWN = 12
@@ -123,7 +124,7 @@ def told(chains: Sequence[Driven], learned: str = "") -> str:
             "",
         ]
     if learned:
-        lines += [f"Learned models: {learned}.", ""]
+        lines += [f"Learned models: {plain(learned, 600)}.", ""]
     lines += ["| | chain | predicted | actual | gain |", "|---|---|---|---|---|"]
     newest = list(zip(range(1, len(chains) + 1), chains, won, strict=True))[-_SHOWN:]
     lines += [_row(number, chain, gain) for number, chain, gain in reversed(newest)]
@@ -132,10 +133,12 @@ def told(chains: Sequence[Driven], learned: str = "") -> str:
 
 def _row(number: int, chain: Driven, gain: float) -> str:
     kind = "refined" if chain.refined else "as planned"
-    actual = f"{chain.actual:.2f}" if math.isfinite(chain.actual) else chain.outcome
-    cells = (number, f"{', '.join(chain.tops)} ({kind})", _seconds(chain.predicted), actual, _seconds(gain))
+    actual = f"{chain.actual:.2f}" if math.isfinite(chain.actual) else plain(chain.outcome)
+    cells = (
+        number,
+        f"{plain(', '.join(chain.tops))} ({kind})",
+        seconds(chain.predicted),
+        actual,
+        seconds(gain),
+    )
     return f"| {' | '.join(map(str, cells))} |"
-
-
-def _seconds(value: float) -> str:
-    return f"{value:.2f}" if math.isfinite(value) else "-"

@@ -10,22 +10,27 @@ from ator_ros.refinement.projection import chain_situations
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice
+from ator_ros.viewing.markdown import plain, seconds
 from ator_ros.viewing.runs import Run
 from ator_ros.world.state import World
 
+_SILENCE = 2.0
 
-def clock(world: World | None, *, paused: bool, status: str) -> str:
-    """Return the simulated time, and what is going on."""
+
+def clock(world: World | None, *, paused: bool, status: str, silence: float = 0.0) -> str:
+    """Return the simulated time, and what is going on; `silence`: real s since the last odometry."""
     if world is None:
         return "waits for odometry"
-    return f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {status}"
+    if silence > _SILENCE and not paused:
+        status = f"no odometry for {silence:.0f} s"
+    return f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {plain(status)}"
 
 
 def times(advice: Advice | None, runs: Sequence[Run]) -> str:
     """Return a Markdown table: predictions for both chains, and each run's actual times, step by step."""
     if advice is None:
         return ""
-    tops = [call.top.name for call in advice.chain.calls]
+    tops = [plain(call.top.name) for call in advice.chain.calls]
     rows = [
         ("naive, predicted", advice.before, sum(advice.before)),
         ("best, predicted", advice.after, sum(advice.after)),
@@ -33,21 +38,21 @@ def times(advice: Advice | None, runs: Sequence[Run]) -> str:
     ]
     table = [f"| s | {' | '.join(tops)} | chain |", f"|---|{'---|' * (len(tops) + 1)}"]
     for label, values, whole in rows:
-        cells = [_seconds(value) for value in (*values, *[math.nan] * (len(tops) - len(values)))]
-        table.append(f"| {label} | {' | '.join(cells)} | {_seconds(whole)} |")
+        cells = [seconds(value) for value in (*values, *[math.nan] * (len(tops) - len(values)))]
+        table.append(f"| {label} | {' | '.join(cells)} | {seconds(whole)} |")
     return "\n".join(table)
 
 
 def gate(advice: Advice | None, problem: str) -> str:
     """Return why the chain was refined or left alone, or why that is not known."""
     if problem:
-        return f"**not refined:** {problem}"
+        return f"**not refined:** {plain(problem)}"
     if advice is None:
         return "no chain"
-    told = f"**{'refined' if advice.refined else 'left alone'}:** {advice.reason}"
+    told = f"**{'refined' if advice.refined else 'left alone'}:** {plain(advice.reason)}"
     rows = [
         f"- {'**chosen:** ' if number == advice.chosen else ''}{_candidate(number)} "
-        f"{_seconds(each.duration)} s, cost {_seconds(each.cost)} s ({each.reason})"
+        f"{seconds(each.duration)} s, cost {seconds(each.cost)} s ({plain(each.reason)})"
         for number, each in enumerate(advice.candidates)
     ]
     return "\n".join([told, "", *rows]) if rows else told
@@ -63,9 +68,5 @@ def rules(world: World, chain: TopChain, robot: Robot, models: Mapping[str, Perf
     for call, situation in zip(chain.calls, chain_situations(world, chain, robot), strict=True):
         model = models.get(call.top.action)
         told = "no model" if model is None else model.explain(situation)
-        parts.append(f"**{call.top.name}**\n```\n{told}\n```")
+        parts.append(f"**{plain(call.top.name)}**\n```\n{told}\n```")
     return "\n\n".join(parts)
-
-
-def _seconds(value: float) -> str:
-    return f"{value:.2f}" if math.isfinite(value) else "-"

@@ -18,6 +18,10 @@ class StageError(RuntimeError):
     """Something that was asked of a stage did not happen; the message says what."""
 
 
+class AbsentError(StageError):
+    """Nobody is there who could do it, but somebody may come."""
+
+
 class ViewStage(Protocol):
     """Robot, objects, refinement and executor, as a view uses them. All that asks may raise StageError."""
 
@@ -33,6 +37,10 @@ class ViewStage(Protocol):
     def learned(self) -> str:
         """What is known of the learned set of models in use; empty where nothing is learned."""
 
+    @property
+    def silence(self) -> float:
+        """Real s since the last state was heard."""
+
     def way(self) -> FloatArray | None:
         """Return the planned way of the action under way, shape (n, 2): x and y in m; None without one."""
 
@@ -40,7 +48,7 @@ class ViewStage(Protocol):
         """Return the newest state; None before the first one."""
 
     def refine(self, draft: Draft) -> Advice:
-        """Return what refinement says of a draft."""
+        """Return what refinement says of a draft; raises AbsentError where nobody refines at present."""
 
     def place_robot(self, pose: Pose) -> None:
         """Put the robot somewhere, at rest; not waited for."""

@@ -3,20 +3,57 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.storage import RESULT, read_result, to_records
+from ator_ros.evaluation.storage import RESULT, read_result
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.robot.description import Robot
+from ator_ros.schema import Within, require, structured
 
 _NAIVE = "naive"
 _REFINED = ("gated", "refined")
 """Policies that refine; the first that an evaluation has is looked at."""
 _MOST = 20
+_MOST_SEED = 2**32 - 1
+
+
+@dataclass(frozen=True)
+class _Executed:
+    """Duration in s and success of a policy by situation, None where it was not executed."""
+
+    duration: list[float | None]
+    success: list[bool | None]
+
+
+@dataclass(frozen=True)
+class _Runs:
+    index: list[Annotated[int, Within(0, _MOST_SEED)]]
+    policies: dict[str, _Executed]
+
+
+@dataclass(frozen=True)
+class _Source:
+    action_set: str
+
+
+@dataclass(frozen=True)
+class _Settings:
+    seed: Annotated[int, Within(0, _MOST_SEED)]
+    chain: str
+    source: _Source
+
+
+@dataclass(frozen=True)
+class _Evaluation:
+    """The fields of an evaluation that are needed."""
+
+    settings: _Settings
+    runs: _Runs
 
 
 def worst_trials(folder: Path, domain: Domain, robot: Robot) -> tuple[tuple[str, Trial], ...]:
@@ -39,37 +76,38 @@ def worst_trials(folder: Path, domain: Domain, robot: Robot) -> tuple[tuple[str,
     EvaluationError
         There is no evaluation of this domain with naive and refined chains.
     """
-    result = read_result(folder / RESULT)
-    settings, count = result["settings"], result["summary"]["situations"]
-    refined = next((name for name in _REFINED if name in result["runs"].get("policies", {})), None)
-    if refined is None or _NAIVE not in result["runs"]["policies"]:
-        raise EvaluationError(f"{folder / RESULT}: expected naive and refined chains, got neither or one")
-    if settings["chain"] not in domain.chains:
-        raise EvaluationError(
-            f"{folder / RESULT}: chain: expected one of {', '.join(domain.chains)} of the domain "
-            f"{domain.name}, got {settings['chain']!r}"
-        )
-    records = to_records(result["runs"], count)
-    library = domain.library(robot, settings["source"]["action_set"])
-    ordered = sorted(records, key=lambda record: -_loss(record, refined))[:_MOST]
+    file = folder / RESULT
+    try:
+        evaluation = structured(read_result(file), _Evaluation)
+        runs, settings = evaluation.runs, evaluation.settings
+        for field, there, known in (
+            ("settings.chain", settings.chain, domain.chains),
+            ("settings.source.action_set", settings.source.action_set, domain.action_sets),
+        ):
+            require(there in known, field, f"one of {', '.join(known)} of the domain {domain.name}", there)
+        losses = list(_losses(runs))
+    except ValueError as error:
+        raise EvaluationError(f"{file}: {error}") from error
+    library = domain.library(robot, settings.source.action_set)
     return tuple(
-        (
-            _label(record, refined),
-            random_trial(domain, settings["chain"], library, seed=settings["seed"], index=record["index"]),
-        )
-        for record in ordered
+        (label, random_trial(domain, settings.chain, library, seed=settings.seed, index=index))
+        for _, index, label in sorted(losses, key=lambda loss: -loss[0])[:_MOST]
     )
 
 
-def _loss(record: Mapping[str, Any], refined: str) -> float:
-    """Return by how many s the refined chain was slower; infinite where it failed."""
-    policies = record["policies"]
-    if not policies[refined]["success"]:
-        return math.inf
-    return float(policies[refined]["duration"] - policies[_NAIVE]["duration"])
-
-
-def _label(record: Mapping[str, Any], refined: str) -> str:
-    loss = _loss(record, refined)
-    told = "failed" if math.isinf(loss) else f"{loss:+.2f} s"
-    return f"situation {record['index']}: {told} against {record['policies'][_NAIVE]['duration']:.2f} s"
+def _losses(runs: _Runs) -> Iterator[tuple[float, int, str]]:
+    """Yield by how many s the refined chain was slower, infinite where it failed; index and label."""
+    refined = next((name for name in _REFINED if name in runs.policies), None)
+    both = refined is not None and _NAIVE in runs.policies
+    require(both, "runs.policies", f"{_NAIVE} and one of {', '.join(_REFINED)}", list(runs.policies))
+    assert refined is not None
+    naive, other = runs.policies[_NAIVE], runs.policies[refined]
+    columns = (runs.index, naive.duration, other.duration, other.success)
+    lengths = [len(column) for column in columns]
+    require(len(set(lengths)) == 1, "runs", "columns of one length", lengths)
+    for index, before, after, success in zip(*columns, strict=True):
+        if before is None or after is None or not (math.isfinite(before) and math.isfinite(after)):
+            continue
+        loss = after - before if success else math.inf
+        told = f"{loss:+.2f} s" if success else "failed"
+        yield loss, index, f"situation {index}: {told} against {before:.2f} s"

@@ -8,15 +8,13 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
-from chromium import EXECUTABLE, Chromium
+from chromium import Chromium, need_browser
 from nav_msgs.msg import Odometry
-from PIL import Image
-from view_camera import seen_at
+from view_camera import canvas_of, red_around, seen_at
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
@@ -53,13 +51,7 @@ class Watch:
 
 @pytest.fixture(autouse=True)
 def browser_is_there(request: pytest.FixtureRequest) -> None:
-    """Fail `make test-long` where there is no browser; skip where a file's tests are run by hand."""
-    if EXECUTABLE is not None:
-        return
-    missing = "needs Chromium: apt install chromium"
-    if request.config.getoption("markexpr") == "long":
-        pytest.fail(missing)
-    pytest.skip(missing)
+    need_browser(request)
 
 
 @pytest.fixture
@@ -77,22 +69,6 @@ def view() -> Iterator[tuple[str, int]]:
     finally:
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=20) == 0
-
-
-def canvas_of(browser: Chromium) -> tuple[float, float, float, float]:
-    left, top, width, height = browser.script(
-        "(() => {const r = document.querySelector('canvas').getBoundingClientRect();"
-        "return [r.left, r.top, r.width, r.height]})()"
-    )
-    return left, top, width, height
-
-
-def red_around(picture: bytes, place: tuple[float, float]) -> float:
-    """Return the share of pixels around a place that have the colour of the robot's body."""
-    x, y = (round(value) for value in place)
-    image = np.asarray(Image.open(BytesIO(picture)).convert("RGB"), dtype=int)
-    red, green, blue = np.moveaxis(image[y - 25 : y + 25, x - 25 : x + 25], 2, 0)
-    return float(np.mean((red > 90) & (red > 2 * green) & (red > 2 * blue)))
 
 
 def test_the_page_shows_the_robot_and_the_ball_is_dragged_and_a_race_is_driven(

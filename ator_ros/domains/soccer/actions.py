@@ -11,6 +11,7 @@ from ator_ros.domains.soccer.bezier.dribble_ball import BezierDribbleBall
 from ator_ros.domains.soccer.bezier.go_to_pose import BezierGoToPose
 from ator_ros.domains.soccer.bezier.shoot import BezierShoot
 from ator_ros.domains.soccer.features import SHOT
+from ator_ros.domains.soccer.planned import shooting_room
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.shoot import Shoot
@@ -30,7 +31,7 @@ ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
         "default": (
             ActionSpec("goToPose", GoToPose, situations.go_to_pose, _DRIVING),
             ActionSpec("dribbleBall", DribbleBall, situations.dribble_ball, _DRIBBLING),
-            ActionSpec("shoot", Shoot, situations.shoot, _SHOOTING),
+            ActionSpec("shoot", Shoot, shooting_room.shoot, _SHOOTING),
         ),
         "bezier": (
             ActionSpec("goToPose", BezierGoToPose, situations.go_to_pose, _DRIVING),

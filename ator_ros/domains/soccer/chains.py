@@ -12,8 +12,8 @@ from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import ChainSampler
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.situations import SHORTEST, random_pose
-from ator_ros.domains.soccer.thresholds import ball_clearance
+from ator_ros.domains.soccer.situations import SHORTEST, pose_within, random_pose
+from ator_ros.domains.soccer.thresholds import ball_clearance, farthest
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
@@ -24,15 +24,14 @@ SHOOTING_DISTANCE = (1.2, 2.0)
 """Range in m of a shooting position's distance from the middle of the goal line."""
 SHOOTING_BEARING = math.radians(50.0)
 """Greatest angle at the goal between a shooting position and the middle axis of the field."""
+_OF_TWO = 0.3  # of the time limit, for the straight way of either part
 _OPEN_HEADING = frozenset({"yaw"})
 
 
 def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
     """Draw a ball to go to and to dribble to a pose: the chain of the paper's Table 1."""
     ball, world = _start(robot, rng)
-    goal = random_pose(robot, rng)
-    while goal.distance(ball) < SHORTEST:
-        goal = random_pose(robot, rng)
+    goal = pose_within(robot, rng, ball, SHORTEST, farthest(robot, _OF_TWO, with_ball=True))
     calls = (_call(library, "goToBall", ball, _OPEN_HEADING), _call(library, "dribbleBall", goal))
     return world, TopChain(calls)
 
@@ -53,12 +52,19 @@ def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
     return world, TopChain(calls)
 
 
+def drive(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+    """Draw a place to pass on the way to a pose, without a ball: every robot can drive there."""
+    way = random_pose(robot, rng)
+    goal = pose_within(robot, rng, way, SHORTEST, farthest(robot, _OF_TWO))
+    start = pose_within(robot, rng, way, SHORTEST, farthest(robot, _OF_TWO))
+    calls = (_call(library, "goToPose", way, _OPEN_HEADING), _call(library, "goToPose", goal))
+    return World(0.0, RobotState(start)), TopChain(calls)
+
+
 def _start(robot: Robot, rng: np.random.Generator) -> tuple[Pose, World]:
     """Draw a ball, and a robot at rest that does not touch it."""
     ball = random_pose(robot, rng)
-    start = random_pose(robot, rng)
-    while start.distance(ball) < ball_clearance(robot):
-        start = random_pose(robot, rng)
+    start = pose_within(robot, rng, ball, ball_clearance(robot), farthest(robot, _OF_TWO))
     return ball, World(0.0, RobotState(start), {BALL: ObjectState(ball.x, ball.y)})
 
 
@@ -66,4 +72,4 @@ def _call(library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = fr
     return TopCall(library[top], Goal(pose, 0.0, library[top].point), opened)
 
 
-CHAINS: Mapping[str, ChainSampler] = MappingProxyType({"dribble": dribble, "shoot": shoot})
+CHAINS: Mapping[str, ChainSampler] = MappingProxyType({"dribble": dribble, "drive": drive, "shoot": shoot})

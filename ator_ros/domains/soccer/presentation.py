@@ -31,7 +31,7 @@ def field_lines(robot: Robot) -> Sequence[Line]:
 
 
 def paper_figures(robot: Robot, models: Models, library: TopLibrary) -> Sequence[Captioned]:
-    """Return the paper's figures 4 and 6 for learned models."""
+    """Return the paper's figures 4 and 6 for learned models; without a holder, Figure 4 to a pose."""
     from ator_ros.domains.soccer.figures.figure4 import (
         figure4,  # nodes, which know soccer, need no matplotlib
     )
@@ -39,23 +39,28 @@ def paper_figures(robot: Robot, models: Models, library: TopLibrary) -> Sequence
 
     go_to_pose = models["goToPose"]
     assert isinstance(go_to_pose, PerformanceModel)
-    return (
-        (
-            figure4(go_to_pose),
-            "Figure 4: predicted time of goToPose against the angle at the destination, 2 m straight ahead.",
-        ),
-        (
-            figure6(robot, models, library),
-            "Figure 6: the subgoal from the sum of the models. Orange: fastest alone; blue: together.",
-        ),
+    alone = (
+        figure4(go_to_pose, hold=robot.holder is not None),
+        "Figure 4: predicted time of goToPose against the angle at the destination, 2 m straight ahead.",
     )
+    if robot.holder is None:
+        return (alone,)
+    together = (
+        figure6(robot, models, library),
+        "Figure 6: the subgoal from the sum of the models. Orange: fastest alone; blue: together.",
+    )
+    return alone, together
 
 
 PRESENTATION = Presentation(
     draw=draw_field,
     lines=field_lines,
     place="ball",
-    chains={"dribble": "go to the ball, dribble it to a pose", "shoot": "go to the ball, dribble it, shoot"},
+    chains={
+        "dribble": "go to the ball, dribble it to a pose",
+        "drive": "go to a place, go on to a pose",
+        "shoot": "go to the ball, dribble it, shoot",
+    },
     policies={"face_goal": "ball between robot and goal, as most teams approach"},
     published={"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"},
     table1=(

@@ -11,12 +11,20 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import BALL, objects_of
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
-from ator_ros.domains.soccer.thresholds import ball_clearance, greatest_arrival, line_margins
+from ator_ros.domains.soccer.thresholds import (
+    ball_clearance,
+    farthest,
+    greatest_arrival,
+    line_margins,
+    steady_rate,
+)
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState
 
 SHORTEST = 0.5  # m between start and goal
+ALONE = 0.6
+"""Share of the time limit that the straight way of an action may take at full speed: turns need the rest."""
 SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line when a shot starts
 
 
@@ -26,6 +34,14 @@ def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     half_length, half_width = area.length / 2 - at_end, area.width / 2 - at_side
     x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
     return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+
+
+def pose_within(robot: Robot, rng: np.random.Generator, of: Pose, low: float, high: float) -> Pose:
+    """Draw a pose whose distance from another is `low` to `high` (m)."""
+    pose = random_pose(robot, rng)
+    while not low <= pose.distance(of) <= high:
+        pose = random_pose(robot, rng)
+    return pose
 
 
 def _share(rng: np.random.Generator, share: float) -> bool:
@@ -45,16 +61,13 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     """
     with_ball = _share(rng, 0.75) and robot.holder is not None
     goal = random_pose(robot, rng)
-    start = random_pose(robot, rng)
-    while start.distance(goal) < (ball_clearance(robot) if with_ball else SHORTEST):
-        start = random_pose(robot, rng)
+    nearest = ball_clearance(robot) if with_ball else SHORTEST
+    start = pose_within(robot, rng, goal, nearest, farthest(robot, ALONE))
     state = RobotState(start)
     if _share(rng, 1.0 / 7.0):
-        state = RobotState(
-            start,
-            float(rng.uniform(-0.3, 0.8) * robot.limits.v),
-            float(rng.uniform(-0.5, 0.5) * robot.limits.w),
-        )
+        v = float(rng.uniform(-0.3, 0.8) * robot.limits.v)
+        w = float(rng.uniform(-0.5, 0.5) * robot.limits.w)
+        state = RobotState(start, v, steady_rate(w, v))
     if not with_ball:
         return Situation("goToPose", state, {}, Goal(goal, 0.0, Point.AXLE))
     arrival = Goal(goal, _speed(robot, rng, 0.5), Point.HOLD)
@@ -72,9 +85,7 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed."""
     robot.holder_for("dribbleBall")
     goal = random_pose(robot, rng)
-    ball = random_pose(robot, rng)
-    while ball.distance(goal) < SHORTEST:
-        ball = random_pose(robot, rng)
+    ball = pose_within(robot, rng, goal, SHORTEST, farthest(robot, ALONE, with_ball=True))
     state, rolling = _holding(robot, robot.pose_holding(ball), _speed(robot, rng, 0.5))
     arrival = Goal(goal, _speed(robot, rng, 0.3), Point.HOLD)
     return Situation("dribbleBall", state, objects_of(rolling), arrival)

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.ranges import ARRIVAL_SPEED
-from ator_ros.robot.description import Robot
+from ator_ros.robot.description import Limits, Robot
+from ator_ros.simulation.run import TIME_LIMIT
 
 _BODY_ROOM = 0.1  # m between a robot and what it must not touch
 _LEAST_END_MARGIN = 0.9
 _LEAST_SIDE_MARGIN = 0.4
 _LEAST_CLEARANCE = 0.6
+# Centripetal acceleration in m/s^2 beyond which wheels may slide: rubber on a hard floor holds some 0.6 g, of
+# which a base that two driven wheels and a caster carry has about 0.7.
+_GRIP = 4.0
+_LEAST_DISTANCE = 1.5  # m, so that there are goals to draw
 
 
 def approach_run(robot: Robot) -> float:
@@ -45,6 +53,26 @@ def line_margins(robot: Robot) -> tuple[float, float]:
     room = robot.reach + _BODY_ROOM
     with_ball = robot.hold + (robot.holder.radius if robot.holder else 0.0)
     return max(_LEAST_END_MARGIN, room + with_ball), max(_LEAST_SIDE_MARGIN, robot.half_width + _BODY_ROOM)
+
+
+def steady_rate(w: float, v: float) -> float:
+    """Return the turn rate `w` (rad/s), or at `v` (m/s) the greatest one without sliding, if that is less."""
+    return math.copysign(min(abs(w), _GRIP / max(abs(v), 1e-3)), w)
+
+
+def gripping(limits: Limits) -> Limits:
+    """Return the limits with a turn rate at which wheels don't slide, whatever the speed."""
+    return dataclasses.replace(limits, w=steady_rate(limits.w, limits.v))
+
+
+def farthest(robot: Robot, share: float, *, with_ball: bool = False) -> float:
+    """Return the distance in m that a robot at full speed drives in a share of the time that a run may take.
+
+    The samplers draw no goal beyond it: a slow robot would not get there in time.
+    """
+    holds = with_ball and robot.holder is not None
+    speed = min(robot.limits.v, robot.holder.limits.v if holds and robot.holder else robot.limits.v)
+    return max(_LEAST_DISTANCE, share * TIME_LIMIT * speed)
 
 
 def greatest_arrival(robot: Robot) -> float:

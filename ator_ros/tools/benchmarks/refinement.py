@@ -25,9 +25,9 @@ LIMITS_MS = {"2 steps, heading": 1.0, "3 steps, two headings": 5.0}
 CASES: dict[str, tuple[int, Callable[[Trial], Any]]] = {
     "2 steps, heading": (0, lambda trial: trial.chain),
     "2 steps, heading and speed": (0, lambda trial: open_speeds(trial.chain)),
-    "3 steps, two headings": (1, lambda trial: trial.chain),
-    "3 steps, two headings and speeds": (1, lambda trial: open_speeds(trial.chain)),
-    "3 steps, place, headings and speeds": (1, lambda trial: open_places(trial.chain)),
+    "3 steps, two headings": (2, lambda trial: trial.chain),
+    "3 steps, two headings and speeds": (2, lambda trial: open_speeds(trial.chain)),
+    "3 steps, place, headings and speeds": (2, lambda trial: open_places(trial.chain)),
 }
 """By name: the number of the default domain's chain, and what is left open in it."""
 LENGTHS = (2, 4, 8, 16, 32)

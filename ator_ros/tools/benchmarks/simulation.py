@@ -6,10 +6,9 @@ import itertools
 import time
 from collections.abc import Callable
 
-import pybullet as p
-
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
+from ator_ros.simulation import physics as p
 from ator_ros.simulation.simulation import CONTROL_RATE, RAMPS_PER_TICK, Simulation
 from ator_ros.world.state import Command
 

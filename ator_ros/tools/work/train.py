@@ -13,9 +13,9 @@ from typing import Any
 import pandas as pd
 
 from ator_ros.domains.domain import Domain, installed_domains
+from ator_ros.experience.columns import FARTHEST
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
-from ator_ros.experience.validation import FARTHEST
 from ator_ros.files import portable_command, reserved, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES

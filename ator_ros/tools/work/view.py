@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import signal
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from ator_ros.domains.domain import Domain, DomainError, find_domain
@@ -20,8 +19,8 @@ from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.tools.guard import write_plainly
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
+from ator_ros.tools.work.until_stopped import until_stopped
 from ator_ros.viewing.desk import Desk
 from ator_ros.viewing.stage import NO_STAGES, StageError
 from ator_ros.viewing.worst import worst_trials
@@ -41,40 +40,21 @@ _EXPECTED = (
 
 def run(options: argparse.Namespace, words: Sequence[str] = ()) -> int:
     """Do what the command line asks for until Ctrl-C or SIGTERM; return the exit code."""
-    write_plainly()
-    stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: stopped.append(received))
-    try:
-        _serve(options, words, lambda: bool(stopped))
-    except ImportError as error:
-        print(f"view: {error}: docs/install.md says how to install it", file=sys.stderr)
-        return 1
-    except _Stopped:
-        return 0
-    except _EXPECTED as error:
-        print(f"view: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return until_stopped("view", partial(_serve, options, words), _EXPECTED)
 
 
-class _Stopped(Exception):  # noqa: N818 (no error)
-    """The user has ended the view."""
-
-
-def _serve(options: argparse.Namespace, words: Sequence[str], stopped: Callable[[], bool]) -> None:
+def _serve(options: argparse.Namespace, words: Sequence[str], not_stopped: Callable[[], None]) -> None:
     from ator_ros.nodes.live_stage import LiveStage
     from ator_ros.nodes.spun_node import SpunNode
     from ator_ros.page.page import Page
 
     domain = find_domain(options.domain)
     robot = domain.robot(options.robot or None)
-    runs = worst_trials(options.evaluation, domain, robot) if options.evaluation else ()
+    runs = worst_trials(options.shown, domain, robot) if options.shown else ()
     with _nodes(options) as (number, check):
 
         def going_on() -> None:
-            if stopped():
-                raise _Stopped
+            not_stopped()
             check()
 
         with contextlib.ExitStack() as closing:
@@ -92,6 +72,8 @@ def _serve(options: argparse.Namespace, words: Sequence[str], stopped: Callable[
                 stage.ready(simulated=not options.attach)
             libraries = {name: domain.library(robot, name) for name in domain.action_sets}
             desk = Desk(next(iter(stages.values())), domain, libraries)
+            if options.attach:
+                desk.control(desk.stage)  # robots that run are not moved by being looked at
             page = Page(
                 desk,
                 robot,

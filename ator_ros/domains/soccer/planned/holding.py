@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
@@ -25,7 +26,15 @@ _RUN_UP_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
 _RUN_UP_GAINS = (*(step / 16 for step in range(15)), _MOST_GAINED)
 _RUN_UP_RATES = tuple(1.0 - 0.02 * step for step in range(40))
 _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
+_LARGEST_TURN = math.radians(300.0)
 _DIGITS = 6  # of m/s and m/s^2: the same ways to drive have the same numbers, by which tables are kept
+
+
+def held_limits(robot: Robot, what: str) -> Limits:
+    """Return the limits for `what` with a ball, which rolls away from a robot that brakes harder."""
+    limits = robot.holder_for(what).limits
+    rolling = robot.scene.objects[BALL].rolling_deceleration
+    return dataclasses.replace(limits, brake=min(limits.brake, max(rolling - MARGIN, 0.5 * rolling)))
 
 
 def push(robot: Robot, v: float, w: float, acceleration: float) -> float:
@@ -62,7 +71,7 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
             lead = _straight(limits, speed, v)
             for change in _shares(_ENTRY_GAINS, _gain(robot)):
                 turn = TurnDriving(v, change, rate * limits.w)
-                if push(robot, v, turn.turn_rate, change) >= MARGIN:
+                if _keeps(robot, turn, limits.v):
                     sides.append(Side(lead, speed, turn))
     return tuple(sides)
 
@@ -75,7 +84,7 @@ def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]
         lead = _straight(limits, speed, v)
         for change in _shares(_RUN_UP_GAINS, _gain(robot)):
             turns = (TurnDriving(v, change, rate * limits.w) for rate in _RUN_UP_RATES)
-            kept = (turn for turn in turns if push(robot, v, turn.turn_rate, change) >= MARGIN)
+            kept = (turn for turn in turns if _keeps(robot, turn, limits.v))
             sides += [Side(lead, speed, turn) for turn in itertools.islice(kept, 1)]
     return tuple(sides)
 
@@ -104,6 +113,13 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
                 if push(robot, v, turn.turn_rate, -change) >= MARGIN:
                     sides.append(Side(run, speed, turn))
     return tuple(sides)
+
+
+def _keeps(robot: Robot, turn: TurnDriving, fastest: float) -> bool:
+    """Return whether a turn keeps the ball, also at the speed `fastest` (m/s), where it gains no more."""
+    v, gain, w = turn.speed, turn.acceleration, turn.turn_rate
+    lasts = v + gain * _LARGEST_TURN / w < fastest
+    return push(robot, v, w, gain) >= MARGIN and (lasts or push(robot, fastest, w, 0.0) >= MARGIN)
 
 
 def _gain(robot: Robot) -> float:

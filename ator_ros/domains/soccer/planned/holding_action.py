@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ator_ros.actions.base import ActionError, Goal
 from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.planned.holding import held_limits
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.thresholds import lost_beyond
 from ator_ros.robot.description import Robot
@@ -14,7 +15,7 @@ class HoldingAction(PlannedAction):
     """A planned action with the ball in front, within the robot's limits for dribbling."""
 
     def __init__(self, robot: Robot) -> None:
-        super().__init__(robot, robot.holder_for(self.name).limits)
+        super().__init__(robot, held_limits(robot, self.name))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""

@@ -10,6 +10,7 @@ from typing import ClassVar
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.planned.pause import Pause
 from ator_ros.domains.soccer.planned.tracker import Tracker
+from ator_ros.domains.soccer.thresholds import gripping
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.opening import opening_of
@@ -20,6 +21,8 @@ from ator_ros.world.state import Command, World
 
 # Share of the base's limits that plans use; the rest is for feedback.
 PLAN_SHARE = 0.97
+# Motors that lag more than this, in s, need more for feedback; never more than half.
+_USUAL_LAG, _LEAST_SHARE = 0.08, 0.5
 POSITION_TOLERANCE = 0.05
 HEADING_TOLERANCE = 0.1
 _REPLANS = 20
@@ -41,7 +44,8 @@ class PlannedAction(Action):
     def __init__(self, robot: Robot, limits: Limits) -> None:
         super().__init__(robot)
         self.limits = limits
-        self.plan_limits = limits.within(robot.limits.scaled(PLAN_SHARE))
+        share = PLAN_SHARE - max(0.0, robot.motor_time_constant - _USUAL_LAG)
+        self.plan_limits = gripping(limits.within(robot.limits.scaled(max(share, _LEAST_SHARE))))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""

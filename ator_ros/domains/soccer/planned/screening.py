@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.compiled import COMPILES
+from ator_ros.compiled import compiles
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import wall_distances
@@ -65,7 +65,7 @@ def look_points(duration: float) -> int:
 def screening_points(durations: FloatArray) -> int:
     """Return the cost of screening manoeuvres of some `durations` (s), shape (n,)."""
     points = 4.0 + 0.2 * len(durations) + 0.02 * float(durations.sum())
-    return int(points if COMPILES else 8.0 * points)
+    return int(points if compiles() else 8.0 * points)
 
 
 def screened(
@@ -85,7 +85,7 @@ def screened(
     ndarray of int8, shape (n,)
         A `Verdict` each.
     """
-    if COMPILES:
+    if compiles():
         return judge(
             *_scalars(bundle), *_surroundings(obstacles, robot), np.ascontiguousarray(longest), forward_only
         )
@@ -94,7 +94,7 @@ def screened(
 
 def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
     """Return which closed manoeuvres certainly touch an obstacle; see `clearance.is_clear`."""
-    if COMPILES:
+    if compiles():
         return touch(*_scalars(bundle), *_surroundings(obstacles, robot))
     return touching_at_once(bundle, obstacles, robot)
 

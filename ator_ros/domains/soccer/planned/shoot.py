@@ -81,7 +81,11 @@ class Shoot(HoldingAction):
             return super().step(world)
         over = world.time - self._released > _PATIENCE or ball is None or ball.rests
         if over:
-            return finished(Status.FAILED, "the ball stopped before the goal")
+            why = "the ball stopped before the goal"
+            if self.check(world) is not None:
+                return finished(Status.FAILED, why)
+            self._released = None  # so short a push has left it in front
+            return self.replan(world, why)
         return finished(Status.RUNNING, "the ball is rolling")
 
     def arrive(self, world: World) -> Step:

@@ -54,6 +54,9 @@ class Tracker:
     GAIN_ACROSS = 12.0
     ACROSS_BANDWIDTH = 6.0
     SLOW = 0.1
+    # These gains swing a robot that turns less briskly, or whose motors lag more: its loop has to be slower.
+    BRISK_TURNING = 4.0  # rad/s^2
+    BRISK_LAG = 0.14  # s
 
     def __init__(
         self,
@@ -71,6 +74,8 @@ class Tracker:
         self._waits = waits and still and trajectory.duration > _SHORT
         # A command is reached after a period's ramp, most of which it is late, and the motors lag behind.
         self._preview = 0.8 * CONTROL_PERIOD + robot.motor_time_constant
+        weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
+        self._pace = min(1.0, weak, self.BRISK_LAG / self._preview)
 
     def wait_for_start(self, world: World) -> None:
         """Start the plan's time when a robot at rest starts: after long planning its command is late."""
@@ -121,11 +126,12 @@ class Tracker:
         error = self.deviation(world)
         ahead = self.trajectory.at(self.elapsed(world) + self._preview)
         v = ahead.v * math.cos(error.heading) + self.GAIN_ALONG * error.along
-        w = ahead.w + self._across(ahead.v) * error.across + self.GAIN_HEADING * math.sin(error.heading)
+        turning = self._pace * self.GAIN_HEADING * math.sin(error.heading)
+        w = ahead.w + self._across(ahead.v) * error.across + turning
         bound = self._limits
         return Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
 
     def _across(self, v: float) -> float:
         speed = max(abs(v), self.SLOW)
-        gain = min(self.GAIN_ACROSS, self.ACROSS_BANDWIDTH / speed)
+        gain = self._pace * self._pace * min(self.GAIN_ACROSS, self.ACROSS_BANDWIDTH / speed)
         return math.copysign(gain, v) * min(1.0, abs(v) / self.SLOW)

@@ -1,0 +1,46 @@
+"""A page with an empty scene: floor, lines, bays, and the camera of a new client."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import math
+
+import viser
+
+from ator_ros.domains.domain import Domain
+from ator_ros.page.drawing import Canvas
+from ator_ros.robot.description import Robot
+from ator_ros.viewing.surroundings import surroundings
+
+LOOPBACK = "127.0.0.1"
+_CAMERA_HEIGHT = 0.85
+"""Height of the camera as a share of the area's length."""
+_FLOOR = (72, 122, 84)
+
+
+def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
+    """Return where a new client's camera is and looks at (m), and its vertical field of view (rad)."""
+    area = robot.scene.area
+    look_at = (0.0, -0.05 * area.width, 0.0)
+    return (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length), look_at, math.radians(50.0)
+
+
+def served(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080) -> viser.ViserServer:
+    """Serve a page on one port; by default only this machine can reach it."""
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that goes away is no error
+    with contextlib.redirect_stdout(io.StringIO()):  # viser tells its address in a frame
+        server = viser.ViserServer(host=host, port=port, label="ator_ros", verbose=False)
+    area, (position, look_at, fov) = robot.scene.area, camera_over(robot)
+    server.scene.set_up_direction("+z")
+    server.gui.configure_theme(show_logo=False, show_share_button=False)
+    server.gui.main_panel.dock_right()
+    camera = server.initial_camera
+    camera.position, camera.look_at, camera.fov = position, look_at, fov
+    size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
+    server.scene.add_box(
+        "/floor", color=_FLOOR, dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
+    )
+    Canvas(server, "/surroundings", 0.02).draw(surroundings(domain, robot))
+    return server

@@ -1,0 +1,49 @@
+"""Run something that goes on until Ctrl-C or SIGTERM."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+
+from ator_ros.tools.guard import write_plainly
+
+
+class _Stopped(Exception):  # noqa: N818 (no error)
+    """The user has ended it."""
+
+
+def until_stopped(
+    program: str, serve: Callable[[Callable[[], None]], None], expected: tuple[type[Exception], ...]
+) -> int:
+    """Run until Ctrl-C or SIGTERM, which is its usual end; return the exit code.
+
+    Parameters
+    ----------
+    program : str
+        Its name, for messages.
+    serve : callable
+        What runs. It gets a function that it calls again and again, and which ends it by an exception.
+    expected : tuple of type
+        Errors that are told in one line.
+    """
+    write_plainly()
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _: stopped.append(received))
+
+    def going_on() -> None:
+        if stopped:
+            raise _Stopped
+
+    try:
+        serve(going_on)
+    except ImportError as error:
+        print(f"{program}: {error}: docs/install.md says how to install it", file=sys.stderr)
+        return 1
+    except _Stopped:
+        return 0
+    except expected as error:
+        print(f"{program}: {error}", file=sys.stderr)
+        return 1
+    return 0

@@ -1,0 +1,140 @@
+"""Reads what a view plays of a recording: odometry, objects, and the executor's records."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ator_ros.domains.domain import Domain
+from ator_ros.experience.bag_reading import RecordingError, messages
+from ator_ros.experience.records import finite, pose_of
+from ator_ros.experience.streams import Streams, Stretches, Track, kind_of, time_of
+from ator_ros.printable import printable
+from ator_ros.viewing.recorded import RecordedChain, chain_of_actions, chain_of_record
+from ator_ros.viewing.recording import RecordedRobot
+
+_ODOM, _ACTIONS, _CHAINS = "odom", "performance/action", "performance/chain"
+_MOST_ROBOTS = 32
+_MISREAD = (AttributeError, TypeError, ValueError, OverflowError)
+"""What is raised where a topic has another type than ours, or a record numbers that are none."""
+
+
+@dataclass
+class _Heard:
+    """What was recorded of one robot, as it comes; records come with the stretch in which they were heard."""
+
+    stretches: Stretches = field(default_factory=Stretches)
+    chains: list[tuple[int, Any]] = field(default_factory=list)
+    actions: dict[str, list[tuple[int, Any]]] = field(default_factory=lambda: defaultdict(list))
+
+    def take(self, kind: str, message: Any) -> None:
+        """Take a message of a topic."""
+        number = len(self.stretches.all) - 1
+        if kind == _CHAINS:
+            self.chains.append((number, message))
+        elif kind == _ACTIONS:
+            self.actions[message.chain_id].append((number, message))
+        else:
+            self.stretches.take(kind, message)
+
+    def robot(self) -> tuple[RecordedRobot | None, int]:
+        """Return the robot, None where nothing tells where it was; and how many records were left out."""
+        chains: list[tuple[int, RecordedChain]] = []
+        left_out, odom = 0, bool(self.stretches.newest.odom)
+        seen = [{name for name, rows in each.objects.items() if rows} for each in self.stretches.all]
+        for number, actions, read in self._chains():
+            try:
+                chain = read()
+                place = self._placed(number, actions, seen[number] if odom else None)
+            except _MISREAD:
+                left_out += 1
+            else:
+                chains.append((place, chain))
+        tracks = [Track(streams) for streams in self.stretches.all if streams.odom]
+        return (RecordedRobot(tracks, chains) if tracks else None), left_out
+
+    def _chains(self) -> list[tuple[int, list[Any], Callable[[], RecordedChain]]]:
+        """Return stretch, actions and reader of each chain, those with records of actions only included."""
+        told = {record.chain_id for _, record in self.chains}
+        found: list[tuple[int, list[Any], Callable[[], RecordedChain]]] = [
+            (number, list(record.actions), partial(chain_of_record, record)) for number, record in self.chains
+        ]
+        for name, heard in self.actions.items():
+            if name not in told:
+                actions = [record for _, record in heard]
+                found.append((heard[-1][0], actions, partial(chain_of_actions, actions)))
+        return found
+
+    def _placed(self, number: int, actions: list[Any], seen: set[str] | None) -> int:
+        """Return the stretch of a chain; what was not recorded itself is taken from the chain's records.
+
+        Parameters
+        ----------
+        number : int
+            The stretch in which it was heard.
+        actions : list of ActionPerformance
+            Its actions.
+        seen : set of str or None
+            The objects that were recorded in that stretch; None where not even odometry was.
+        """
+        places = [situation for record in actions for situation in (record.start, record.end)]
+        stretches = self.stretches.all
+        if seen is None:
+            if places and stretches[-1].odom and not stretches[-1].goes_on_at(time_of(places[0])):
+                stretches.append(Streams())
+            number = len(stretches) - 1
+        for situation in places:
+            row = (time_of(situation), *pose_of(situation.robot), situation.v, situation.w)
+            if seen is None and finite(row):
+                stretches[number].odom.append(row)
+            for there in situation.objects:
+                at = (row[0], there.position.x, there.position.y)
+                if there.name not in (seen or ()) and finite(at):
+                    stretches[number].objects[there.name].append(at)
+        if not stretches[number].odom:
+            raise ValueError("expected where the robot was")
+        return number
+
+
+def read_robots(file: Path, domain: Domain) -> tuple[Mapping[str, RecordedRobot], int]:
+    """Read what a recording tells of each robot.
+
+    Parameters
+    ----------
+    file : Path
+        An .mcap file, or the folder that ``ros2 bag record`` made.
+    domain : Domain
+        Its objects have topics of their names.
+
+    Returns
+    -------
+    robots : mapping of str to RecordedRobot
+        By namespace, at least one.
+    left_out : int
+        Number of chains whose records make no sense.
+
+    Raises
+    ------
+    RecordingError
+        rosbags is not installed, or the recording is damaged, has other types on our topics, or none of them.
+    """
+    topics = (_CHAINS, _ACTIONS, _ODOM, *domain.objects)
+    heard: dict[str, _Heard] = defaultdict(_Heard)
+    for name, message in messages(file, lambda topic: bool(kind_of(topic, topics)), ()):
+        kind = kind_of(name, topics)
+        namespace = name[: -len(kind)].strip("/")
+        try:
+            heard[namespace].take(kind, message)
+        except _MISREAD as error:
+            told = f"{file}: {printable(name)}: expected the type of our topic {kind}: {printable(error)}"
+            raise RecordingError(told) from error
+    found = [(name, *each.robot()) for name, each in itertools.islice(sorted(heard.items()), _MOST_ROBOTS)]
+    robots = {name: robot for name, robot, _ in found if robot is not None}
+    if not robots:
+        raise RecordingError(f"{file}: expected one of the topics {_ODOM}, {_CHAINS} or {_ACTIONS} with data")
+    return robots, sum(left_out for *_, left_out in found)

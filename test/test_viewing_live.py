@@ -1,0 +1,146 @@
+"""A view of nodes that run already, or cease to: what it follows, and what it survives."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from in_process_stage import InProcessStage
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.geometry import Pose
+from ator_ros.viewing import panel
+from ator_ros.viewing.advice import Advice
+from ator_ros.viewing.desk import NAIVE, Desk
+from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.stage import AbsentError
+from ator_ros.world.state import ObjectState, RobotState, World
+
+ROBOT = SOCCER.robot()
+
+
+class RunningStage(InProcessStage):
+    """A robot that stands somewhere, beside the ball; its refinement may be `absent`."""
+
+    def __init__(self) -> None:
+        super().__init__(SOCCER, ROBOT)
+        self.absent = False
+        self.see(10.0, Pose(-1.0, 1.5, 0.5), (2.0, -0.5))
+
+    def see(self, time: float, pose: Pose, ball: tuple[float, float]) -> None:
+        self.state = World(time, RobotState(pose), {"ball": ObjectState(*ball)})
+
+    def refine(self, draft: Draft) -> Advice:
+        if self.absent:
+            raise AbsentError("expected the service refine_subgoal, it is not there")
+        return super().refine(draft)
+
+
+@pytest.fixture
+def stage() -> RunningStage:
+    return RunningStage()
+
+
+@pytest.fixture
+def desk(stage: RunningStage) -> Desk:
+    desk = Desk(stage, SOCCER, stage.libraries)
+    desk.control(stage)
+    desk.step()
+    return desk
+
+
+def test_a_robot_that_runs_is_followed_and_not_moved(desk: Desk, stage: RunningStage) -> None:
+    assert stage.calls == []
+    assert desk.draft.world.robot.pose == Pose(-1.0, 1.5, 0.5)
+    assert desk.draft.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
+    asked = len(stage.asked)
+    for number in range(1, 11):
+        stage.see(10.0 + 0.1 * number, Pose(-1.0 + 0.1 * number, 1.5, 0.5), (2.0, -0.5))
+        desk.step()
+    assert desk.draft.world.robot.pose.x == pytest.approx(0.0, abs=0.25)
+    assert 3 <= len(stage.asked) - asked <= 6  # not at each step
+    stage.see(12.0, stage.state.robot.pose._replace(yaw=1.5), (2.0, -0.5))
+    desk.step()
+    assert desk.draft.world.robot.pose.yaw == 1.5  # it turned on the spot
+    stage.state = dataclasses.replace(stage.state, time=13.0, objects={})
+    desk.step()
+    assert desk.draft.world.objects == {}
+
+
+def test_it_is_followed_until_something_is_moved_or_played(desk: Desk, stage: RunningStage) -> None:
+    desk.step([lambda: desk.move_object("ball", 1.0, 1.0)])
+    stage.see(20.0, Pose(0.0, 0.0, 0.0), (1.0, 1.0))
+    desk.step()
+    assert desk.draft.world.robot.pose == Pose(-1.0, 1.5, 0.5)
+    assert stage.calls == []
+
+    desk.control(stage)
+    desk.step()
+    assert desk.draft.world.robot.pose == Pose(0.0, 0.0, 0.0)
+    desk.play(NAIVE)
+    desk.step()
+    assert stage.executed
+    assert "place" not in stage.calls  # it begins where it is
+    desk.back()
+    desk.step()
+    assert "place" in stage.calls
+
+
+def test_refinement_that_comes_back_is_asked_again(desk: Desk, stage: RunningStage) -> None:
+    stage.absent = True
+    desk.step([lambda: desk.move_goal(1, Pose(0.5, 0.25, 1.0))])
+    assert desk.advice is None
+    assert "it is not there" in desk.problem
+    stage.absent = False
+    for _ in range(30):
+        desk.step()
+    assert desk.advice is not None
+    assert desk.problem == ""
+
+
+WISHES: dict[str, Callable[[Desk], object]] = {
+    "a step that is no more": lambda desk: desk.move_goal(7, Pose(0.0, 0.0, 0.0)),
+    "a variable of such a step": lambda desk: desk.open(7, "yaw", is_open=True),
+    "an unknown action set": lambda desk: desk.use_actions("chess"),
+    "an unknown chain": lambda desk: desk.situation(chain="chess"),
+    "a seed that is no number": lambda desk: desk.situation(seed=int(math.inf)),
+    "a seed that is nothing": lambda desk: desk.situation(seed=int(None)),  # type: ignore[arg-type]
+    "a negative seed": lambda desk: desk.situation(seed=-5),
+    "an unknown measure": lambda desk: desk.weigh("fun", 1.0),
+    "a weight that is no number": lambda desk: desk.weigh("duration", math.nan),
+}
+
+
+@pytest.mark.parametrize("wish", WISHES)
+def test_a_wish_that_makes_no_sense_is_told_and_the_view_goes_on(
+    desk: Desk, stage: RunningStage, wish: str
+) -> None:
+    desk.step([lambda: WISHES[wish](desk)])
+    assert desk.problem
+    desk.step([lambda: desk.situation(chain="dribble", seed=3)])
+    assert desk.advice is not None
+    assert desk.problem == ""
+
+
+def test_silence_is_told() -> None:
+    world = World(3.0, RobotState(Pose(0.0, 0.0, 0.0)))
+    assert panel.clock(world, paused=False, status="drives", silence=1.0) == "**3.00 s** · drives"
+    assert (
+        panel.clock(world, paused=False, status="drives", silence=7.3) == "**3.00 s** · no odometry for 7 s"
+    )
+    assert panel.clock(world, paused=True, status="waits", silence=7.3) == "**3.00 s** (paused) · waits"
+
+
+def test_a_pointer_that_meets_no_floor_moves_nothing() -> None:
+    pytest.importorskip("viser", reason="needs viser: docs/install.md")
+    from ator_ros.page.grips import on_floor
+
+    camera = np.array([0.0, 0.0, 2.0])
+    assert on_floor(camera, np.array([0.5, 0.0, 1.0]), 0.0) == pytest.approx((1.0, 0.0))
+    assert on_floor(camera, np.array([0.5, 0.0, 3.0]), 0.0) is None
+    assert on_floor(camera, np.array([0.5, math.nan, 1.0]), 0.0) is None
+    assert on_floor(camera, np.array([math.inf, 0.0, 1.0]), 0.0) is None
+    assert on_floor(np.full(3, math.nan), np.array([0.5, 0.0, 1.0]), 0.0) is None
