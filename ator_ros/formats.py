@@ -1,4 +1,4 @@
-"""Formats of files: name and version, as files state them."""
+"""Formats of files: name and version, as every file of ours states them first."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from ator_ros.printable import short
 from ator_ros.schema import SchemaError
 
 Data = dict[str, Any]
+_NAME, _VERSION = "format", "schema_version"
 
 
 @dataclass(frozen=True)
@@ -25,25 +26,18 @@ class Format:
         The version that is written; versions 1 to `version` are read.
     kind : str
         What the file is, for the message about another file.
-    name_key, version_key : str
-        Keys of both in a file; older files keep their own keys.
     upgrades : mapping of int to callable
         Turns the data of a version into those of the next one.
-    unversioned : bool
-        Whether files without these fields are read as version 1: those from before they had them.
     """
 
     name: str
     version: int
     kind: str
-    name_key: str = "format"
-    version_key: str = "schema_version"
     upgrades: Mapping[int, Callable[[Data], Data]] = field(default_factory=dict)
-    unversioned: bool = False
 
     def head(self) -> Data:
         """Return the first fields of a file."""
-        return {self.name_key: self.name, self.version_key: self.version}
+        return {_NAME: self.name, _VERSION: self.version}
 
     def text(self, data: Mapping[str, Any]) -> str:
         """Return a JSON file with these data."""
@@ -55,18 +49,27 @@ class Format:
         Raises
         ------
         SchemaError
-            It is a file of another format, or newer than this program.
+            It is a file of another format, of a time before the files had this head, or newer than this
+            program.
         """
-        if self.unversioned and isinstance(data, dict):
-            data = {self.name_key: self.name, self.version_key: 1, **data}
-        if not isinstance(data, dict) or data.get(self.name_key) != self.name:
-            raise SchemaError(f"{self.name_key}: expected {self.name!r}: this is no {self.kind} of ator_ros")
-        version = data.get(self.version_key)
+        if not isinstance(data, dict) or data.get(_NAME) != self.name:
+            raise SchemaError(f"{_NAME}: expected {self.name!r}: {self._what_came(data)}")
+        version = data.get(_VERSION)
         if type(version) is not int or not 1 <= version <= self.version:
             raise SchemaError(
-                f"{self.version_key}: expected 1 to {self.version}, got {short(version)}; "
+                f"{_VERSION}: expected 1 to {self.version}, got {short(version)}; "
                 "a newer one needs a newer ator_ros"
             )
         for number in range(version, self.version):
             data = self.upgrades[number](data)
         return data
+
+    def _what_came(self, data: object) -> str:
+        """Describe data of another format."""
+        if isinstance(data, dict) and _NAME not in data and "schema" in data:
+            return f"a former ator_ros wrote this {self.kind}; make it anew"
+        return f"this is no {self.kind} of ator_ros"
+
+    def content(self, data: object) -> Data:
+        """Return what `current` does, without the first fields."""
+        return {name: value for name, value in self.current(data).items() if name not in self.head()}

@@ -7,12 +7,21 @@ from collections.abc import Callable
 import pytest
 from carried import CALL, ROBOT, Ledger, Sent, begun
 
-from ator_ros.actions.base import Status
+from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
+from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides, release_sides, run_up_sides
+from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.driving import Driving
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.geometry import Pose
-from ator_ros.tops.chain import TopChain
-from ator_ros.world.state import STOP, RobotState, World
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.conditions import Condition
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.top import Top
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 
 def succeed(ledger: Ledger, goal: Sent) -> None:
@@ -137,3 +146,65 @@ def test_motion_without_commands_is_accused_where_we_send_them() -> None:
         driving.sent(moved.time, STOP)
         x += 0.05 if tick >= 5 else 0.0
     assert goal.execution.ending is Ending.BASE_FAULT
+
+
+def test_an_action_is_set_up_once_before_its_first_start() -> None:
+    log: list[str] = []
+
+    class Noting(Action):
+        name = "carried"
+
+        def setup(self) -> None:
+            log.append("setup")
+
+        def start(self, world: World, goal: Goal) -> None:
+            log.append("start")
+
+        def step(self, world: World) -> Step:
+            return finished(Status.SUCCEEDED, "done")
+
+        def end(self, reason: str) -> None:
+            log.append("end")
+
+    top = Top("note", "carried", Condition(), Condition())
+    library = TopLibrary(ROBOT, "default", tops=[top], actions={"carried": Noting})
+    call = TopCall(top, Goal(Pose(0.0, 0.0, 0.0)))
+    executor = ChainExecutor(library, TopChain((call, call)))
+    for tick in range(2):
+        executor.step(World(0.05 * tick, RobotState(Pose(0.0, 0.0, 0.0))))
+    assert log == ["setup", "start", "end", "start", "end"]
+
+
+def test_an_action_that_cannot_be_set_up_fails_its_step() -> None:
+    class Broken(Action):
+        name = "carried"
+
+        def setup(self) -> None:
+            raise ActionError("expected a table, found none")
+
+        def start(self, world: World, goal: Goal) -> None: ...
+
+        def step(self, world: World) -> Step:
+            raise AssertionError("it has not started")
+
+    top = Top("note", "carried", Condition(), Condition())
+    library = TopLibrary(ROBOT, "default", tops=[top], actions={"carried": Broken})
+    executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0.0, 0.0, 0.0))),)))
+    step = executor.step(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))))
+    assert (step.status, step.message) == (Status.FAILED, "expected a table, found none")
+
+
+@pytest.mark.parametrize("name", ["goToPose", "dribbleBall", "shoot"])
+def test_the_first_search_from_rest_finds_its_tables_ready(name: str) -> None:
+    action = SOCCER.actions()[name].factory(ROBOT)
+    action.setup()
+    caches = (free_sides, run_sides, entry_sides, exit_sides, run_up_sides, release_sides)
+    before = [cache.cache_info().misses for cache in caches]
+    assert sum(cache.cache_info().currsize for cache in caches) > 0
+    ball = ROBOT.hold_point(Pose(0.0, 0.0, 0.0))
+    objects = {} if name == "goToPose" else {BALL: ObjectState(ball.x, ball.y)}
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), objects)
+    mouth = Pose(*field_of(ROBOT).goal_centre(), 0.0)
+    action.start(world, Goal(mouth if name == "shoot" else Pose(1.0, 0.5, 0.0), 0.0, Point.HOLD))
+    action.end("planned")
+    assert [cache.cache_info().misses for cache in caches] == before

@@ -10,13 +10,15 @@ import pytest
 from ator_ros.actions.base import Goal, Point
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import behind_line, field_of, is_in_goal
 from ator_ros.domains.soccer.planned.release import release, release_poses, scoring_time
 from ator_ros.domains.soccer.planned.shoot import Shoot
+from ator_ros.domains.soccer.tops import SHOOT
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import load_robot
+from ator_ros.tops.outcome import unmet
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -126,3 +128,22 @@ def test_the_places_to_release_at_full_speed_are_allowed() -> None:
     assert len(poses) > 10
     assert found.allowed.all()
     assert found.distance == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_ball_is_in_the_goal_where_the_post_condition_of_shoot_says_so(side: int) -> None:
+    field, robot = field_of(ROBOT), RobotState(Pose(0.0, 0.0, 0.0))
+    mouth = Pose(*field.goal_centre(side), 0.0)
+    inside = 0
+    for deep in np.linspace(-0.5, field.goal_depth, 23):
+        for y in np.linspace(-1.5, 1.5, 31):
+            ball = ObjectState(mouth.x + side * deep, float(y))
+            assert behind_line(ball, mouth) == pytest.approx(deep)
+            scored = not unmet(SHOOT, World(0.0, robot, {BALL: ball}), Goal(mouth), ROBOT)
+            on_an_edge = abs(deep) < 1e-9 or abs(abs(y) - field.goal_width / 2) < 1e-9
+            assert on_an_edge or is_in_goal(ball, mouth, field, 0.0) == scored
+            inside += scored
+    assert inside > 100
+    almost = ObjectState(mouth.x + side * 0.1, 0.0)
+    assert is_in_goal(almost, mouth, field, 0.09)
+    assert not is_in_goal(almost, mouth, field, 0.11)

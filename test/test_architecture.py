@@ -130,6 +130,7 @@ SAID = {
     "nodes/placing.py": ("PlaceBall",),
     "nodes/simulation.py": ("PlaceBall",),  # an interface whose name is in use
     "robot/description.py": ('"pioneer.yaml"',),  # the default description
+    "examples/refine_and_execute.py": ("goToBall", "dribbleBall", '"ball"'),
     "evaluation/heuristics.py": ("RoboCup teams", "Booster's RoboCup demo"),  # where these models come from
     "robot/former_names.py": None,  # names in files, and in digests, that exist
 }

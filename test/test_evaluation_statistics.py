@@ -180,7 +180,7 @@ def test_result_is_written_and_read(tmp_path: Path) -> None:
     assert to_records(data["runs"], 3) == RECORDS
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": "ator_ros/gate"}'])
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": "ator_ros gate"}'])
 def test_other_files_are_no_result(text: str, tmp_path: Path) -> None:
     path = tmp_path / "evaluation.json"
     path.write_text(text)

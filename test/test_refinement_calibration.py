@@ -186,8 +186,8 @@ def test_file_gives_back_the_same(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema": "other"}, "schema: expected"),
-        ({"version": 2}, "version: expected 1 to 1, got 2"),
+        ({"format": "other"}, "format: expected"),
+        ({"schema_version": 2}, "schema_version: expected 1 to 1, got 2"),
         ({"shortfalls": []}, r"shortfalls: expected a table; got \[\]"),
         ({"shortfalls": {"../x": {}}}, "expected names of actions"),
         ({"shortfalls": {"goToPose": 1}}, "goToPose: expected a table with constant, .*slopes; got 1"),

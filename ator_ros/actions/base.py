@@ -81,9 +81,10 @@ class ActionError(ValueError):
 
 
 class Action(ABC):
-    """A control program: configured once, started with a goal, stepped once per control tick, ended once.
+    """A control program: set up, started with a goal, stepped once per control tick, ended once.
 
-    A black box to everything else: performance is learned only by observing it. Each start is a new instance.
+    A black box to everything else: performance is learned only by observing it. Each start is a new instance;
+    what `setup` prepares is for all of them.
     Another instance may start with a new goal of the same step before this one ends.
 
     Parameters
@@ -101,6 +102,18 @@ class Action(ABC):
     def planning(self) -> bool:
         """Whether the robot stands, or brakes, since the way is not planned yet."""
         return False
+
+    def setup(self) -> None:  # noqa: B027
+        """Prepare what all actions of this class need for this robot, so that the first tick is no slower.
+
+        Called on the first instance that a TOP library makes, which a node does at its start-up, and before
+        each run of an action alone. So it may be called again: keep tables in a cache of the module.
+
+        Raises
+        ------
+        ActionError
+            The action cannot be executed by this robot.
+        """
 
     def defer_planning(self, time: float) -> None:  # noqa: B027
         """Plan nothing in the tick at `time` (s), in which another search has taken its slice."""

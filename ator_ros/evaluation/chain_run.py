@@ -110,9 +110,32 @@ def run_chain(
     records : list, optional
         Gets the records of the actions that ended.
     """
-    foresight = Foresight(robot, latency)
     executor = ChainExecutor(library, chain, time_limit=time_limit, fetches=fetches)
+    steered = _steering(executor, Foresight(robot, latency))
     worlds: list[World] = []
+    with Simulation(robot, wheels=wheels) as simulation:
+        place(simulation, start)
+        ticks = round(time_limit * CONTROL_RATE) + 1
+        done = run(simulation, steered, ticks=ticks, watch=worlds.append, observe=observe)
+        status = Status.RUNNING if done is None else done.status
+        message = f"not done after {time_limit:g} s" if done is None else done.message
+        ended, ended_actions, last = simulation.time, tuple(executor.records), chain.calls[-1]
+        executor.break_off(simulation.world(), message)
+        judgement = judge(simulation, last.top, last.goal, status, message, drifts=observe is not None)
+    if records is not None:
+        records += ended_actions
+    return ChainRun(
+        ended if judgement.success else time_limit,
+        judgement.success,
+        judgement.reason,
+        tuple(record.duration for record in ended_actions),
+        judgement.error if last.top.arrives else math.nan,
+        tuple(_place(world) for world in worlds[::TICKS_PER_POINT]) if keep_path else (),
+    )
+
+
+def _steering(executor: ChainExecutor, foresight: Foresight) -> Callable[[World], ChainStep]:
+    """Return what executes a tick of the chain for an observed state."""
 
     def steered(seen: World) -> ChainStep:
         step = executor.step(foresight.ahead(seen))
@@ -120,26 +143,7 @@ def run_chain(
             foresight.sent(seen.time, step.command)
         return step
 
-    with Simulation(robot, wheels=wheels) as simulation:
-        place(simulation, start)
-        ticks = round(time_limit * CONTROL_RATE) + 1
-        done = run(simulation, steered, ticks=ticks, watch=worlds.append, observe=observe)
-        status = Status.RUNNING if done is None else done.status
-        message = f"not done after {time_limit:g} s" if done is None else done.message
-        actions = tuple(record.duration for record in executor.records)
-        if records is not None:
-            records += executor.records
-        executor.break_off(simulation.world(), message)
-        ended, last = simulation.time, chain.calls[-1]
-        judgement = judge(simulation, last.top, last.goal, status, message, drifts=observe is not None)
-    return ChainRun(
-        ended if judgement.success else time_limit,
-        judgement.success,
-        judgement.reason,
-        actions,
-        judgement.error if last.top.arrives else math.nan,
-        tuple(_place(world) for world in worlds[::TICKS_PER_POINT]) if keep_path else (),
-    )
+    return steered
 
 
 def _place(world: World) -> tuple[float, float, float, float]:

@@ -27,7 +27,7 @@ from ator_ros.schema import SchemaError, structured
 from ator_ros.tops.top import Top
 
 _USED = frozenset({"x", "y", "yaw", "xg", "yg", "yawg", "hold"})
-FORMAT = Format("ator_ros/baselines", 1, "file of baselines", "schema", "version", unversioned=True)
+FORMAT = Format("ator_ros baselines", 1, "file of baselines")
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from ator_ros.schema import SchemaError, Within, structured
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"
-FORMAT = Format("ator_ros/evaluation", 1, "evaluation", "schema", "version")
+FORMAT = Format("ator_ros evaluation", 1, "evaluation")
 LARGEST = 1_000_000_000
 """Bytes of a file of results that is read."""
 

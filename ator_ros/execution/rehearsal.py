@@ -68,7 +68,7 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
             )
         for world, goal in zip(starts, goals, strict=True):
             call = TopCall(top, library.goal(top, goal))
-            if _planned(library.action(top), world, call.goal):
+            if _planned(library, top, world, call.goal):
                 predictor.chain(world, TopChain((call,)))
 
 
@@ -82,9 +82,10 @@ def _world(robot: Robot, state: RobotState, there: ObjectState, top: Top) -> Wor
     return World(0.0, state, dict.fromkeys((*robot.scene.objects, *objects_in(top)), there))
 
 
-def _planned(action: Action, world: World, goal: Goal) -> bool:
+def _planned(library: TopLibrary, top: Top, world: World, goal: Goal) -> bool:
     """Search to the end; return whether there is a plan. Actions from outside may need other situations."""
     try:
+        action = library.action(top)
         action.start(world, goal)
     except ActionError:
         return False

@@ -145,8 +145,8 @@ class StepRun:
         violations = call.top.pre.violations(state_of(seen, robot), goal_values(call.goal))
         if violations:
             return f"pre-condition of {call.top.name}: {'; '.join(violations)}"
-        action = self._library.action(call.top)
         try:
+            action = self._library.action(call.top)
             action.start(world, call.goal)
         except ActionError as error:
             return str(error)

@@ -18,11 +18,12 @@ from ator_ros.experience.vocabulary import Vocabulary, drive_between
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_held
-from ator_ros.world.state import ObjectState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 
 PAUSE = 0.3  # s without a command to move that separates two drives
 SHORTEST = 0.5  # s that a drive lasts at least
-STILL = (0.01, 0.02)  # m/s and rad/s up to which a command is one to stop
+STOPPING = Standstill(0.01, 0.02)
+"""Commands up to which the robot was told to stop, and recorded speeds up to which it has."""
 
 
 def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
@@ -50,7 +51,7 @@ def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episo
 
 def _spans(commands: FloatArray) -> Iterator[tuple[float, float]]:
     """Yield begin and end (s) of the times in which the robot was told to move."""
-    moving = (np.abs(commands[:, 1]) > STILL[0]) | (np.abs(commands[:, 2]) > STILL[1])
+    moving = ~STOPPING.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None
     end = 0.0
     for time, moves in zip(commands[:, 0].tolist(), moving.tolist(), strict=True):
@@ -70,7 +71,7 @@ def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot stood still after its commands had ceased; `ceased` when it never did."""
     odom = track.odom
     after = odom[(odom[:, 0] >= ceased) & (odom[:, 0] <= ceased + PAUSE)]
-    still = (np.abs(after[:, 4]) <= STILL[0]) & (np.abs(after[:, 5]) <= STILL[1])
+    still = STOPPING.holds(after[:, 4], after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 
 

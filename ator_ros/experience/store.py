@@ -18,7 +18,6 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import direct_name
@@ -53,13 +52,9 @@ def read_info(folder: Path) -> StoreInfo:
         `folder` is no store, or a newer one than this program's.
     """
     try:
-        return structured(_without_head(FORMAT.current(read_json(folder / STORE))), StoreInfo)
+        return structured(FORMAT.content(read_json(folder / STORE)), StoreInfo)
     except (UnreadableError, SchemaError) as error:
         raise ExperienceError(f"{folder / STORE}: expected a store of records: {error}") from error
-
-
-def _without_head(data: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in data.items() if name not in FORMAT.head()}
 
 
 def parts_of(place: Path) -> dict[int, Path]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import hashlib
-import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -111,8 +110,7 @@ def read_manifest(folder: Path) -> Manifest:
     """
     file = folder / MANIFEST
     try:
-        data = FORMAT.current(read_json(file))
-        manifest = structured({k: v for k, v in data.items() if k not in FORMAT.head()}, Manifest)
+        manifest = structured(FORMAT.content(read_json(file)), Manifest)
         found = digest_of(folder)
     except (UnreadableError, OSError) as error:
         raise LearnedSetError(f"{file}: expected a set of models: {error}") from error
@@ -165,8 +163,8 @@ def begin(folder: Path) -> Path:
 def seal(made: Path, manifest: Mapping[str, object], changes: tuple[Change, ...]) -> str:
     """Write the manifest of a set that was made, and return its digest."""
     digest = digest_of(made)
-    told = {**FORMAT.head(), "digest": digest, **manifest, "changes": [asdict(change) for change in changes]}
-    write_text(made / MANIFEST, json.dumps(told, indent=1) + "\n")
+    told = {"digest": digest, **manifest, "changes": [asdict(change) for change in changes]}
+    write_text(made / MANIFEST, FORMAT.text(told))
     for file in filter(Path.is_file, made.rglob("*")):
         _sync(file)
     return digest

@@ -11,10 +11,9 @@ import pandas as pd
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of
+from ator_ros.world.state import AT_REST
 
 RESAMPLES = 2000
-AT_REST = 1e-3
-"""Speed in m/s up to which a robot counts as standing: measured speeds are rarely 0."""
 
 
 def bootstrap_ci95(
@@ -102,7 +101,7 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[s
 
 def kinds(starts: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """Split starts by what makes a difference: rest or motion at both ends, an object or a pose as goal."""
-    rest, stop, held = starts["v"].abs() <= AT_REST, starts["speedg"] <= AT_REST, starts["hold"] == 1
+    rest, stop, held = starts["v"].abs() <= AT_REST.v, starts["speedg"] <= AT_REST.v, starts["hold"] == 1
     masks: Mapping[str, pd.Series] = {
         "at rest": rest,
         "at rest, pose": rest & ~held,

@@ -124,6 +124,28 @@ def turned_back(turn: float, time: float, angle: float, rate: float) -> float:
 
 
 @compiled
+def secant_step(off: float, missed: float, last: float) -> float:
+    """Return the next change of a heading that is `off` rad, and was `missed` rad before the `last` one."""
+    if abs(missed - off) > 1e-9:
+        change = off * last / (missed - off)
+        return change if abs(change) < 1.0 else min(max(off, -0.7), 0.7)
+    return off
+
+
+@compiled
+def way_round(x: float, y: float, heading: float, distance: float, passing: float) -> float:
+    """Return the time (s) that a straight of `distance` m takes longer if it keeps `passing` m from a point.
+
+    The point lies x, y (m) from the beginning of the straight, which leads in the direction `heading`.
+    """
+    cos, sin = math.cos(heading), math.sin(heading)
+    nearest = x * cos + y * sin
+    nearest = min(max(nearest, min(distance, 0.0)), max(distance, 0.0))
+    gap = math.hypot(x - nearest * cos, y - nearest * sin)
+    return _WAY_ROUND * max(passing - gap, 0.0)
+
+
+@compiled
 def way_time(
     end: FloatArray, entry: Entry, last_turn: Exit, rules: PathRules, tables: FloatArray, most: float
 ) -> tuple[float, float]:
@@ -178,11 +200,7 @@ def way_time(
             return np.inf, 0.0
         if step > 0 and abs(off) < 1e-3:
             break
-        change = off
-        if step > 0 and abs(missed - off) > 1e-9:
-            change = off * (heading - before) / (missed - off)
-            if not abs(change) < 1.0:
-                change = min(max(off, -0.7), 0.7)
+        change = off if step == 0 else secant_step(off, missed, heading - before)
         before, missed, heading = heading, off, heading + change
     cos1, sin1 = math.cos(heading), math.sin(heading)
     distance, beside = dx * cos1 + dy * sin1, abs(dy * cos1 - dx * sin1)
@@ -193,8 +211,5 @@ def way_time(
     total += drive_time(distance, speed1, speed2, rates) + beside / rates.v
     if rules.passing > 0.0:
         point_x, point_y = end[0] + rules.hold * cos - ahead - x1, end[1] + rules.hold * sin - y1
-        nearest = point_x * cos1 + point_y * sin1
-        nearest = min(max(nearest, min(distance, 0.0)), max(distance, 0.0))
-        gap = math.hypot(point_x - nearest * cos1, point_y - nearest * sin1)
-        total += _WAY_ROUND * max(rules.passing - gap, 0.0)
+        total += way_round(point_x, point_y, heading, distance, rules.passing)
     return total, first + last

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.schema import OneOf, SchemaError, Within, structured
 
-FORMAT = Format("ator_ros/calibration", 1, "calibration", "schema", "version")
+FORMAT = Format("ator_ros calibration", 1, "calibration")
 CALIBRATION = "calibration.json"
 _MOST_ACTIONS = 100
 _Seconds = Annotated[float, Within(-1e6, 1e6)]
@@ -47,11 +46,10 @@ class _CalibrationFile:
 def save_calibration(path: Path, calibration: Calibration, training: Mapping[str, Any]) -> None:
     """Write a calibration, with how it was learned, to `path`; atomic."""
     data = {
-        **FORMAT.head(),
         "shortfalls": {action: asdict(shortfall) for action, shortfall in calibration.shortfalls.items()},
         "training": dict(training),
     }
-    write_text(path, json.dumps(data, indent=1) + "\n")
+    write_text(path, FORMAT.text(data))
 
 
 def load_calibration(path: Path) -> Calibration:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -16,7 +15,7 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import FEATURES, Gate, OpenGate, ThresholdGate, TreeGate
 from ator_ros.schema import OneOf, SchemaError, structured
 
-FORMAT = Format("ator_ros/gate", 1, "gate", "schema", "version")
+FORMAT = Format("ator_ros gate", 1, "gate")
 
 
 @dataclass(frozen=True)
@@ -78,13 +77,12 @@ def save_gate(
 ) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
     data = {
-        **FORMAT.head(),
         "action_set": action_set,
         "kind": gate.kind,
         "gate": asdict(gate),
         "training": dict(training),
     }
-    write_text(path, json.dumps(data, indent=1) + "\n")
+    write_text(path, FORMAT.text(data))
 
 
 def load_gate(path: Path, action_set: str = "default") -> Gate:

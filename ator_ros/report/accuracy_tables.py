@@ -8,11 +8,12 @@ from typing import Any
 import pandas as pd
 
 from ator_ros.domains.domain import Domain
-from ator_ros.performance.accuracy import AT_REST, accuracy
+from ator_ros.performance.accuracy import accuracy
 from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot
+from ator_ros.world.state import AT_REST
 
 _Row = tuple[Sequence[Feature], Training]
 ABLATION: dict[str, _Row] = {
@@ -95,7 +96,7 @@ def ablation_table(
         if action not in fresh:
             continue
         starts = fresh[action]
-        starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST)]
+        starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST.v)]
         for label, (features, how) in _rows(domain, action).items():
             model = train(action, rows, robot, features=features, training=how)
             result = accuracy(model, starts, seed=seed)

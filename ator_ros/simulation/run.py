@@ -178,7 +178,7 @@ def run_action(
     simulation : Simulation
         The world, in which everything has been placed.
     action : Action
-        Started here, and ended whatever happens.
+        Set up and started here, and ended whatever happens.
     goal : Goal
         Its goal.
     time_limit : float
@@ -196,6 +196,7 @@ def run_action(
     ActionError
         The action cannot start.
     """
+    action.setup()
     action.start(simulation.world(), goal)
     reason = "broken off"
     try:

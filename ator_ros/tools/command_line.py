@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ator_ros.domains import DEFAULT
 from ator_ros.experience.parallel import BACKENDS
 from ator_ros.tools.option_types import jobs, number
 
 if TYPE_CHECKING:  # each takes seconds to import, and no help needs it
+    from _typeshed import DataclassInstance
+
     from ator_ros.domains.domain import Domain
     from ator_ros.evaluation.toolset import ToolsetSource
+
+Asked = TypeVar("Asked", bound="DataclassInstance")
 
 
 def add_setting(parser: argparse.ArgumentParser, *, robot: bool = True, action_set: bool = True) -> None:
@@ -99,6 +104,12 @@ def check_names(
         if name not in there:
             flag = f"--{option.replace('_', '-')}"
             parser.error(f"argument {flag}: expected one of {', '.join(there)}, got {name[:80]!r}")
+
+
+def asked(kind: type[Asked], options: argparse.Namespace, command: str) -> Asked:
+    """Return what a command line asks of a domain: each field of `kind` is the option of its name."""
+    values = {**vars(options), "command": command}
+    return kind(**{field.name: values[field.name] for field in dataclasses.fields(kind)})
 
 
 def policies() -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.files import portable_command, write_text
-from ator_ros.tools.command_line import add_jobs, add_setting, settled
+from ator_ros.tools.command_line import add_jobs, add_setting, asked, settled
 from ator_ros.tools.guard import guarded
 from ator_ros.tools.option_types import destination, whole
 
@@ -41,16 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if domain.measurements.paper_models is None:
             raise EvaluationError(f"domain: expected one with measurements.paper_models, got {domain.name}")
         command = portable_command("paper_models", words)
-        asked = PaperRun(
-            options.action_set,
-            options.episodes,
-            options.fresh,
-            options.seed,
-            options.fresh_seed,
-            options.jobs,
-            command,
-        )
-        text = domain.measurements.paper_models(asked)
+        text = domain.measurements.paper_models(asked(PaperRun, options, command))
         write_text(options.out, text)
         print(text)
         return 0

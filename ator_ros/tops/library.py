@@ -51,6 +51,7 @@ class TopLibrary(Mapping[str, Top]):
         self.action_set = action_set
         self.ranges = ranges
         self._actions = dict(actions)
+        self._set_up: set[str] = set()
         self._goal_variables = dict(goal_variables)
         self._tops = {top.name: top for top in tops}
         missing = sorted({top.action for top in self._tops.values()} - set(self._actions))
@@ -76,8 +77,18 @@ class TopLibrary(Mapping[str, Top]):
         return [top for top in self.values() if top.lacks(self.robot) is None]
 
     def action(self, top: Top) -> Action:
-        """Make a new action that executes `top`."""
-        return self._actions[top.action](self.robot)
+        """Make a new action that executes `top`; the first one is set up.
+
+        Raises
+        ------
+        ActionError
+            It cannot be set up.
+        """
+        action = self._actions[top.action](self.robot)
+        if top.action not in self._set_up:
+            action.setup()
+            self._set_up.add(top.action)
+        return action
 
     def goal_variables(self, top: Top) -> tuple[GoalVariable, ...]:
         """Return the goal variables that the action of `top` declares beyond pose and speed."""

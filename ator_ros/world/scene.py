@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from ator_ros.world.state import ObjectState
+from ator_ros.world.state import AT_REST, ObjectState
 
 WALL_THICKNESS = 0.05
 """Thickness in m of the walls of a bay."""
-_STANDING = 1e-3  # m/s up to which an object counts as standing
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,7 @@ class RoundObject:
 
     def at_rest(self, state: ObjectState) -> ObjectState:
         """Return the state in which the object comes to rest if nothing stops it before."""
-        if state.speed < _STANDING:
+        if AT_REST.holds(state.speed):
             return state
         seconds = state.speed / (2.0 * self.rolling_deceleration)
         return ObjectState(state.x + state.vx * seconds, state.y + state.vy * seconds)

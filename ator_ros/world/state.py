@@ -6,8 +6,9 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, overload
 
-from ator_ros.geometry import Pose
+from ator_ros.geometry import BoolArray, FloatArray, Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,39 @@ CONTROL_PERIOD = 0.05
 
 
 @dataclass(frozen=True, slots=True)
+class Standstill:
+    """Speeds up to which something counts as standing still; each use has its own.
+
+    Attributes
+    ----------
+    v : float
+        In m/s.
+    w : float
+        In rad/s; infinite where turning does not matter.
+    """
+
+    v: float
+    w: float = math.inf
+
+    @overload
+    def holds(self, v: float, w: float = 0.0) -> bool: ...
+    @overload
+    def holds(self, v: FloatArray, w: FloatArray) -> BoolArray: ...
+    def holds(self, v: Any, w: Any = 0.0) -> Any:
+        """Return whether speeds v (m/s) and w (rad/s), of any sign, are a standstill; elementwise."""
+        return (abs(v) <= self.v) & (abs(w) <= self.w)
+
+
+AT_REST = Standstill(0.001)
+"""What was placed there, or described as resting; measured speeds are rarely 0."""
+STILL = Standstill(0.003, 0.006)
+"""A robot that stands up to the noise of its odometry: a plan may begin there, and wait."""
+STANDING = Standstill(0.02, 0.05)
+"""A robot that has stopped: its goal may end, and another program may move it."""
+_RESTS = Standstill(0.02)
+
+
+@dataclass(frozen=True, slots=True)
 class RobotState:
     """Pose of the middle of the axle in the world frame, with its velocities (m/s, rad/s)."""
 
@@ -42,13 +76,13 @@ class RobotState:
 
     @property
     def is_still(self) -> bool:
-        """Whether the robot is at rest: at most 0.003 m/s and 0.006 rad/s, stricter than `is_standing`."""
-        return abs(self.v) <= 0.003 and abs(self.w) <= 0.006
+        """Whether the robot is at rest, see `STILL`; stricter than `is_standing`."""
+        return STILL.holds(self.v, self.w)
 
     @property
     def is_standing(self) -> bool:
-        """Whether the robot counts as standing: slower than 0.02 m/s and 0.05 rad/s."""
-        return abs(self.v) < 0.02 and abs(self.w) < 0.05
+        """Whether the robot counts as standing, see `STANDING`."""
+        return STANDING.holds(self.v, self.w)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +101,8 @@ class ObjectState:
 
     @property
     def rests(self) -> bool:
-        """Whether the object counts as resting: slower than 0.02 m/s."""
-        return self.speed < 0.02
+        """Whether the object counts as resting: at most 0.02 m/s."""
+        return _RESTS.holds(self.speed)
 
     def after(self, seconds: float) -> ObjectState:
         """Return the state extrapolated at constant velocity; `seconds` may be negative."""

@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 
 from ator_ros.domains.soccer.ball import BALL
+from ator_ros.geometry import Pose
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.scene import Bay, Scene
+from ator_ros.world.state import ObjectState
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,28 @@ def field_of(robot: Robot) -> Field:
     area, bays = robot.scene.area, robot.scene.bays
     width, depth = (bays[0].width, bays[0].depth) if bays else (0.0, 0.0)
     return Field(area.length, area.width, width, depth)
+
+
+def behind_line(ball: ObjectState, mouth: Pose) -> float:
+    """Return how far in m a ball's centre lies behind the goal line of `mouth`; negative before it."""
+    return (ball.x - mouth.x) * math.copysign(1.0, mouth.x)
+
+
+def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> bool:
+    """Return whether a ball is in a goal. Nothing else decides that but the post-condition of `shoot`.
+
+    Parameters
+    ----------
+    ball : ObjectState
+        The ball.
+    mouth : Pose
+        Middle of the goal's mouth; its heading does not matter.
+    field : Field
+        The width of the goals.
+    beyond : float
+        How far in m the ball's centre must lie behind the line; its radius, if the whole ball must.
+    """
+    return behind_line(ball, mouth) > beyond and abs(ball.y - mouth.y) < field.goal_width / 2
 
 
 def field_in(scene: Scene) -> tuple[Bay, ...]:

@@ -47,7 +47,7 @@ def _learners(options: argparse.Namespace) -> dict[str, Any]:
     return cases
 
 
-FORMAT = Format("ator_ros benchmarks", 1, "report of bench", unversioned=True)
+FORMAT = Format("ator_ros benchmarks", 1, "report of bench")
 PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, Any]]] = {
     "simulation": lambda _: simulation.measure(),
     "planning": _planning,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import Any
 
 from tqdm import tqdm
@@ -11,11 +10,13 @@ from tqdm import tqdm
 from ator_ros.drawing import save_svg
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.files import write_text
+from ator_ros.formats import Format
 from ator_ros.learning.changed import CHANGES
 from ator_ros.learning.stream import StreamSettings
 from ator_ros.learning.stream_results import chart, play, summary, table_text
 from ator_ros.tools.command_line import source_of
 
+FORMAT = Format("ator_ros learning", 1, "evaluation of learning")
 _AFTER = 150
 """Chains after which gains are compared; half of them where fewer are played."""
 
@@ -45,7 +46,7 @@ def run(options: argparse.Namespace, command: str) -> int:
         streams[change] = results
         summaries[change] = summary(results, min(_AFTER, len(results) // 2))
     told = {"command": command, "seed": options.seed, "changes": summaries}
-    write_text(options.out / "learning.json", json.dumps(told, indent=1) + "\n")
+    write_text(options.out / "learning.json", FORMAT.text(told))
     save_svg(chart(streams), options.out / "learning.svg")
     print(table_text(summaries))
     print(f"wrote {options.out / 'learning.json'} and {options.out / 'learning.svg'}")

@@ -7,6 +7,7 @@ import argparse
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.measurements import QualityRun
 from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.tools.command_line import asked
 
 
 def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
@@ -16,18 +17,5 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
             f"domain: expected one with measurements.qualify, got {domain.name}: "
             "`study` measures the actions of any domain"
         )
-    asked = QualityRun(
-        action_set=options.action_set,
-        situations=options.situations,
-        turned=options.turned,
-        pairs=options.pairs,
-        seed=options.seed,
-        jobs=options.jobs,
-        robot=options.robot,
-        optimal=options.optimal,
-        slices=options.slices,
-        out=options.out,
-        command=command,
-    )
-    domain.measurements.qualify(asked)
+    domain.measurements.qualify(asked(QualityRun, options, command))
     return 0

@@ -32,7 +32,7 @@ from ator_ros.tools.work import train as training
 from ator_ros.tops.library import TopLibrary
 
 FORMAT = Format("ator_ros study", 1, "study")
-SETTINGS = Format("ator_ros study settings", 1, "settings file of a study", unversioned=True)
+SETTINGS = Format("ator_ros study settings", 1, "settings file of a study")
 POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
 MARGIN_S = "1.0"
 """Headings predicted to take this much longer than the best are not executed by the oracle."""

@@ -18,13 +18,13 @@ from ator_ros.domains.soccer.bezier.curve import (
 from ator_ros.domains.soccer.goals import depth_in_goals, nearest_to_goals
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits, Robot
-from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, RobotState
+from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, RobotState, Standstill
 
 LATERAL, HEADING = 0.04, 0.1
 """Greatest distance from the goal's axis (m) and from its heading (rad) with which a goal is reached."""
 
 _SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may stand
-_AT_REST = 0.03  # m/s
+_AT_REST = Standstill(0.03)
 _CREEP = 0.04  # m/s
 _FAITH = 0.3  # s by which the way round the other side must be quicker to be preferred
 _PER_DEPTH = 20.0  # s per m of a wall in the way: any way round it is quicker than to push against it
@@ -187,7 +187,7 @@ def reached(rel: Pose, v: float, end_speed: float) -> bool:
     if end_speed > 0.0:
         at_goal = abs(rel.y) <= LATERAL and abs(rel.yaw) <= HEADING
         return at_goal and -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
-    return standing_pose(rel) and abs(v) < _AT_REST
+    return standing_pose(rel) and _AT_REST.holds(v)
 
 
 def standing_pose(rel: Pose) -> bool:

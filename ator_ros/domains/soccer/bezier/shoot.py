@@ -7,12 +7,13 @@ from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.ball import BALL, ball_of
-from ator_ros.domains.soccer.bezier.dribble_ball import LOST, check_held, dribbling
+from ator_ros.domains.soccer.bezier.dribble_ball import check_held, dribbling
 from ator_ros.domains.soccer.bezier.driver import Driver, check_goal
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import behind_line, field_of, is_in_goal
+from ator_ros.domains.soccer.thresholds import lost_beyond
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import STOP, Command, ObjectState, World
+from ator_ros.world.state import STOP, Command, ObjectState, Standstill, World
 
 _POST_ROOM = 0.2
 _ROLL_RESERVE = 0.25
@@ -22,6 +23,7 @@ _SLANT = 0.9  # rad
 _BEFORE_LINE = 0.35
 _LINE = 0.02
 _BEND = 4.0
+_OVER = Standstill(0.05)
 
 
 class BezierShoot(Action):
@@ -66,20 +68,21 @@ class BezierShoot(Action):
         ball = ball_of(world)
         if ball is None:
             return finished(Status.FAILED, "lost the ball: it is not seen any more")
-        depth = self._side * ball.x - field_of(self.robot).length / 2
-        if depth > _LINE and abs(ball.y) < field_of(self.robot).goal_width / 2:
+        field = field_of(self.robot)
+        mouth = Pose(*field.goal_centre(self._side), 0.0)
+        if is_in_goal(ball, mouth, field, _LINE):
             return finished(Status.SUCCEEDED, "the ball is in the goal", STOP)
         if self._released:
             return self._watch(world, ball)
         distance = self.robot.hold_offset(world, BALL)
-        if distance > LOST:
+        if distance > lost_beyond(self.robot):
             return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
         crossing = self._crossing(world.robot.pose)
         if crossing is None or abs(crossing) > self._half_mouth():
             target = self._target(world.robot.pose)
             command = self._driver.follow(world.robot, target, self._limits.v)
             return Step(command, Status.RUNNING, "dribbling along a curve to the goal's mouth")
-        return self._run_up(world, -depth, crossing)
+        return self._run_up(world, -behind_line(ball, mouth), crossing)
 
     def _crossing(self, pose: Pose) -> float | None:
         """Return y (m) where the robot's straight way ahead crosses the goal line; None where it doesn't."""
@@ -118,6 +121,6 @@ class BezierShoot(Action):
 
     def _watch(self, world: World, ball: ObjectState) -> Step:
         """Brake, and wait until the ball has crossed the line or come to rest."""
-        if ball.speed < 0.05 and abs(world.robot.v) < 0.05:
+        if _OVER.holds(ball.speed) and _OVER.holds(world.robot.v):
             return finished(Status.FAILED, "missed: the ball came to rest outside the goal")
         return Step(STOP, Status.RUNNING, "waiting for the ball to roll into the goal")

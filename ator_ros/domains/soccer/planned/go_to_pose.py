@@ -9,13 +9,14 @@ from ator_ros.actions.base import Goal, Point, Status, Step
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.domains.soccer.planned.planner import fastest, free_sides, run_sides
+from ator_ros.domains.soccer.planned.planner import fastest, free_sides, prepare, run_sides
 from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.planning import Planning
 from ator_ros.motion.ways import ways_to_drive
 from ator_ros.robot.description import Robot
+from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import ObjectState, World
 
 _BALL_MARGIN = 0.04  # m
@@ -34,6 +35,13 @@ class GoToPose(PlannedAction):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot, robot.limits)
+
+    def setup(self) -> None:
+        """Compute the tables of drives and approaches from rest to rest; see `Action.setup`."""
+        limits = self.plan_limits
+        entries = free_sides(limits, 0.0, 0.0)
+        prepare(entries, free_sides(limits, 0.0, 0.0), limits)
+        prepare(entries, run_sides(limits, 0.0, approach_run(self.robot)), limits)
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
@@ -61,7 +69,7 @@ class GoToPose(PlannedAction):
         rest, planned = self._rest(world), self._planned_for
         if rest is None or planned is None:
             return rest is not planned
-        touching = self.robot.hold_offset(world, BALL) < self.robot.holder_length + 2 * _MOVED
+        touching = is_at_front(world, self.robot, BALL)
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def chases(self) -> bool:

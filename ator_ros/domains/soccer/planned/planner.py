@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from functools import lru_cache
 
 import numpy as np
@@ -21,7 +22,7 @@ from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.manoeuvre import Manoeuvre, Side, closed
 from ator_ros.motion.planning import Planning
 from ator_ros.motion.search import find_candidates
-from ator_ros.motion.ways import Ways
+from ator_ros.motion.ways import Ways, ways_to_drive
 from ator_ros.robot.description import Limits, Robot
 
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -54,6 +55,12 @@ def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
         for at in sorted(speeds)
         for share in _RUN_CHANGES
     )
+
+
+@lru_cache(maxsize=64)
+def prepare(entries: tuple[Side, ...], exits: tuple[Side, ...], limits: Limits) -> None:
+    """Compute the tables that `ways_to_drive` takes from its caches, and load the code that does so."""
+    deque(ways_to_drive(entries, exits, limits), maxlen=0)
 
 
 def fastest(

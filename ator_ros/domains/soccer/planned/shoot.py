@@ -7,11 +7,11 @@ from contextlib import suppress
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.ball import BALL, ball_of
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import field_of, is_in_goal
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.holding import release_sides, run_up_sides
 from ator_ros.domains.soccer.planned.holding_action import HoldingAction
-from ator_ros.domains.soccer.planned.planner import fastest
+from ator_ros.domains.soccer.planned.planner import fastest, prepare
 from ator_ros.domains.soccer.planned.release import release_poses, rolling_time, scoring_time
 from ator_ros.domains.soccer.planned.run_up import run_up
 from ator_ros.motion.manoeuvre import Manoeuvre
@@ -33,6 +33,11 @@ class Shoot(HoldingAction):
 
     name = "shoot"
     verb = "running up"
+
+    def setup(self) -> None:
+        """Compute the tables of run-ups from rest; see `Action.setup`."""
+        limits = self.plan_limits
+        prepare(run_up_sides(self.robot, limits, 0.0), release_sides(self.robot, limits), limits)
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the run-up; see `Action.start`."""
@@ -69,11 +74,11 @@ class Shoot(HoldingAction):
 
     def step(self, world: World) -> Step:
         """Follow the run-up, then brake until the ball is in the goal."""
-        if self._in_goal(world):
+        ball, robot = ball_of(world), self.robot
+        if ball and is_in_goal(ball, self.goal.pose, field_of(robot), robot.scene.radius(BALL)):
             return finished(Status.SUCCEEDED, "the ball is in the goal")
         if self._released is None:
             return super().step(world)
-        ball = ball_of(world)
         over = world.time - self._released > _PATIENCE or ball is None or ball.rests
         if over:
             why = "the ball stopped before the goal"
@@ -87,10 +92,3 @@ class Shoot(HoldingAction):
         """Release the ball by braking as hard as the base can."""
         self._released = world.time
         return finished(Status.RUNNING, "released the ball")
-
-    def _in_goal(self, world: World) -> bool:
-        ball, goal = ball_of(world), self.goal.pose
-        if ball is None:
-            return False
-        beyond = (ball.x - goal.x) * math.copysign(1.0, goal.x) > self.robot.scene.radius(BALL)
-        return beyond and abs(ball.y - goal.y) < field_of(self.robot).goal_width / 2.0

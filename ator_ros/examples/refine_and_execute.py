@@ -1,0 +1,97 @@
+"""A client of your own: have a chain refined, look at the answer, have it executed.
+
+    ros2 launch ator_ros ator.launch.xml
+    python3 -m ator_ros.examples.refine_and_execute
+
+The nodes must run. The program needs rclpy and the interfaces, and nothing else of ator_ros.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ObjectState, Outcome, Situation, TopCall, TopChain
+from ator_interfaces.srv import RefineSubgoal
+
+_PATIENCE = 60.0  # s
+
+
+def pose(x: float, y: float, yaw: float) -> Pose:
+    """Return a pose in m and rad."""
+    turn = Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
+    return Pose(position=Point(x=x, y=y), orientation=turn)
+
+
+def request() -> RefineSubgoal.Request:
+    """Return the README's request: fetch what lies at the origin, with an open heading, and bring it."""
+    fetch = TopCall(top="goToBall", goal=PoseStamped(pose=pose(0.0, 0.0, 0.0)), open=["yaw"])
+    bring = TopCall(top="dribbleBall", goal=PoseStamped(pose=pose(0.0, 2.0, math.pi / 2.0)))
+    start = Situation(robot=pose(-2.0, 0.0, 0.0), objects=[ObjectState(name="ball")])
+    return RefineSubgoal.Request(situation=start, chain=TopChain(calls=[fetch, bring]))
+
+
+def refined(node: Node) -> RefineSubgoal.Response:
+    """Ask the refinement node."""
+    client = node.create_client(RefineSubgoal, "refine_subgoal")
+    if not client.wait_for_service(timeout_sec=_PATIENCE):
+        raise TimeoutError("refine_subgoal: expected the service, found none")
+    return _waited(node, client.call_async(request()), "refine_subgoal")
+
+
+def executed(node: Node, chain: TopChain) -> ExecuteChain.Result:
+    """Have the executor execute a chain to its end."""
+    client = ActionClient(node, ExecuteChain, "execute_chain")
+    if not client.wait_for_server(timeout_sec=_PATIENCE):
+        raise TimeoutError("execute_chain: expected the action, found none")
+    goal = ExecuteChain.Goal(chain=chain)  # refine=True would refine it again, from where the robot is then
+    handle = _waited(node, client.send_goal_async(goal, feedback_callback=_tell), "execute_chain")
+    return _waited(node, handle.get_result_async(), "the end of the chain").result
+
+
+def _tell(message: Any) -> None:
+    told = message.feedback
+    print(f"  {told.elapsed:5.2f} s: step {told.step + 1} of {told.steps}, {told.top}: {told.status}")
+
+
+def _waited(node: Node, future: Future, what: str) -> Any:
+    """Let the node work until an answer is there."""
+    rclpy.spin_until_future_complete(node, future, timeout_sec=_PATIENCE)
+    if not future.done():
+        raise TimeoutError(f"{what}: expected an answer within {_PATIENCE:g} s, got none")
+    return future.result()
+
+
+def main() -> int:
+    """Run the client; return the exit code."""
+    rclpy.init()
+    node = rclpy.create_node("refine_and_execute")
+    try:
+        answer = refined(node)
+        print(f"refined: {answer.refined}, {answer.reason}")
+        for free in answer.free:
+            print(f"  {free.name} of step {free.subgoal + 1}: {free.before:.2f} becomes {free.after:.2f}")
+        if not answer.accepted:
+            return 1
+        print(f"predicted: {answer.before.duration:.2f} s before, {answer.after.duration:.2f} s after")
+        result = executed(node, answer.chain)
+        print(f"executed in {result.record.actual.duration:.2f} s: {result.outcome.reason}")
+        return 0 if result.outcome.code == Outcome.SUCCEEDED else 1
+    except TimeoutError as error:
+        print(f"refine_and_execute: {error}", file=sys.stderr)
+        return 1
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

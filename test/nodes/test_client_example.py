@@ -1,0 +1,37 @@
+"""The example client: its request is the README's, and with the nodes it is refined and executed."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+
+from conftest import Start
+from ros2cli_subset import filled
+from test_readme import README, answered, printed
+
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.examples.refine_and_execute import request
+
+
+def test_its_request_is_answered_as_the_readme_says() -> None:
+    theirs = answered(filled(RefineSubgoal.Request(), printed("ros2 service call /refine_subgoal")))
+    answer = answered(request())
+    assert answer.accepted
+    assert answer.refined
+    assert answer.reason == theirs.reason
+    assert answer.reason in README
+    assert answer.free == theirs.free
+
+
+def test_it_drives_the_simulated_robot(start: Start, domain: int) -> None:
+    for name in ("simulation", "refinement", "executor"):
+        start(name, **({"real_time_factor": 3.0} if name == "simulation" else {}))
+    words = [sys.executable, "-m", "ator_ros.examples.refine_and_execute"]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+    ran = subprocess.run(words, capture_output=True, text=True, timeout=180.0, env=environment, check=False)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "refined: True" in ran.stdout
+    assert "step 2 of 2, dribbleBall" in ran.stdout
+    assert re.search(r"executed in \d\.\d\d s: ", ran.stdout)
