@@ -32,6 +32,8 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2028": "open places, looked at while what limits them was made",
         "2029": "the evaluation of open places",
         "2030": "the final evaluation of the tour",
+        "2041": "the evaluation of refinement along the way",
+        "2042": "the choice among alternatives",
         "3107": "further situations that the calibration is learned from",
         "3108": "the final errors of calibrated predictions",
     }

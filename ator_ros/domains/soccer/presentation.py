@@ -55,7 +55,11 @@ PRESENTATION = Presentation(
     draw=draw_field,
     lines=field_lines,
     place="ball",
-    chains={"dribble": "go to the ball, dribble it to a pose", "shoot": "go to the ball, dribble it, shoot"},
+    chains={
+        "dribble": "go to the ball, dribble it to a pose",
+        "rolling": "go to a ball that rolls, dribble it to a pose",
+        "shoot": "go to the ball, dribble it, shoot",
+    },
     policies={"face_goal": "ball between robot and goal, as most teams approach"},
     published={"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"},
     table1=(
