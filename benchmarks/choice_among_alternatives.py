@@ -1,9 +1,9 @@
 """How often the best of three ways to shoot is chosen: each is refined and executed, in the same situations.
 
-The ways: dribble anywhere and shoot; shoot from where the ball lies; drive round to the other side of the ball first, and
-shoot. The robot starts anywhere at rest, and the ball lies where all three are plans. A choice is right if it takes at
-most 2 % longer than the best executed. The same command goes on where it was interrupted:
-    scripts/run python benchmarks/choice_among_alternatives.py --situations 500 --seed 2042 --out docs/choice.json
+The ways: dribble anywhere and shoot; shoot from where the ball lies; drive round to the other side of the ball
+first, and shoot. The robot starts anywhere at rest, and the ball lies where all three are plans. A choice is
+right if it takes at most 2 % longer than the best executed. An interrupted run goes on where it was:
+    scripts/run python benchmarks/choice_among_alternatives.py --seed 2042 --out docs/choice.json
 """
 
 from __future__ import annotations
@@ -122,7 +122,9 @@ def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
                 "chosen": int((chosen == number).sum()),
                 "right_when_chosen": int(right[chosen == number].sum()),
                 "best": int((durations.argmin(axis=1) == number).sum()),
-                "always_right_percent": round(100.0 * float((durations[:, number] <= EQUAL * best).mean()), 2),
+                "always_right_percent": round(
+                    100.0 * float((durations[:, number] <= EQUAL * best).mean()), 2
+                ),
                 "mean_s": round(float(durations[:, number].mean()), 3),
                 "failures": int(failed[:, number].sum()),
                 "predicted_less_actual_s": round(

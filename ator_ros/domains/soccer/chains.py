@@ -90,4 +90,6 @@ def _call(library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = fr
     return TopCall(library[top], Goal(pose, 0.0, library[top].point), opened)
 
 
-CHAINS: Mapping[str, ChainSampler] = MappingProxyType({"dribble": dribble, "rolling": rolling, "shoot": shoot})
+CHAINS: Mapping[str, ChainSampler] = MappingProxyType(
+    {"dribble": dribble, "rolling": rolling, "shoot": shoot}
+)
