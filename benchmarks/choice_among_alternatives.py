@@ -1,8 +1,8 @@
-"""How often the best of three ways to shoot is chosen: each is refined and executed, in the same situations.
+"""How often the best of three ways to shoot is chosen: each is refined and executed.
 
-The ways: dribble anywhere and shoot; shoot from where the ball lies; drive round to the other side of the ball
-first, and shoot. The robot starts anywhere at rest, and the ball lies where all three are plans. A choice is
-right if it takes at most 2 % longer than the best executed. An interrupted run goes on where it was:
+The ways: dribble anywhere and shoot; shoot from where the ball lies; drive round to its other side first, and
+shoot. The robot starts anywhere at rest, and the ball lies where all three are plans. A choice is right if it
+takes at most 2 % longer than the best executed. An interrupted run goes on where it was:
     scripts/run python benchmarks/choice_among_alternatives.py --seed 2042 --out docs/choice.json
 """
 

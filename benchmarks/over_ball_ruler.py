@@ -1,7 +1,7 @@
 """How long our actions take over the time-optimal motion of a robot that knows the ball.
 
-Approaches and dribbles are those of `docs/ruler/pairs_KIND.json`; chains go to a ball and dribble it to a pose.
-Where the folder has no chains yet, they are written there for `benchmarks/time_optimal_ball.py`:
+Approaches and dribbles are those of `docs/ruler/pairs_KIND.json`; chains dribble a ball to a pose. Where the
+folder has no chains yet, they are written there, for `benchmarks/time_optimal_ball.py`:
     scripts/run python benchmarks/over_ball_ruler.py --ruler docs/ruler --out docs/over_ball_ruler.json
 """
 
