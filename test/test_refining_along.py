@@ -13,13 +13,13 @@ import pytest
 from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.execution.deviation import Deviation
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines, Ending
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, Refining
 from ator_ros.execution.remaining import continuations, with_followed
+from ator_ros.execution.told_world import ToldWorld
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.robot.description import load_robot
@@ -208,12 +208,12 @@ def test_a_robot_that_is_pushed_off_its_way_raises_one_question(simulation: Simu
 
 def test_the_distance_from_a_way_is_that_from_its_nearest_stretch() -> None:
     way: FloatArray = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 1.57]])
-    deviation, chain = Deviation(ROBOT), TopChain((ROUND,))
-    deviation.told(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))))
+    told_world, chain = ToldWorld(ROBOT), TopChain((ROUND,))
+    told_world.told(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))))
     for pose, off in ((Pose(1.0, 0.2, 0.0), 0.2), (Pose(2.5, 0.5, 0.0), 0.5), (Pose(-0.3, 0.4, 0.0), 0.5)):
-        said = deviation.beyond(0.1, World(0.0, RobotState(pose)), chain, 0, lambda: way)
+        said = told_world.beyond(0.1, World(0.0, RobotState(pose)), chain, 0, lambda: way)
         assert said == f"the robot is {off:.2f} m off its way"
-        assert deviation.beyond(off + 0.01, World(0.0, RobotState(pose)), chain, 0, lambda: way) == ""
+        assert told_world.beyond(off + 0.01, World(0.0, RobotState(pose)), chain, 0, lambda: way) == ""
 
 
 def test_goals_of_later_steps_follow_the_ball_until_a_step_moves_it() -> None:

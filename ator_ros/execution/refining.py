@@ -6,8 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 
 from ator_ros.actions.goal_variables import with_values
-from ator_ros.execution.deviation import Deviation, Way
 from ator_ros.execution.remaining import Continuation
+from ator_ros.execution.told_world import ToldWorld, Way
 from ator_ros.refinement.changes import allowed_changes
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopChain
@@ -75,7 +75,7 @@ class Refining:
         self.refined = False
         self.again = 0
         self._again_after = again_after
-        self._deviation = Deviation(robot)
+        self._told_world = ToldWorld(robot)
         self._first: str | None = None
         self._changed = self._left = ""
 
@@ -96,14 +96,14 @@ class Refining:
         cause: str = "",
     ) -> None:
         """Ask about `chain` from `step` on."""
-        self._deviation.told(world)
+        self._told_world.told(world)
         self.question = Question(world, TopChain(chain.calls[step:]), step, now, others, cause)
 
     def cause(self, world: World, chain: TopChain, step: int, way: Way) -> str:
-        """Return in words why to ask again, see `Deviation.beyond`; empty where there is no reason to."""
+        """Return in words why to ask again, see `ToldWorld.beyond`; empty where there is no reason to."""
         if not (self.wanted and self._again_after) or self.question is not None:
             return ""
-        return self._deviation.beyond(self._again_after, world, chain, step, way)
+        return self._told_world.beyond(self._again_after, world, chain, step, way)
 
     def close(self, why: str, *, changed: bool, elapsed: float) -> None:
         """Close the question, `elapsed` s after the chain's start, with the reason for its result."""

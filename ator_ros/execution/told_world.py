@@ -17,7 +17,7 @@ from ator_ros.world.state import ObjectState, World
 Way = Callable[[], FloatArray | None]
 
 
-class Deviation:
+class ToldWorld:
     """Compares objects with where they were expected, and the robot with its way.
 
     Parameters
