@@ -46,13 +46,13 @@ def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]
     tools = make_toolset(source)
     library = make_library(tools.robot, source)
     refiner = tools.refiner(gated=True)
-    chains = list(tools.domain.chains)
+    names = list(tools.domain.chains)
     trials = [
         [
             random_trial(tools.domain, chain, library, seed=SEED, index=index)
             for index in range(requests + WARM_UP)
         ]
-        for chain in (chains[0], chains[-1])
+        for chain in (names[0], names[-1])
     ]
     naive = {
         name: [(trial, refiner.naive(trial.world, chain(trial))) for trial in trials[kind]]
