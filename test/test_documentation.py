@@ -52,6 +52,8 @@ BY_TEST = {
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
     r"scripts/run COMMAND …": "test_documentation.py::test_a_command_keeps_its_exit_code",
     r"scripts/run python test/nodes/fuzz_refinement\.py .*": "test_documentation.py::test_the_fuzz_runs",
+    r"(scripts/run )?python benchmarks/over_ball_ruler\.py .*": "test_benchmarks.py::test_our_actions_are",
+    r"python benchmarks/choice_among_alternatives\.py .*": "test_benchmarks.py::test_the_choice_among_",
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
     r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",
@@ -86,7 +88,7 @@ NOT_HERE = {
     r"ros2 bag record( .*)?": "rosbag2 is not among the wheels; nodes/recorder.py writes the same format",
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",
     r"export ROS_SECURITY_.*|ros2 run .* --enclave .*": "needs Fast DDS with the security plugins",
-    r"limits=.*|python benchmarks/time_optimal\.py .*": "needs CasADi; its result is in docs/ruler",
+    r"limits=.*|python benchmarks/time_optimal(_ball)?\.py .*": "needs CasADi; its result is in docs/ruler",
     r"ros2 launch ator_ros ator\.launch\.xml (view|rviz):=true": "needs ros2 launch; test_launch_file.py",
     r"ros2 (run|launch)( ator_ros …)?|python -m": "a name in a sentence",
 }

@@ -114,7 +114,10 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, NEW_YAW)
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert (drive.run.refined, drive.run.refined_again) == (True, 1)
-    assert drive.run.refinement == "the first answer; refined again after 1.20 s: 0.5 s faster"
+    assert drive.run.refinement == (
+        "the first answer; refined again after 1.20 s, "
+        "as the ball comes to rest 0.50 m from where it was expected: 0.5 s faster"
+    )
     outcomes = [(record.index, record.outcome) for record, *_ in drive.run.records]
     moved, answered = (0, Status.RUNNING), (0, Status.RUNNING)
     assert outcomes == [moved, answered, (0, Status.SUCCEEDED), (1, Status.SUCCEEDED)]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Status
 from ator_ros.actions.goal_variables import goal_values
+from ator_ros.evaluation.along import Along, RefinedAlong
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.geometry import wrap_angle
@@ -43,6 +44,8 @@ class ChainRun:
     path : tuple of (x, y, object x, object y)
         Positions in m of the robot and of the first object, at 10 Hz; NaN without an object; empty
         unless asked for.
+    again : int
+        Number of times that refinement changed the chain along the way.
     """
 
     duration: float
@@ -51,6 +54,7 @@ class ChainRun:
     actions: tuple[float, ...]
     error: float
     path: tuple[tuple[float, float, float, float], ...] = ()
+    again: int = 0
 
 
 ChainKey = tuple[object, ...]
@@ -82,6 +86,7 @@ def run_chain(
     time_limit: float = TIME_LIMIT,
     wheels: tuple[float, float] = (1.0, 1.0),
     records: list[ActionRecord] | None = None,
+    along: Along | None = None,
 ) -> ChainRun:
     """Execute `chain` from `start` in a new simulation.
 
@@ -109,8 +114,14 @@ def run_chain(
         See `Simulation`.
     records : list, optional
         Gets the records of the actions that ended.
+    along : Along, optional
+        How the chain is refined again along the way; by default never. Lost objects are then not fetched.
     """
-    executor = ChainExecutor(library, chain, time_limit=time_limit, fetches=fetches)
+    executor: ChainExecutor | RefinedAlong
+    if along is None:
+        executor = ChainExecutor(library, chain, time_limit=time_limit, fetches=fetches)
+    else:
+        executor = RefinedAlong(library, chain, along, time_limit=time_limit)
     steered = _steering(executor, Foresight(robot, latency))
     worlds: list[World] = []
     with Simulation(robot, wheels=wheels) as simulation:
@@ -131,10 +142,11 @@ def run_chain(
         tuple(record.duration for record in ended_actions),
         judgement.error if last.top.arrives else math.nan,
         tuple(_place(world) for world in worlds[::TICKS_PER_POINT]) if keep_path else (),
+        again=executor.again if isinstance(executor, RefinedAlong) else 0,
     )
 
 
-def _steering(executor: ChainExecutor, foresight: Foresight) -> Callable[[World], ChainStep]:
+def _steering(executor: ChainExecutor | RefinedAlong, foresight: Foresight) -> Callable[[World], ChainStep]:
     """Return what executes a tick of the chain for an observed state."""
 
     def steered(seen: World) -> ChainStep:

@@ -10,7 +10,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.along import Along
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, with_headings
+from ator_ros.execution.remaining import with_followed
 from ator_ros.geometry import Pose
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.calibration import Calibration
@@ -20,6 +22,7 @@ from ator_ros.refinement.gate import Gate, OpenGate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
+from ator_ros.tops.objects import at_rest
 from ator_ros.world.state import World
 
 Models = Mapping[str, PredictsPerformance]
@@ -75,11 +78,15 @@ class Toolset:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A chain to execute, the refinement that led to it, if any, and whether models chose it."""
+    """A chain to execute, the refinement that led to it, if any, and whether models chose it.
+
+    With `along` it is refined again along the way.
+    """
 
     chain: TopChain
     refinement: Refinement | None = None
     by_models: bool = False
+    along: Along | None = None
 
 
 Policy = Callable[[Toolset, Trial], Choice]
@@ -137,6 +144,30 @@ def refining(
     return choose
 
 
+def refining_again(opened: Callable[[TopChain], TopChain]) -> Policy:
+    """Return the policy that refines before the start and again along the way, then behind the gate."""
+    once = refining(opened=opened)
+
+    def choose(tools: Toolset, trial: Trial) -> Choice:
+        choice = once(tools, trial)
+        assert choice.refinement is not None
+        along = Along((choice.refinement.original,), tools.refiner(gated=True))
+        return dataclasses.replace(choice, along=along)
+
+    return choose
+
+
+def foreseeing(policy: Policy) -> Policy:
+    """Return `policy` with objects that roll taken where they will come to rest."""
+
+    def choose(tools: Toolset, trial: Trial) -> Choice:
+        resting = at_rest(trial.world, tools.robot)
+        chain = with_followed(trial.chain, resting, tools.robot)
+        return policy(tools, Trial(trial.index, resting, chain))
+
+    return choose
+
+
 def reopened(chain: TopChain, plan: TopChain) -> TopChain:
     """Return the goals of `chain` with what `plan` leaves open."""
     pairs = zip(chain.calls, plan.calls, strict=True)
@@ -168,6 +199,8 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "refined_speed": refining(opened=open_speeds),
         "gated_speed": refining(gated=True, opened=open_speeds),
         "refined_free": refining(opened=open_places),
+        "refined_foreseen": foreseeing(refining(opened=open_speeds)),
+        "refined_again": refining_again(opened=open_speeds),
         **{name: refining(name) for name in MODEL_SETS},
         "ideal_time_speed": refining("ideal_time", opened=open_speeds),
         OBSERVED: refining(OBSERVED, gated=True),

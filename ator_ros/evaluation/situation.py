@@ -11,6 +11,7 @@ from typing import Any
 
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.along import Along
 from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
 from ator_ros.evaluation.joint_oracle import Tried, best_headings
 from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
@@ -76,14 +77,15 @@ class Executions:
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
         self._time_limit = tools.domain.time_limit
-        self._runs: dict[ChainKey, ChainRun] = {}
+        self._runs: dict[tuple[ChainKey, bool], ChainRun] = {}
 
-    def __call__(self, chain: TopChain) -> ChainRun:
-        """Return the run of `chain`."""
-        key = key_of(chain)
+    def __call__(self, chain: TopChain, along: Along | None = None) -> ChainRun:
+        """Return the run of `chain`, which is refined again if `along` is given, in one way only."""
+        key = key_of(chain), along is not None
         if key not in self._runs:
+            world, limit = self._trial.world, self._time_limit
             self._runs[key] = run_chain(
-                self._robot, self._library, self._trial.world, chain, time_limit=self._time_limit
+                self._robot, self._library, world, chain, time_limit=limit, along=along
             )
         return self._runs[key]
 
@@ -114,7 +116,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
         "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading, speed
         and declared goal variables of each intermediate subgoal, "places": their x, y (m) where the policy
-        chose one, "actions": durations of the actions (s),
+        chose one, "actions": durations of the actions (s), "refined_again": how often along the way,
         "predicted": duration of the chain (s); "features" and "features_speed": features of the gate;
         "oracle": "headings" (rad), "durations" (s), "best" (s) and "success"; "oracle_speed": "best" and
         "success"; "executed": number of chains executed.
@@ -128,7 +130,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "index": index,
         "start": _start(trial),
         "policies": {
-            name: _policy_record(tools, trial, choice, execute(choice.chain))
+            name: _policy_record(tools, trial, choice, execute(choice.chain, choice.along))
             for name, choice in choices.items()
         },
     }
@@ -157,6 +159,8 @@ def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) 
     if places != [_place(call) for call in trial.chain.calls[:-1]]:
         record["places"] = places
     record["actions"] = [round(duration, 3) for duration in run.actions]
+    if choice.along is not None:
+        record["refined_again"] = run.again
     if not run.success:
         record["reason"] = run.reason
     elif not math.isnan(run.error):

@@ -36,6 +36,8 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2029": "the evaluation of open places",
         "2030": "the final evaluation of the tour",
         "2033": "the dense oracle of open places",
+        "2041": "the evaluation of refinement along the way",
+        "2042": "the choice among alternatives",
         "3107": "further situations that the calibration is learned from",
         "3108": "the final errors of calibrated predictions",
     }

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from ator_ros.execution.phases import Phase
 from ator_ros.execution.progress import Progress
 from ator_ros.execution.refining import Question, Refining, refined_chain
+from ator_ros.execution.remaining import continuations, switched, with_followed
 from ator_ros.execution.transitions import GoalCourse, Signal
 from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -29,7 +30,7 @@ class Answers:
     library : TopLibrary
         The robot, and the ranges of goal variables.
     plans : sequence of TopChain
-        The chains of the goal, of which an answer may choose any before the start; the first is the question.
+        The chains of the goal, of which an answer may choose any; the first is the question.
     """
 
     def __init__(
@@ -41,8 +42,8 @@ class Answers:
         plans: Sequence[TopChain],
     ) -> None:
         self._refining, self._progress, self._course, self._library = refining, progress, course, library
-        self._plans = plans
-        self._answer: tuple[TopChain, str] | None = None
+        self._plans, self._number = plans, 0
+        self._answer: tuple[TopChain, str, int] | None = None
 
     @property
     def question(self) -> Question | None:
@@ -55,46 +56,74 @@ class Answers:
 
         An unrefined answer may differ from the question: naive values replace its placeholders.
         """
-        if self.question is None:
+        question = self.question
+        if question is None:
             return
         if not self._progress.begun:
             self._start_with(chain, refined, reason, chosen)
-        elif refined:
-            self._answer = chain, reason
+        elif chosen > len(question.others):
+            self._refuse_choice(chosen, 1 + len(question.others))
+        elif refined or chosen:
+            self._answer = chain, reason, chosen
         else:  # the chain being executed has no placeholders left
             self._go_on(reason, changed=False)
 
     def refuse(self, why: str) -> None:
         """Go on with the chain as it is because `question` has no valid answer."""
+        if not self._progress.begun:
+            self._number = self._plans.index(self._progress.chain)
         sent = "" if self._course.phase is Phase.EXECUTING else "executed as sent, "
         self._go_on(f"{sent}refinement failed: {why}", changed=False)
+
+    def ask_again(self, world: World, now: float) -> None:
+        """Ask about what remains, and about the other plans, if the world differs from what was told."""
+        progress, robot = self._progress, self._library.robot
+        cause = self._refining.cause(world, progress.chain, progress.index, progress.way)
+        if not cause:
+            return
+        step, resting = progress.index, at_rest(world, robot)
+        chain = with_followed(progress.chain, resting, robot, step=step)
+        others = continuations(self._plans, self._number, chain, step, resting, robot)
+        self._refining.ask(resting, chain, now, step=step, others=others, cause=cause)
 
     def apply(self, world: World) -> None:
         """Switch to the refined goals from the present state, if that is still possible."""
         answer, question, self._answer = self._answer, self.question, None
         if answer is None or question is None:
             return
-        progress, library = self._progress, self._library
-        if question.step != progress.index:
+        if question.step != self._progress.index:
             self.refuse("its step was over when the answer came")
             return
+        refined, reason, chosen = answer
         try:
-            resting = at_rest(world, library.robot)
-            changed = refined_chain(progress.chain, question, answer[0], resting, library)
+            changed = self._changed(question, refined, chosen, world)
         except InvalidChainError as error:
             self.refuse(f"its answer cannot be used: {error}")
             return
-        if progress.head_for(world, changed):
-            self._go_on(answer[1], changed=True)
-        else:
+        if not self._progress.head_for(world, changed):
             self.refuse("there is no way from here to the refined subgoal")
+            return
+        if chosen:
+            self._number = question.others[chosen - 1].number
+            reason = f"alternative {self._number} is chosen: {reason}"
+        self._go_on(reason, changed=True)
+
+    def _changed(self, question: Question, refined: TopChain, chosen: int, world: World) -> TopChain:
+        """Return the chain of the goal as an answer changes it; raises InvalidChainError."""
+        chain, step, robot = self._progress.chain, question.step, self._library.robot
+        if chosen:
+            rest = question.others[chosen - 1].chain
+            chain, question = switched(chain, step, rest), dataclasses.replace(question, chain=rest)
+        resting = at_rest(world, robot)
+        chain = with_followed(chain, resting, robot, step=step)
+        return refined_chain(chain, question, refined, resting, self._library)
 
     def _start_with(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
         progress, question = self._progress, self.question
         assert progress.start is not None
         assert question is not None
         if chosen >= len(self._plans):
-            self.refuse(f"expected one of {len(self._plans)} chains to be chosen, got number {chosen}")
+            self._refuse_choice(chosen, len(self._plans))
             return
         planned = self._plans[chosen]
         asked = dataclasses.replace(question, chain=planned)
@@ -104,7 +133,11 @@ class Answers:
         except InvalidChainError as error:
             self.refuse(f"its answer cannot be used: {error}")
         else:
+            self._number = chosen
             self._go_on(reason, changed=refined and progress.chain != planned)
+
+    def _refuse_choice(self, chosen: int, of: int) -> None:
+        self.refuse(f"expected one of {of} chains to be chosen, got number {chosen}")
 
     def _go_on(self, why: str, *, changed: bool) -> None:
         if self.question is not None:

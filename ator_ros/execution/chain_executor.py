@@ -128,19 +128,19 @@ class ChainExecutor:
         return self._index
 
     def head_for(self, world: World, chain: TopChain) -> bool:
-        """Replace the goals of the present step and of later ones, without a stop.
+        """Replace the present step and later ones, or their goals, without a stop.
 
         Parameters
         ----------
         world : World
             The present state.
         chain : TopChain
-            The same TOPs with other goals.
+            The steps that are done, and the others from here on.
 
         Returns
         -------
         bool
-            False if no way to the present step's new goal is found at once; then nothing has changed.
+            False if no way for the changed present step is found at once; then nothing has changed.
         """
         if chain.calls[self._index] != self._run.call:
             run = self._changed_run(chain, standing_first=self._run.stopping)

@@ -277,7 +277,7 @@ class Execution:
         step = progress.step(world)
         self.reason = step.message
         if step.status is Status.RUNNING:
-            self._refining.ask_again(world, progress.chain, now, step=progress.index)
+            self._answers.ask_again(world, now)
             return step.command
         unknown = missing_object(self.top, world)  # of the step that has just begun
         if unknown is not None:

@@ -16,9 +16,18 @@ from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import at_rest
 from ator_ros.world.state import World
 
 _ENDINGS = {Status.SUCCEEDED: Ending.SUCCEEDED, Status.FAILED: Ending.FAILED}
+
+
+class _Predicted(NamedTuple):
+    """The prediction of the chain from a step (from 0) on, as of a time in s."""
+
+    step: int
+    time: float
+    prediction: Callable[[], ChainPrediction | None]
 
 
 class EndedAction(NamedTuple):
@@ -66,6 +75,7 @@ class Progress:
         self._time_limit, self._fetches = time_limit, fetches
         self._executor: ChainExecutor | None = None
         self._prediction: Callable[[], ChainPrediction | None] | None = None
+        self._rest: _Predicted | None = None
 
     @property
     def begun(self) -> bool:
@@ -108,15 +118,18 @@ class Progress:
 
     def predicted_remaining(self, now: float) -> float:
         """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
-        if self.predicted is None or self.start is None:
+        rest = self._rest
+        predicted = None if rest is None or self.index < rest.step else rest.prediction()
+        if rest is None or predicted is None:
             return math.nan
-        began = self.records[-1].end.time if self.records else self.start.time
-        return remaining(self.predicted, self.index, now - began)
+        began = max(rest.time, self.records[-1].end.time) if self.records else rest.time
+        return remaining(predicted, self.index - rest.step, now - began)
 
     def begin(self, world: World) -> None:
         """Start the chain in the state `world`."""
         self.start = world  # later than the first state if refinement took time
         self._prediction = functools.cache(functools.partial(self._predictor.chain, world, self.chain))
+        self._rest = _Predicted(0, world.time, self._prediction)
         self._executor = ChainExecutor(
             self._library,
             self.chain,
@@ -134,8 +147,13 @@ class Progress:
         return step
 
     def head_for(self, world: World, chain: TopChain) -> bool:
-        """Replace the goals of the present step and of later ones; see `ChainExecutor.head_for`."""
-        return self._executor is not None and self._executor.head_for(world, chain)
+        """Replace the present step and later ones; see `ChainExecutor.head_for`."""
+        if self._executor is None or not self._executor.head_for(world, chain):
+            return False
+        rest, resting = TopChain(chain.calls[self.index :]), at_rest(world, self._library.robot)
+        prediction = functools.cache(functools.partial(self._predictor.chain, resting, rest))
+        self._rest = _Predicted(self.index, world.time, prediction)
+        return True
 
     def break_off(self, world: World, ending: Ending, why: str) -> None:
         """End the action under way, if any, and record it as ended by `ending` in the state `world`."""

@@ -1,19 +1,18 @@
-"""The questions of a goal to refinement: before its chain starts, and again when an object has moved."""
+"""The questions of a goal to refinement: before its chain starts, and again when the world has changed."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ator_ros.actions.goal_variables import with_values
+from ator_ros.execution.remaining import Continuation
+from ator_ros.execution.told_world import ToldWorld, Way
 from ator_ros.refinement.changes import allowed_changes
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import at_rest, followed, is_at_front
-from ator_ros.world.state import ObjectState, World
+from ator_ros.world.state import World
 
 _NOT_ASKED = "refinement was not asked for"
 _UNANSWERED = "no answer from refinement yet"
@@ -33,12 +32,18 @@ class Question:
         Index of the first of them in the goal's chain, from 0.
     asked : float
         Real time of the question in s.
+    others : tuple of Continuation
+        How other plans of the goal would go on from there; refinement may choose one of them.
+    cause : str
+        What has changed since the question before, in words; empty for the first question.
     """
 
     world: World
     chain: TopChain
     step: int
     asked: float
+    others: tuple[Continuation, ...] = ()
+    cause: str = ""
 
 
 class Refining:
@@ -60,7 +65,8 @@ class Refining:
     wanted : bool
         Whether the goal asks for refinement.
     again_after : float
-        Distance in m that an object must have moved before refinement is asked again; 0: never again.
+        Distance in m by which an object or the robot must differ from what refinement was told before it is
+        asked again; 0: never again.
     """
 
     def __init__(self, robot: Robot, *, wanted: bool, again_after: float) -> None:
@@ -68,8 +74,8 @@ class Refining:
         self.question: Question | None = None
         self.refined = False
         self.again = 0
-        self._robot, self._again_after = robot, again_after
-        self._known: Mapping[str, ObjectState] = {}
+        self._again_after = again_after
+        self._told_world = ToldWorld(robot)
         self._first: str | None = None
         self._changed = self._left = ""
 
@@ -79,27 +85,29 @@ class Refining:
         unanswered = _UNANSWERED if self.wanted else _NOT_ASKED
         return (self._first or unanswered) + self._changed + self._left
 
-    def ask(self, world: World, chain: TopChain, now: float, *, step: int = 0) -> None:
+    def ask(
+        self,
+        world: World,
+        chain: TopChain,
+        now: float,
+        *,
+        step: int = 0,
+        others: tuple[Continuation, ...] = (),
+        cause: str = "",
+    ) -> None:
         """Ask about `chain` from `step` on."""
-        self._known = at_rest(world, self._robot).objects
-        self.question = Question(world, TopChain(chain.calls[step:]), step, now)
+        self._told_world.told(world)
+        self.question = Question(world, TopChain(chain.calls[step:]), step, now, others, cause)
 
-    def ask_again(self, world: World, chain: TopChain, now: float, *, step: int) -> None:
-        """Ask if the followed object has moved `again_after` since the last question."""
+    def cause(self, world: World, chain: TopChain, step: int, way: Way) -> str:
+        """Return in words why to ask again, see `ToldWorld.beyond`; empty where there is no reason to."""
         if not (self.wanted and self._again_after) or self.question is not None:
-            return
-        name = followed(chain.calls[step].top)
-        if name is None or is_at_front(world, self._robot, name):
-            return
-        resting = at_rest(world, self._robot)  # where the goals of approaches follow their objects
-        there, known = resting.objects.get(name), self._known.get(name)
-        if there is None:
-            return
-        if known is None or math.hypot(there.x - known.x, there.y - known.y) > self._again_after:
-            self.ask(resting, chain, now, step=step)
+            return ""
+        return self._told_world.beyond(self._again_after, world, chain, step, way)
 
     def close(self, why: str, *, changed: bool, elapsed: float) -> None:
         """Close the question, `elapsed` s after the chain's start, with the reason for its result."""
+        cause = "" if self.question is None else self.question.cause
         self.question, why = None, why or "no reason given"
         self.refined = self.refined or changed
         if self._first is None:
@@ -107,9 +115,9 @@ class Refining:
             return
         if changed:
             self.again += 1
-            self._changed, self._left = f"; refined again after {elapsed:.2f} s: {why}", ""
+            self._changed, self._left = f"; refined again after {elapsed:.2f} s, as {cause}: {why}", ""
         else:
-            self._left = f"; asked again after {elapsed:.2f} s: {why}"
+            self._left = f"; asked again after {elapsed:.2f} s, as {cause}: {why}"
 
 
 def refined_chain(

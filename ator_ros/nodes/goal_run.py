@@ -46,7 +46,8 @@ class GoalRun:
     fence : Fence
         Where the robot may drive.
     refine_again_after : float
-        Distance in m by which a followed object must have moved to ask refinement again; 0: never.
+        Distance in m by which an object or the robot must differ from what refinement was told to ask it
+        again; 0: never.
     frame : str
         The frame of all poses.
 
@@ -162,9 +163,11 @@ class GoalRun:
             chain=goal.chain, objective=goal.objective, alternatives=goal.alternatives
         )
         if self.execution.phase is not Phase.REFINING:  # the chain has changed since it came
-            action_set = self._library.action_set
-            request.chain = conversions.chain_of(question.chain, action_set=action_set, frame=self._frame)
-            request.alternatives = []
+            write = functools.partial(
+                conversions.chain_of, action_set=self._library.action_set, frame=self._frame
+            )
+            request.chain = write(question.chain)
+            request.alternatives = [write(other.chain) for other in question.others]
             request.as_given = True  # to be better than what is driven
         request.situation = conversions.situation_of(question.world, frame=self._frame)
         self._asked, self._request = question, self._refinement.call_async(request)

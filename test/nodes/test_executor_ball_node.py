@@ -14,7 +14,7 @@ from chain_client import ChainClient, Sent, call, chain_of_the_paper
 from process import Processes
 from ros_client import Client
 
-from ator_interfaces.msg import Outcome
+from ator_interfaces.msg import Outcome, TopChain
 from ator_interfaces.srv import PlaceBall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_from
@@ -124,7 +124,9 @@ def test_a_ball_that_is_displaced_while_it_is_approached_is_followed(chains: Cha
 def test_refinement_is_asked_again_when_the_ball_was_displaced_and_the_robot_drives_on(
     chains: ChainClient,
 ) -> None:
-    sent = chains.send(chain_of_the_paper()[:2], refine=True, fetches=9)
+    calls = chain_of_the_paper()[:2]
+    others = [TopChain(calls=[call("goToPose", Pose(-1.0, 0.5, 0.0)), *calls])]
+    sent = chains.send(calls, refine=True, fetches=9, alternatives=others)
     until(chains, sent, "goToBall")
     chains.ros.place(ball=(0.0, -0.5))
     before = len(chains.commands)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -12,7 +13,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import ChainSampler
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.situations import SHORTEST, pose_within, random_pose
+from ator_ros.domains.soccer.situations import SHORTEST, is_inside, pose_within, random_pose
 from ator_ros.domains.soccer.thresholds import ball_clearance, farthest
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
@@ -25,6 +26,8 @@ SHOOTING_DISTANCE = (1.2, 2.0)
 SHOOTING_BEARING = math.radians(50.0)
 """Greatest angle at the goal between a shooting position and the middle axis of the field."""
 _OF_TWO = 0.3  # of the time limit, for the straight way of either part
+ROLLING_SPEED = (0.5, 2.5)
+"""Range in m/s of the speed of a ball that rolls at the start."""
 _OPEN_HEADING = frozenset({"yaw"})
 
 
@@ -34,6 +37,27 @@ def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tupl
     goal = pose_within(robot, rng, ball, SHORTEST, farthest(robot, _OF_TWO, with_ball=True))
     calls = (_call(library, "goToBall", ball, _OPEN_HEADING), _call(library, "dribbleBall", goal))
     return world, TopChain(calls)
+
+
+def rolling(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+    """Draw the chain `dribble` with a ball that rolls; the plan knows where it is, not where it will rest.
+
+    It rests before the robot could be there: no action of ours catches a ball in motion.
+    """
+    while True:
+        world, chain = dribble(robot, library, rng)
+        rest = chain.calls[0].goal.pose
+        way, speed = rng.uniform(-math.pi, math.pi), rng.uniform(*ROLLING_SPEED)
+        moving = ObjectState(rest.x, rest.y, speed * math.cos(way), speed * math.sin(way))
+        there = robot.scene.at_rest(BALL, moving)
+        soonest = world.robot.pose.distance(rest) / robot.limits.v
+        now = Pose(2.0 * rest.x - there.x, 2.0 * rest.y - there.y, rest.yaw)
+        apart = world.robot.pose.distance(now) >= ball_clearance(robot)
+        if apart and is_inside(now, robot) and 2.0 * rest.distance(now) / speed <= soonest:
+            break
+    ball = ObjectState(now.x, now.y, moving.vx, moving.vy)
+    goal = dataclasses.replace(chain.calls[0].goal, pose=now)
+    return World(0.0, world.robot, {BALL: ball}), chain.with_goal(0, goal)
 
 
 def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
@@ -72,4 +96,6 @@ def _call(library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = fr
     return TopCall(library[top], Goal(pose, 0.0, library[top].point), opened)
 
 
-CHAINS: Mapping[str, ChainSampler] = MappingProxyType({"dribble": dribble, "drive": drive, "shoot": shoot})
+CHAINS: Mapping[str, ChainSampler] = MappingProxyType(
+    {"dribble": dribble, "drive": drive, "rolling": rolling, "shoot": shoot}
+)

@@ -59,6 +59,7 @@ PRESENTATION = Presentation(
     chains={
         "dribble": "go to the ball, dribble it to a pose",
         "drive": "go to a place, go on to a pose",
+        "rolling": "go to a ball that rolls, dribble it to a pose",
         "shoot": "go to the ball, dribble it, shoot",
     },
     policies={"face_goal": "ball between robot and goal, as most teams approach"},

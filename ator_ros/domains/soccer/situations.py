@@ -30,8 +30,7 @@ SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line wh
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     """Draw a pose that lies well within the lines."""
-    area, (at_end, at_side) = robot.scene.area, line_margins(robot)
-    half_length, half_width = area.length / 2 - at_end, area.width / 2 - at_side
+    half_length, half_width = _half_sizes(robot)
     x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
     return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
@@ -42,6 +41,17 @@ def pose_within(robot: Robot, rng: np.random.Generator, of: Pose, low: float, hi
     while not low <= pose.distance(of) <= high:
         pose = random_pose(robot, rng)
     return pose
+
+
+def is_inside(place: Pose, robot: Robot) -> bool:
+    """Return whether a place lies well within the lines, where `random_pose` draws."""
+    half_length, half_width = _half_sizes(robot)
+    return abs(place.x) <= half_length and abs(place.y) <= half_width
+
+
+def _half_sizes(robot: Robot) -> tuple[float, float]:
+    area, (at_end, at_side) = robot.scene.area, line_margins(robot)
+    return area.length / 2 - at_end, area.width / 2 - at_side
 
 
 def _share(rng: np.random.Generator, share: float) -> bool:

@@ -1,0 +1,71 @@
+"""Chains with a ball that rolls, and their refinement along the way without ROS."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.policies import POLICIES, Toolset
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.trials import Trial, random_trial
+from ator_ros.tops.objects import at_rest
+
+SOURCE = ToolsetSource()
+SEED = 453
+
+
+@pytest.fixture(scope="module")
+def tools() -> Toolset:
+    return make_toolset(SOURCE)
+
+
+def trial(tools: Toolset, index: int) -> Trial:
+    return random_trial(SOCCER, "rolling", make_library(tools.robot, SOURCE), seed=SEED, index=index)
+
+
+def test_the_plan_names_the_place_at_the_start_and_the_ball_rests_before_it_can_be_reached(
+    tools: Toolset,
+) -> None:
+    for index in range(50):
+        drawn = trial(tools, index)
+        ball, goal = drawn.world.objects[BALL], drawn.chain.calls[0].goal.pose
+        assert not drawn.chain.violations(drawn.world, tools.robot)
+        assert (ball.x, ball.y) == goal[:2]
+        assert 0.5 <= ball.speed <= 2.5
+        rest = at_rest(drawn.world, tools.robot).objects[BALL]
+        there = goal._replace(x=rest.x, y=rest.y)
+        rolling = 2.0 * goal.distance(there) / ball.speed
+        assert rolling <= drawn.world.robot.pose.distance(there) / tools.robot.limits.v
+
+
+def test_a_foreseeing_policy_refines_for_where_the_ball_will_rest(tools: Toolset) -> None:
+    drawn = trial(tools, 0)
+    rest = at_rest(drawn.world, tools.robot).objects[BALL]
+    foreseen = POLICIES["refined_foreseen"](tools, drawn).chain.calls[0].goal.pose
+    once = POLICIES["refined_speed"](tools, drawn).chain.calls[0].goal.pose
+    assert foreseen[:2] == (rest.x, rest.y)
+    assert once[:2] == drawn.chain.calls[0].goal.pose[:2]
+
+
+def test_with_no_questions_it_takes_as_long_as_without_them_and_with_them_it_is_changed(
+    tools: Toolset,
+) -> None:
+    drawn = trial(tools, 1)
+    choice = POLICIES["refined_again"](tools, drawn)
+    assert choice.along is not None
+    library = make_library(tools.robot, SOURCE)
+    once = run_chain(tools.robot, library, drawn.world, choice.chain)
+    never = dataclasses.replace(choice.along, again_after=0.0)
+    assert (
+        dataclasses.replace(
+            run_chain(tools.robot, library, drawn.world, choice.chain, along=never), reason=once.reason
+        )
+        == once
+    )
+    again = run_chain(tools.robot, library, drawn.world, choice.chain, along=choice.along)
+    assert again.success
+    assert (once.again, again.again >= 1) == (0, True)
