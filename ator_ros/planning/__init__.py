@@ -1,1 +1,1 @@
-"""Plans from goals: chains of TOPs, built from the TOPs' conditions; what is numeric is left to refinement."""
+"""Plans from goals: chains of TOPs, from the TOPs' conditions; numbers are left to refinement."""

@@ -51,7 +51,7 @@ def _call(step: Step, world: World, library: TopLibrary, *, last: bool) -> TopCa
 
 
 def _heading(step: Step, place: Pose, world: World) -> float:
-    """Return where the robot looks at a place: to what the place is for, or on in the direction of its way."""
+    """Return where the robot looks at a place: to what the place is for, or on in its direction."""
     at = world.robot.pose
     if step.region:
         target = dict(step.region[0].binding)

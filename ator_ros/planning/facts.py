@@ -144,7 +144,7 @@ def goal_names(said: Statement | Relation) -> frozenset[str]:
 
 
 def placed_thing(said: Statement | Relation) -> str | None:
-    """Return what a statement puts into a region about the goal: "robot", "hold" or an object; None if nothing."""
+    """Return what a statement puts into a region about the goal: "robot", "hold", an object, or None."""
     if not isinstance(said, Statement):
         others = [place for place in said.places if place != _GOAL]
         return others[0] if len(others) == 1 else None

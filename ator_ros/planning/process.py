@@ -96,7 +96,7 @@ class PlanProcess:
         return self._process
 
     def _line(self, process: subprocess.Popen[bytes], limit: float) -> bytes:
-        """Return the next line that the process writes; raises TimeoutError, or OSError where it has ended."""
+        """Return the next line of the process; raises TimeoutError, or OSError where it has ended."""
         assert process.stdout is not None
         end, line = time.monotonic() + limit, b""
         while not line.endswith(b"\n"):

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.facts import Fact
 from ator_ros.planning.values import Symbol, Value, after, difference
+from ator_ros.printable import quoted
 from ator_ros.tops.conditions import Region, Statement
 from ator_ros.tops.top import Top
 
@@ -48,7 +49,7 @@ def checked(wishes: Sequence[Wish], known: Sequence[str]) -> None:
     for wish in wishes:
         for name in (wish.variable, wish.target):
             if isinstance(name, str) and name not in known:
-                raise PlanningError(f"goal: expected one of {', '.join(known)}, got {name[:40]!r}")
+                raise PlanningError(f"goal: expected one of {', '.join(known)}, got {quoted(name)}")
     names = [wish.variable for wish in wishes]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PlanningError(f"goal: expected each variable once, {', '.join(twice)} come twice")
@@ -109,3 +110,37 @@ def bindings_for(wishes: Sequence[Wish], top: Top) -> Iterator[Mapping[str, Symb
 def _goal_variables(top: Top) -> frozenset[str]:
     named = top.pre.goal_names() | top.post.goal_names()
     return named | {"x", "y", "yaw", "speed"}
+
+
+def wish_from(text: str) -> Wish:
+    """Read a statement: VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH; a value is a number or a variable.
+
+    Raises
+    ------
+    PlanningError
+        It is none.
+    """
+    variable, _, rest = text.partition("=")
+    target, *bounds = rest.split(":")
+    try:
+        numbers = [float(bound) for bound in bounds]
+    except ValueError:
+        numbers = [math.nan]
+    if not variable or not target or len(numbers) not in (0, 2) or not all(map(math.isfinite, numbers)):
+        raise PlanningError(f"goal: expected VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH, got {quoted(text)}")
+    about = _number_or_name(target)
+    if not numbers:
+        return Unspecified(variable, about)
+    if numbers[0] > numbers[1]:
+        raise PlanningError(f"goal: {variable}: expected LOW <= HIGH, got {numbers[0]:g} and {numbers[1]:g}")
+    return Region(variable, about, numbers[0], numbers[1])
+
+
+def _number_or_name(text: str) -> float | str:
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    if not math.isfinite(value):
+        raise PlanningError(f"goal: expected a finite number or a variable, got {quoted(text)}")
+    return value
