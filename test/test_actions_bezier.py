@@ -126,6 +126,39 @@ def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
         SOCCER.actions("bezier")["shoot"].factory(robot).start(world, AXLE_GOAL)
 
 
+@pytest.mark.parametrize(
+    ("start", "ball"),
+    [
+        ((0.03, 1.51, 1.4), (-2.93, -1.062, 0.4189)),  # round the ball by the side away from the post
+        ((-2.529, 0.99, -3.0556), (-3.0732, -0.7337, 0.1571)),  # both sides hit the post
+    ],
+)
+def test_approach_keeps_clear_of_the_posts(
+    start: tuple[float, float, float], ball: tuple[float, float, float]
+) -> None:
+    situation = Situation(
+        "goToPose",
+        RobotState(Pose(*start)),
+        {BALL: ObjectState(*ball[:2])},
+        Goal(Pose(*ball), point=Point.HOLD),
+    )
+    outcome = execute_situation(situation, Task("approach", "bezier", 0, 0))
+    assert outcome.success
+    assert outcome.duration < 15.0
+
+
+def test_a_ball_that_lies_loosely_between_the_fins_is_not_lost_in_the_first_turn(robot: Robot) -> None:
+    loose, goal = Pose(0.0, 0.0, 0.0).ahead(robot.hold + 0.07), Goal(Pose(-1.0, 0.5, 3.0), point=Point.HOLD)
+    ball = {BALL: ObjectState(loose.x, loose.y)}
+    situation = Situation("dribbleBall", RobotState(Pose(0.0, 0.0, 0.0)), ball, goal)
+    assert execute_situation(situation, Task("dribble", "bezier", 0, 0)).success
+
+
+def test_a_robot_in_the_goals_place_does_not_wait_for_another_heading(robot: Robot) -> None:
+    driver = Driver(robot.holder_for("a test").limits, dribbling())
+    assert driver.follow(RobotState(Pose(0.0, 0.0, 0.15)), Pose(0.0, 0.0, 0.0), 0.0).v > 0.0
+
+
 SHAPE = CurveShape(radius=0.5, run_in=0.2, ahead=0.15, per_speed=0.2)
 STARTS = [Pose(-2.0, 0.7, 0.4), Pose(1.5, 1.0, -2.0), Pose(0.3, -1.2, 1.0), Pose(-0.9, -0.1, 3.0)]
 

@@ -15,7 +15,7 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.features import MOTIONS
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.performance.direct import DIRECT_VARIABLES, direct_arrays
+from ator_ros.performance.direct import DIRECT_VARIABLES, direct_table
 from ator_ros.performance.features import (
     IDEAL,
     PAPER_3,
@@ -232,11 +232,11 @@ def test_derived_variables_are_joined() -> None:
 def test_missing_and_odd_shapes_are_refused() -> None:
     direct = situations(0, 3)
     with pytest.raises(ValueError, match="missing: hold"):
-        direct_arrays({name: value for name, value in direct.items() if name != "hold"})
+        direct_table({name: value for name, value in direct.items() if name != "hold"})
     with pytest.raises(ValueError, match=r"arrays of one shape \(n,\)"):
-        direct_arrays({**direct, "x": np.zeros(4)})
+        direct_table({**direct, "x": np.zeros(4)})
     with pytest.raises(ValueError, match="not finite: yaw, xg"):
-        direct_arrays({**direct, "yaw": np.array([0.0, np.nan, 0.0]), "xg": math.inf})
+        direct_table({**direct, "yaw": np.array([0.0, np.nan, 0.0]), "xg": math.inf})
 
 
 @pytest.mark.parametrize("hold", [0.0, 1.0])

@@ -5,10 +5,12 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import subprocess
 import sys
 from importlib.metadata import entry_points
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -63,7 +65,18 @@ def test_the_view_attaches_to_the_nodes_of_its_namespace() -> None:
     assert "view" in {script.name for script in entry_points(group="console_scripts")}
     (group,) = LAUNCH.findall("group")
     assert VIEW in list(group)
-    assert arguments().parse_args((VIEW.get("args") or "").split()).attach
+    given = {"domain": "tour", "frame": "map", "config": str(CONFIG)}
+    words = re.sub(r"\$\(var (\w+)\)", lambda found: given[found[1]], VIEW.get("args", ""))
+    options = arguments().parse_args(words.split())
+    assert (options.attach, options.domain, options.frame) == (True, "tour", "map")
+    assert Path(options.robot) == CONFIG / "pioneer.yaml"
+
+
+def test_who_listens_to_tf_does_so_in_its_namespace() -> None:
+    names = {"executor", "view", "rviz2", "robot_state_publisher"}
+    for node in [node for node in LAUNCH.iter("node") if node.get("exec") in names]:
+        remaps = {(remap.get("from"), remap.get("to")) for remap in node.iter("remap")}
+        assert remaps == {("/tf", "tf"), ("/tf_static", "tf_static")}, node.get("exec")
 
 
 def test_rviz_has_what_makes_goals_of_its_poses() -> None:
@@ -71,7 +84,7 @@ def test_rviz_has_what_makes_goals_of_its_poses() -> None:
     assert GOAL_POSE.get("if") == rviz.get("if") == "$(var rviz)"
     (group,) = LAUNCH.findall("group")
     assert GOAL_POSE in list(group)
-    assert {param.get("name") for param in GOAL_POSE.iter("param")} == {"robot"}
+    assert {param.get("name") for param in GOAL_POSE.iter("param")} == {"domain", "frame", "robot"}
 
 
 def test_robot_state_publisher_gets_the_description_of_the_robot_that_is_named() -> None:

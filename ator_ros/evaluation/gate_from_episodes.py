@@ -21,6 +21,7 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of, train
 from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.refinement.gate import FEATURES
+from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -42,6 +43,8 @@ class CrossFit:
         Candidate features of every action.
     ranges : mapping, optional
         Goal variable to its range.
+    failure_cost : float
+        Time in s that one failure costs.
     """
 
     def __init__(
@@ -50,8 +53,9 @@ class CrossFit:
         rows: Mapping[str, pd.DataFrame],
         features: tuple[Feature, ...],
         ranges: Ranges = USUAL_RANGES,
+        failure_cost: float = 0.0,
     ) -> None:
-        self.robot, self.ranges = robot, ranges
+        self.robot, self.ranges, self.failure_cost = robot, ranges, failure_cost
         parts = {action: _halves(table) for action, table in rows.items()}
         first, second = (
             {action: train(action, part[half], robot, features=features) for action, part in parts.items()}
@@ -73,13 +77,15 @@ class CrossFit:
         self, trial: Trial, rng: np.random.Generator
     ) -> Iterator[tuple[list[float], float, float, int, int]]:
         for chooser, judge in (self.models, self.models[::-1]):
-            refiner = Refiner(self.robot, chooser, ranges=self.ranges)
+            refiner = Refiner(self.robot, chooser, ranges=self.ranges, failure_cost=self.failure_cost)
             naive = refiner.naive(trial.world, open_speeds(trial.chain))
             for kind, plan in enumerate((trial.chain, open_speeds(trial.chain))):
                 refinement = refiner.refine(trial.world, reopened(naive, plan))
                 values = [refinement.features.get(name, 0.0) for name in FEATURES]
+                objective = expected_time(self.failure_cost)
                 before, after = (
-                    predict_chain(trial.world, chain, judge, self.robot).cost + self._error(chain, rng)
+                    predict_chain(trial.world, chain, judge, self.robot, objective).cost
+                    + self._error(chain, rng)
                     for chain in (naive, refinement.chain)
                 )
                 yield values, before, after, trial.index, kind

@@ -1,4 +1,4 @@
-"""Latched topics to be drawn, whose messages are dear to make."""
+"""Latched topics for drawing, whose messages are expensive to build."""
 
 from __future__ import annotations
 

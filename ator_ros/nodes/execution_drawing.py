@@ -1,4 +1,4 @@
-"""What the executor is about, to be drawn in RViz and in a view."""
+"""The chain and the path that the executor drives, as topics for RViz and the view."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
 from rclpy.node import Node
@@ -77,11 +78,14 @@ class GoalPoseNode(Node):
         handle: Any = future.result()
         if handle is not None and handle.accepted:
             handle.get_result_async().add_done_callback(self._ended)
+        else:
+            self.get_logger().warning("rejected: the executor accepts no goal now; its log says why")
 
     def _ended(self, future: Future) -> None:
         answer = future.result()
         if answer is not None:
-            self.get_logger().info(answer.result.outcome.reason)
+            outcome, log = answer.result.outcome, self.get_logger()
+            (log.info if answer.status == GoalStatus.STATUS_SUCCEEDED else log.warning)(outcome.reason)
 
 
 def main(args: list[str] | None = None) -> None:

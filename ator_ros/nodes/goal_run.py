@@ -76,7 +76,7 @@ class GoalRun:
         for plan in (chain, *others):
             _stay_inside(fence, plan, library)
         if goal.refine:
-            conversions.objective_from(goal.objective)
+            conversions.objective_from(goal.objective, failure_cost=1.0)  # what it is, refinement knows
         self.handle = handle
         self.execution = Execution(
             library,

@@ -39,10 +39,19 @@ class LearnedSets(Generic[Loaded]):
     load : callable
         Makes what the node works with of a folder of models ("" for those that ship); called in a thread when
         a set is new, and may not touch what the node uses.
+    taken : callable, optional
+        Called with a set that was loaded in a thread, before it is used: parameters may have changed since.
     """
 
-    def __init__(self, node: Node, models: str, learned: str, load: Callable[[str], Loaded]) -> None:
-        self._node, self._load = node, load
+    def __init__(
+        self,
+        node: Node,
+        models: str,
+        learned: str,
+        load: Callable[[str], Loaded],
+        taken: Callable[[Loaded], None] = lambda _: None,
+    ) -> None:
+        self._node, self._load, self._taken = node, load, taken
         self._folder = Path(learned).expanduser() if learned else None
         self._thread: threading.Thread | None = None
         self._ready: tuple[Path, Manifest, Loaded] | None = None
@@ -100,7 +109,9 @@ class LearnedSets(Generic[Loaded]):
             (place, why), self._failed = self._failed, None
             self._tell_failure(place, why)
         if self._ready is not None:
-            (_, self._manifest, self.present), self._ready = self._ready, None
+            (_, self._manifest, loaded), self._ready = self._ready, None
+            self._taken(loaded)
+            self.present = loaded
             self._switches += 1
             self._node.get_logger().info(f"switched to the learned set {_told(self._manifest)}")
 

@@ -17,7 +17,7 @@ from ator_ros.world.state import ObjectState
 _ABOVE_FLOOR = 0.02
 _SHAFT = 0.05
 _POINT = 0.05
-"""Radius in m that an object is drawn with whose size nobody has described."""
+"""Radius in m with which an object of unknown size is drawn."""
 
 
 def marker_array(shapes: Iterable[Shape], space: str, frame: str) -> MarkerArray:

@@ -33,7 +33,7 @@ class Parameter:
     ----------
     name : str
         Its name; a unit that is not SI is part of it.
-    default : bool, int, float, str or list of float
+    default : bool, int, float, str, or list of float or str
         Default value, which also gives the type.
     description : str
         A sentence with the unit.

@@ -6,6 +6,7 @@ import functools
 import time
 import traceback
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from rclpy.node import Node
@@ -39,6 +40,7 @@ from ator_ros.planning.process import PlanProcess
 from ator_ros.refinement.alternatives import Selection, choosing
 from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.objective import LEAST_WEIGHT, MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices
 from ator_ros.tops.library import TopLibrary
@@ -50,6 +52,15 @@ PARAMETERS = (
     Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
     LEARNED,
     Parameter("gate", True, "whether to refine only where the gate expects that it pays", live=True),
+    Parameter(
+        "failure_cost",
+        -1.0,
+        "s that a failure costs; below 0: the domain's time limit",
+        -1.0,
+        MOST_WEIGHT,
+        smallest=LEAST_WEIGHT,
+        live=True,
+    ),
     Parameter(
         "explore", 0.0, "greatest share of the predicted time to spend on trying chains; 0: none", 0.0, 0.5
     ),
@@ -75,7 +86,7 @@ _MOST_WAITING = 2000
 class RefinementNode(Node):
     """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; `gate` can change while it runs.
+    Parameters: see `PARAMETERS`; `gate` and `failure_cost` can change while it runs.
 
     Services
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
@@ -96,7 +107,8 @@ class RefinementNode(Node):
         robot = robot_of(self._settings)
         self._domain = domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-        self._sets = LearnedSets(self, self._settings["models"], self._settings["learned"], self._load)
+        models, learned = self._settings["models"], self._settings["learned"]
+        self._sets = LearnedSets(self, models, learned, self._load, self._prepare)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._explorer = Explorer(self._settings["explore"])
         self._answered, self._refused, self._cut_short, self._busy = 0, 0, 0, 0
@@ -119,12 +131,25 @@ class RefinementNode(Node):
         self.get_logger().info(f"refining chains of the action sets {there}")
 
     def _load(self, folder: str) -> Refiners:
-        return load_refiners(self, self._domain, self._libraries, folder, gated=self._settings["gate"])
+        gated, cost = self._settings["gate"], self._failure_cost(self._settings)
+        return load_refiners(self, self._domain, self._libraries, folder, gated=gated, failure_cost=cost)
+
+    def _failure_cost(self, settings: Mapping[str, Any]) -> float:
+        """Return the time in s that a failure costs where a request does not say."""
+        cost: float = settings["failure_cost"]
+        return cost if cost >= 0.0 else self._domain.time_limit
+
+    def _prepare(self, refiners: Refiners, changes: Mapping[str, Any] = MappingProxyType({})) -> None:
+        """Make refiners decide as the parameters say, with `changes` that are about to be made."""
+        settings = {**self._settings, **changes}
+        set_gates(self, refiners, gated=settings["gate"])
+        for refiner in refiners.by_set.values():
+            refiner.failure_cost = self._failure_cost(settings)
 
     def _change(self, values: Mapping[str, Any]) -> None:
-        """Use the gates from now on, or no longer."""
-        if "gate" in values:
-            set_gates(self, self._sets.present, gated=values["gate"])
+        """Use the gates from now on, or no longer; count failures at another cost."""
+        if values.keys() & {"gate", "failure_cost"}:
+            self._prepare(self._sets.present, values)
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         finish = functools.partial(self._answer, answer)
@@ -204,7 +229,7 @@ class RefinementNode(Node):
             return choice
         yield
         world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
-        objective = conversions.objective_from(request.objective)
+        objective = conversions.objective_from(request.objective, refiner.failure_cost)
         found = self._explorer.explored(
             choice.refinement,
             lambda chain: predict_chain(world, chain, refiner.models, library.robot, objective),
@@ -255,7 +280,7 @@ def refining_of(
     world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
     chain = conversions.chain_from(request.chain, library, frame=frame)
     others = conversions.alternatives_from(request.alternatives, library, frame=frame)
-    objective = conversions.objective_from(request.objective)
+    objective = conversions.objective_from(request.objective, refiner.failure_cost)
     yield
     placeholders = not request.as_given
     return (yield from choosing(refiner, world, (chain, *others), objective, placeholders=placeholders))

@@ -81,7 +81,7 @@ def run_node(
 
 
 def spin_out(node: Node) -> None:
-    """Let a node that ends work for a last moment."""
+    """Spin a node that is about to end once more, so that its last messages leave."""
     executor: Any = node.executor
     for _ in range(_LAST_SPINS):
         executor.spin_once(timeout_sec=0.01)

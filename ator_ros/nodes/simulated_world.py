@@ -104,7 +104,7 @@ class SimulatedWorld:
         self._scene = robots[0].robot.scene
         self._object_starts = object_starts
         for number, robot in enumerate(self._robots):
-            self._check_inside(robot.start.x, robot.start.y, "robot_start")
+            self._check_inside(robot.start.x, robot.start.y, f"robot_start {robot.name}".strip())
             for other in self._robots[:number]:
                 _check_apart(robot, robot.start, other, other.start, "robot_start")
         for name, place in object_starts.items():
@@ -121,8 +121,10 @@ class SimulatedWorld:
             self._simulation.place_object(name, *place)
         self._changed()
 
-    def _changed(self) -> None:
-        for number, robot in enumerate(self._robots):
+    def _changed(self, *numbers: int) -> None:
+        """Let the sensors of some robots, by default of all, begin anew."""
+        for number in numbers or range(len(self._robots)):
+            robot = self._robots[number]
             robot.sensors.reset()
             robot.observed = robot.sensors.observe(self._simulation.world(number=number))
 
@@ -181,7 +183,7 @@ class SimulatedWorld:
                 there = self._simulation.world(number=other).robot.pose
                 _check_apart(placed, pose, robot, there, "pose.pose.position")
         self._simulation.place_robot(pose, v=v, w=w, number=number)
-        self._changed()
+        self._changed(number)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float, vy: float) -> None:
         """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.

@@ -208,6 +208,7 @@ class SimulationNode(Node):
 
     def _pause(self, request: SetBool.Request) -> str:
         self._paused, self._deadline = bool(request.data), 0.0
+        self._counted = (time.monotonic(), self._ticks)  # no pause counts as slow
         return "paused" if self._paused else "running"
 
     def _health(self) -> Health:

@@ -32,7 +32,7 @@ class Geometry:
     Parameters
     ----------
     direct : mapping
-        Direct variables, see `direct_arrays`.
+        Direct variables, see `direct_table`.
     robot : Robot
         Limits, and where it holds an object.
     driving : DrivingStyle, optional

@@ -32,11 +32,6 @@ Direct = Mapping[str, Any]
 Arrays = dict[str, FloatArray]
 
 
-def direct_arrays(direct: Direct, further: Iterable[str] = ()) -> Arrays:
-    """Bring direct variables into arrays of one shape (n,), see `direct_table`."""
-    return dict(zip((*DIRECT_VARIABLES, *further), direct_table(direct, further), strict=True))
-
-
 def direct_table(direct: Direct, further: Iterable[str] = ()) -> FloatArray:
     """Bring direct variables into the rows of a table, shape (names, n).
 

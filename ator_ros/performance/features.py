@@ -132,7 +132,7 @@ def feature_table(
     Parameters
     ----------
     direct : mapping
-        Direct variables of n situations, see `direct_arrays`.
+        Direct variables of n situations, see `direct_table`.
     robot : Robot
         Limits, and where it holds an object.
     features : sequence of Feature

@@ -114,7 +114,7 @@ class PerformanceModel:
         Parameters
         ----------
         direct : mapping
-            Direct variables, numbers or arrays of shape (n,), see `direct_arrays`.
+            Direct variables, numbers or arrays of shape (n,), see `direct_table`.
         measures : tuple of str
             Which fields of the prediction to compute; those that were not learned stay None.
 

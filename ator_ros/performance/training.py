@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -35,6 +36,7 @@ OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
 _SMOOTHING = 60.0
+_FOLDS = 10
 
 
 class TrainingError(ValueError):
@@ -67,8 +69,8 @@ def train(
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
 
-    Duration is learned from the episodes that succeeded, success from the starts of all of them, and the
-    errors from the starts of those that succeeded.
+    Duration is learned from the episodes that succeeded, success from the starts of all of them (its rate
+    where no tree is better), and the errors from the starts of those that succeeded.
 
     Parameters
     ----------
@@ -99,7 +101,7 @@ def train(
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     source = _Source(robot, tuple(features), driving)
     trees = {"duration": _duration_tree(good, source, how)}
-    trees["success"] = _small_tree(starts, source, starts["success"].to_numpy(dtype=float))
+    trees["success"] = _success_tree(starts, source)
     for measure, column in (("accuracy", "position_error"), ("heading", "heading_error")):
         values = good_starts[column].to_numpy(dtype=float)
         if np.isfinite(values).all():
@@ -147,9 +149,30 @@ def _duration_tree(rows: pd.DataFrame, source: _Source, how: Training) -> ModelT
 
 def _small_tree(rows: pd.DataFrame, source: _Source, values: np.ndarray) -> ModelTree:
     """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
-    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0)
-    tree.fit(source.table(rows), values)
-    return narrowed(tree.tree_)
+    return narrowed(_small_tree_of(source.table(rows), values).tree_)
+
+
+def _small_tree_of(table: pd.DataFrame, values: np.ndarray) -> ModelTreeRegressor:
+    return ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0).fit(table, values)
+
+
+def _success_tree(starts: pd.DataFrame, source: _Source) -> ModelTree:
+    """Learn the probability of success: the rate of all episodes, unless a tree predicts it better.
+
+    A few failures make leaves of any shape, and each would repel refinement, as failures cost much. So the
+    tree has to have the smaller squared error (Brier score) on episodes that it was not learned from, by more
+    than two standard errors.
+    """
+    happened = starts["success"].to_numpy(dtype=float)
+    table, fold = source.table(starts), np.arange(len(starts)) % _FOLDS
+    gains = np.zeros(len(starts))
+    for number in range(_FOLDS if happened.min() < happened.max() else 0):
+        held, seen = fold == number, fold != number
+        predicted = _small_tree_of(table[seen], happened[seen]).predict(table[held]).clip(0.0, 1.0)
+        gains[held] = (happened[seen].mean() - happened[held]) ** 2 - (predicted - happened[held]) ** 2
+    if gains.mean() > 2.0 * gains.std() / math.sqrt(len(gains)):
+        return _small_tree(starts, source, happened)
+    return _small_tree(starts, source, np.full(len(starts), happened.mean()))
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 MOST_FRAMES = 1000
 """Frames that are remembered; a robot has some dozens."""
+_LATELY = 2.0  # s after the newest transform of all
 _KEPT = 512
 """Transforms of each frame that are remembered: five seconds at 100 Hz."""
 
@@ -93,7 +94,6 @@ class Transforms:
 
     def __init__(self) -> None:
         self._links: dict[str, _Link] = {}
-        self.newest: float | None = None
 
     def add(self, frame: str, child: str, time: float, placement: Placement, *, fixed: bool = False) -> None:
         """Take the placement of the frame `child` in `frame` at `time` (s).
@@ -120,13 +120,12 @@ class Transforms:
                 raise ValueError(f"tf: expected at most {MOST_FRAMES} frames, got another one")
             link = self._links[child] = _Link(frame, fixed)
         link.add(time, placement)
-        self.newest = self.newest if fixed else time
 
     def latest(self, frame: str, child: str) -> tuple[float, Placement] | None:
         """Return the newest time in s at which `child` is known in `frame`, and its placement then.
 
         The time is that of the oldest of the newest transforms between the two frames; those that never
-        change hold at the newest time of all. None: no transforms connect the frames, or not at one time.
+        change hold at the present. None: no transforms connect the frames, or not at one time.
         """
         up, down = self._ancestors(child), self._ancestors(frame)
         common = next((name for name in up if name in down), None)
@@ -134,11 +133,21 @@ class Transforms:
             return None
         rising, falling = up[: up.index(common)], down[: down.index(common)]
         changing = [self._links[name].times[-1] for name in rising + falling if not self._links[name].fixed]
-        time = min(changing, default=self.newest)
+        time = min(changing, default=self.present)
         if time is None:
             return None
         there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
         return None if there is None or back is None else (time, back.inverse().compose(there))
+
+    @property
+    def present(self) -> float | None:
+        """The time in s up to which every frame that moves is known; None: none moves.
+
+        A localisation dates its transforms ahead of the odometry. Frames not heard of lately do not count.
+        """
+        newest = [link.times[-1] for link in self._links.values() if not link.fixed]
+        latest = max(newest, default=0.0)
+        return min((time for time in newest if time >= latest - _LATELY), default=None)
 
     def _ancestors(self, frame: str) -> list[str]:
         """Return a frame, its parent, and so on; where they run in a circle, each once."""

@@ -160,6 +160,21 @@ def test_the_gate_can_be_opened_while_the_node_runs(host: Host, client: Client, 
     assert not refine(client, request).refined
 
 
+def test_a_failure_costs_what_the_parameter_says_unless_the_request_does(
+    host: Host, client: Client, tmp_path: Path
+) -> None:
+    save_small_models(tmp_path)
+    host("refinement", models=tmp_path, deadline=20.0)
+    request = request_of_the_paper(yaw=3.0)
+    request.objective.success = 100.0
+    by_request = refine(client, request).cost_before
+    cost = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=100.0)
+    request.objective.success = -1.0
+    assert refine(client, request).cost_before < by_request
+    assert [result.successful for result in set_parameters(client, failure_cost=cost)] == [True]
+    assert refine(client, request).cost_before == pytest.approx(by_request)
+
+
 def test_health_names_what_it_was_made_with(asker: Client) -> None:
     health = asker.listen(DiagnosticArray, "/diagnostics", RESULTS)
     asker.eventually(lambda: health, "diagnostics")

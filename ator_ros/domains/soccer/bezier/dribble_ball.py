@@ -15,6 +15,13 @@ from ator_ros.world.state import Command, World
 LOST = 0.15
 """Distance in m between ball and hold beyond which the ball counts as lost."""
 
+_LOOSE, _TAKEN = 0.025, 0.01
+"""Distances in m of the ball before the hold. A ball that is farther away than the first is taken in, up to
+the second, before the first turn, in which it would slip out."""
+
+_TAKING = 0.3
+"""Speed in m/s at which the ball is taken in."""
+
 HANDLE = 0.1
 """Length of the curve's handles in m: the least radius that the ball is led on."""
 
@@ -45,6 +52,7 @@ def check_held(world: World, robot: Robot, name: str) -> None:
 class BezierDribbleBall(Action):
     """Push the ball to a pose: turning slowly, never on the spot, and never braking harder than the ball.
 
+    A ball that lies loosely between the tips of the fins is taken in first, straight ahead.
     A goal with a speed is passed at that speed. A goal that was missed is driven at again in a loop.
     """
 
@@ -63,6 +71,7 @@ class BezierDribbleBall(Action):
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
         self._driver.reset(Command(world.robot.v, world.robot.w))
+        self._takes = self._room(world) > _LOOSE
 
     def way(self) -> FloatArray | None:
         """Return the curve of the last tick; see `Action.way`."""
@@ -78,8 +87,16 @@ class BezierDribbleBall(Action):
         if reached(rel, state.v, speed):
             command = self._driver.command(speed, 0.0)
             return finished(Status.SUCCEEDED, "arrived at the goal with the ball", command)
+        self._takes = self._takes and self._room(world) > _TAKEN
+        if self._takes:
+            return Step(self._driver.command(_TAKING, 0.0), Status.RUNNING, "taking the ball in")
         return Step(
             self._driver.follow(state, self._target, speed),
             Status.RUNNING,
             "dribbling along the curve to the goal",
         )
+
+    def _room(self, world: World) -> float:
+        """Return the distance in m of the ball before the hold, along the robot's heading."""
+        ball, pose = world.objects[BALL], world.robot.pose
+        return self.robot.hold_point(pose).relative(Pose(ball.x, ball.y, 0.0)).x
