@@ -103,7 +103,10 @@ def posed(
         poser.add(Operator(operator.needs, operator.adds, operator.deletes | moved), step)
     for number, group in here.items():
         poser.add(Operator(frozenset({number}), group, frozenset()))
-    for group in regions:
+    goal = frozenset(poser.numbers[fact] for fact in wanted)
+    plain = SymbolicProblem(tuple(poser.operators), initial, goal)
+    useful = [poser.operators[number].needs for number in plain.useful()]
+    for group in (group for group in regions if any(group <= needs for needs in useful)):
         for step, detour in _detours(poser, group, steps, driving, world, robot):
             both = poser.operator(detour).then(poser.operator(step))
             poser.add(Operator(both.needs | group, both.adds, both.deletes), detour, step)
@@ -112,7 +115,6 @@ def posed(
             f"goal: expected TOPs from which at most {MOST_OPERATORS} steps and {MOST_FACTS} conditions "
             f"follow, got {len(poser.operators)} and {len(poser.facts)}"
         )
-    goal = frozenset(poser.numbers[fact] for fact in wanted)
     return Posed(
         tuple(poser.facts), tuple(poser.steps), SymbolicProblem(tuple(poser.operators), initial, goal)
     )

@@ -16,6 +16,8 @@ from ator_ros.tops.top import Top
 
 MOST_STATEMENTS = 8
 _ROBOT = tuple(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w"))
+_MOVING = ("robot.", "hold.")
+"""The robot's own variables are no destination: they change on the way."""
 _HOLD = ("hold.x", "hold.y")
 
 
@@ -97,6 +99,8 @@ def bindings_for(wishes: Sequence[Wish], top: Top) -> Iterator[Mapping[str, Symb
     values = after(top, open_goal)
     found: dict[str, Symbol] = {}
     for wish in wishes:
+        if str(wish.target).startswith(_MOVING):
+            continue
         symbol = values[wish.variable].symbol if wish.variable in values else ""
         if isinstance(symbol, str) and symbol in open_goal.values():
             target = wish.target
