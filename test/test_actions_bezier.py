@@ -147,6 +147,15 @@ def test_approach_keeps_clear_of_the_posts(
     assert outcome.duration < 15.0
 
 
+def test_approach_from_the_front_passes_the_ball_at_a_distance(robot: Robot) -> None:
+    start, ball = Pose(2.5636, -0.7146, -1.3929), Pose(2.934, -1.3802, 2.6704)
+    objects = {BALL: ObjectState(ball.x, ball.y)}
+    situation = Situation("goToPose", RobotState(start), objects, Goal(ball, point=Point.HOLD))
+    outcome = execute_situation(situation, Task("approach", "bezier", 0, 0))
+    assert outcome.success
+    assert not outcome.early
+
+
 def test_a_ball_that_lies_loosely_between_the_fins_is_not_lost_in_the_first_turn(robot: Robot) -> None:
     loose, goal = Pose(0.0, 0.0, 0.0).ahead(robot.hold + 0.07), Goal(Pose(-1.0, 0.5, 3.0), point=Point.HOLD)
     ball = {BALL: ObjectState(loose.x, loose.y)}

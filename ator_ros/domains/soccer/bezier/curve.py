@@ -144,6 +144,14 @@ def _through(
     return Curve(points, bearing, bend, *way)
 
 
+def passing_distance(curve: Curve, x: float, y: float) -> float:
+    """Return how near in m the straight part of the shortest way comes to (x, y) m in the goal's frame."""
+    start_x, start_y = curve.points[0]
+    c, s = math.cos(curve.heading), curve.side * math.sin(curve.heading)
+    along = max(0.0, min(curve.straight, (x - start_x) * c + (y - start_y) * s))
+    return math.hypot(x - start_x - along * c, y - start_y - along * s)
+
+
 def shortest_way(curve: Curve, shape: CurveShape, goal: Pose) -> FloatArray:
     """Return places on the shortest way that a curve to `goal` approximates, shape (n, 2), in m."""
     x, y = curve.points[0]

@@ -6,11 +6,19 @@ import math
 from dataclasses import dataclass, replace
 
 from ator_ros.actions.base import ActionError, Goal
-from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to, sampled, shortest_way
+from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.bezier.curve import (
+    Curve,
+    CurveShape,
+    curve_to,
+    passing_distance,
+    sampled,
+    shortest_way,
+)
 from ator_ros.domains.soccer.goals import depth_in_goals, nearest_to_goals
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits, Robot
-from ator_ros.world.state import CONTROL_PERIOD, Command, RobotState
+from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, RobotState
 
 LATERAL, HEADING = 0.04, 0.1
 """Greatest distance from the goal's axis (m) and from its heading (rad) with which a goal is reached."""
@@ -20,7 +28,8 @@ _AT_REST = 0.03  # m/s
 _CREEP = 0.04  # m/s
 _FAITH = 0.3  # s by which the way round the other side must be quicker to be preferred
 _PER_DEPTH = 20.0  # s per m of a wall in the way: any way round it is quicker than to push against it
-_TIGHT = 0.25  # length of short handles over that of the style's
+_HANDLES = (1.0, 0.25, 2.0)  # lengths of handles over that of the style's, by preference
+_BESIDE = 0.03  # m between the robot's side and a ball that it passes
 _RESERVE = 1.2  # greatest deceleration over the planned one
 _SLIGHT = 0.3  # rad on the circle up to which it may be driven faster, as rotation needs time to build up
 
@@ -58,10 +67,14 @@ class Driver:
         The curve and how it is driven.
     robot : Robot, optional
         Whose scene has walls to keep clear of; by default there are none.
+    ball : ObjectState, optional
+        A ball to leave in its place on the way to the run-in.
     """
 
-    def __init__(self, limits: Limits, style: Style, robot: Robot | None = None) -> None:
-        self._limits, self._style, self._robot = limits, style, robot
+    def __init__(
+        self, limits: Limits, style: Style, robot: Robot | None = None, ball: ObjectState | None = None
+    ) -> None:
+        self._limits, self._style, self._robot, self._ball = limits, style, robot, ball
         self._rotation = min(style.rotation, limits.w)  # rad/s
         self.reset(Command())
 
@@ -80,7 +93,7 @@ class Driver:
         """Return the curve to `target` for a robot at `pose` that drives at v (m/s).
 
         Of the two that lead round the goal by the left and by the right it is the quicker; so durations are
-        continuous where the side changes. A way through the wall of a goal counts as longer.
+        continuous where the side changes. A way through a goal's wall or the ball counts as longer.
         """
         if self._side == 0.0:
             self._shape = self._fitting(pose, target, v)
@@ -99,23 +112,34 @@ class Driver:
         return {side: curve_to(rel, v, shape, side) for side in (1.0, -1.0)}
 
     def _fitting(self, pose: Pose, target: Pose, v: float) -> CurveShape:
-        """Return the style's shape, with short handles where both ways lead through the wall of a goal."""
-        shape = self._style.shape
-        curves = self._curves(pose, target, v, shape)
-        if min(self._depth(curve, shape, pose, target) for curve in curves.values()) == 0.0:
-            return shape
-        return replace(shape, radius=_TIGHT * shape.radius)
+        """Return the style's shape, with other handles where both ways lead through a wall or the ball."""
+        style = self._style.shape
+        shapes = [replace(style, radius=share * style.radius) for share in _HANDLES]
+
+        def least_depth(shape: CurveShape) -> float:
+            curves = self._curves(pose, target, v, shape).values()
+            return min(self._depth(curve, shape, pose, target) for curve in curves)
+
+        return min(shapes, key=least_depth)
 
     def _time(self, curve: Curve) -> float:
         """Return an estimate in s of the time that a curve takes: its straight part and its two turns."""
         return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._rotation
 
     def _depth(self, curve: Curve, shape: CurveShape, pose: Pose, target: Pose) -> float:
-        """Return by how much in m the robot may reach into the wall of a goal on the way of a curve."""
-        farthest = max(abs(pose.x), abs(target.x) + shape.run_in + 2.0 * shape.radius)
-        if self._robot is None or farthest <= nearest_to_goals(self._robot):
+        """Return by how much in m the robot may reach into a wall or the ball on the way of a curve."""
+        if self._robot is None:
             return 0.0
-        return depth_in_goals(shortest_way(curve, shape, target), self._robot)
+        into_ball = 0.0
+        if self._ball is not None:
+            ball = target.relative(Pose(self._ball.x, self._ball.y, 0.0))
+            room = self._robot.half_width + self._robot.scene.radius(BALL) + _BESIDE
+            now = math.hypot(self._ball.x - pose.x, self._ball.y - pose.y)
+            into_ball = max(0.0, min(room, now) - passing_distance(curve, ball.x, ball.y))
+        farthest = max(abs(pose.x), abs(target.x) + shape.run_in + 2.0 * shape.radius)
+        if farthest <= nearest_to_goals(self._robot):
+            return into_ball
+        return max(into_ball, depth_in_goals(shortest_way(curve, shape, target), self._robot))
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""

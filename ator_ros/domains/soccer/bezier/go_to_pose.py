@@ -37,9 +37,10 @@ class BezierGoToPose(Action):
         check_goal(goal, self.robot.limits.v, self.name)
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
-        self._to_ball = self._lies_at_goal(ball_of(world))
-        style = TO_BALL if self._to_ball else TO_POSE
-        self._driver = Driver(self.robot.limits, style, self.robot)
+        ball = ball_of(world)
+        self._to_ball = self._lies_at_goal(ball)
+        style, beside = (TO_BALL, ball) if self._to_ball else (TO_POSE, None)
+        self._driver = Driver(self.robot.limits, style, self.robot, beside)
         self._driver.reset(Command(world.robot.v, world.robot.w))
 
     def way(self) -> FloatArray | None:
