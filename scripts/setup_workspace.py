@@ -31,7 +31,7 @@ BASE_PYTHON = os.path.realpath(sys.executable)  # as .venv/pyvenv.cfg names it, 
 VENV_STAMP = VENV / "stamp.json"
 LOG = VENV / "setup.log"
 WHEELS = "wheels"
-REQUIREMENTS = ("ros", "build", "runtime", "offline", "view", "test", "lint")
+REQUIREMENTS = ("ros", "build", "runtime", "offline", "view", "plan", "test", "lint")
 TF = "tf2_msgs"
 ALWAYS_PINNED = "lint"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
@@ -127,10 +127,17 @@ def canonical(name: str) -> str:
 
 
 def locked() -> dict[str, str]:
-    """Read requirements/constraints.txt: by name the entry of each package, with the hashes of its files."""
+    """Read requirements/constraints.txt: by name the entries of each package, with the hashes of its files.
+
+    A package has several where its version depends on Python's; pip takes the one that suits.
+    """
     text = (ROOT / "requirements" / "constraints.txt").read_text(encoding="utf-8")
     entries = re.split(r"\n(?=\w)", re.sub(r"^#.*\n", "", text, flags=re.MULTILINE).strip())
-    return {canonical(entry.split("==")[0]): entry for entry in entries}
+    found: dict[str, str] = {}
+    for entry in entries:
+        name = canonical(entry.split("==")[0])
+        found[name] = f"{found[name]}\n{entry}" if name in found else entry
+    return found
 
 
 def install_packages(prefix: str) -> None:

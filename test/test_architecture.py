@@ -36,6 +36,7 @@ FLOORS = [
     "refinement",
     "execution",
     "domains",
+    "planning",
     "evaluation",
     "report",
     "learning",
@@ -213,7 +214,7 @@ def test_words_of_a_domain_are_noticed(tmp_path: Path, text: str, words: list[st
 def test_nodes_start_without_what_only_learning_needs() -> None:
     names = [f"ator_ros.nodes.{name}" for name in ("executor", "refinement", "simulation")]
     names.append("ator_ros.domains.soccer.domain")
-    heavy = ["sklearn", "pandas", "pyarrow", "scipy.stats", "matplotlib", "viser"]
+    heavy = ["sklearn", "pandas", "pyarrow", "scipy.stats", "matplotlib", "viser", "unified_planning"]
     script = f"import sys, {', '.join(names)}; print([name for name in {heavy} if name in sys.modules])"
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert told.strip() == "[]"

@@ -28,6 +28,7 @@ from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.chain import TopChain
+from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
 from ator_ros.tops.top import Top
@@ -42,6 +43,11 @@ _ENDINGS = (".yaml", ".yml")
 NO_OTHERS: Mapping[str, ActionFactory] = MappingProxyType({})
 
 ChainSampler = Callable[[Robot, TopLibrary, np.random.Generator], tuple[World, TopChain]]
+
+
+def no_goals(_: Robot) -> Mapping[str, Condition]:
+    """Return no goals: of a domain that names none."""
+    return {}
 
 
 def no_bays(_: Scene) -> tuple[Bay, ...]:
@@ -91,6 +97,9 @@ class Domain:
         Programs of others that its actions need; tools that start our nodes start them too.
     time_limit : float
         Time in s that an action or a chain may take in a simulation without ROS.
+    goals : callable
+        Returns, for a robot in its scene, the goals that plans may be asked for by name: conditions whose
+        targets are numbers or state variables. By default none.
     measurements : Measurements
         What only the domain can measure of its actions, for the tools that do so; by default nothing.
 
@@ -116,6 +125,7 @@ class Domain:
     description: Path | None = None
     programs: tuple[Program, ...] = ()
     time_limit: float = TIME_LIMIT
+    goals: Callable[[Robot], Mapping[str, Condition]] = no_goals
     measurements: Measurements = field(default_factory=Measurements)
 
     def __post_init__(self) -> None:

@@ -16,19 +16,19 @@ from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.execution.driving import Driving
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.execution.rehearsal import rehearse
-from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
 from ator_ros.nodes.execution_drawing import ExecutionDrawing
-from ator_ros.nodes.executor_settings import deadlines_of, fence_of, inputs_of, parameters_for
-from ator_ros.nodes.goal_run import GoalRun, unstarted
+from ator_ros.nodes.executor_settings import fence_of, inputs_of, parameters_for
+from ator_ros.nodes.goal_run import GoalRun, run_of, unstarted
 from ator_ros.nodes.learned_sets import LearnedSets
 from ator_ros.nodes.loading import load_predictors
 from ator_ros.nodes.model_sets import problems_of, told_of
 from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
+from ator_ros.nodes.plan_client import PlannedGoals
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement_client import refinement_client
 from ator_ros.nodes.remote_servers import RemoteServers
@@ -66,7 +66,7 @@ class ExecutorNode(Node):
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
         planned_path and markers (see `ExecutionDrawing`); /diagnostics, once a second.
     Calls
-        refine_subgoal (ator_interfaces/RefineSubgoal), when a goal asks for it; the domain's action servers.
+        refine_subgoal and plan_chains, when a goal asks for them; the domain's action servers.
     """
 
     def __init__(self) -> None:
@@ -103,6 +103,7 @@ class ExecutorNode(Node):
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = refinement_client(self)
+        self._plans = PlannedGoals(self, settings, self._domain.objects, self._begin, self._finish)
         # In this order: of messages that have all come, those of objects are then taken first.
         self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
         self._objects = ObjectSources(self, sources, self._take_object, self._tf, frame=frame, bounds=bounds)
@@ -114,9 +115,8 @@ class ExecutorNode(Node):
 
     def rests(self) -> bool:
         """Return whether inputs may gather. At several times real time objects would be far ahead of odom."""
-        return not (self._run or self._remotes.ending() or self._tf.used or self._inputs.pace >= _HURRIED)
-
-    # Inputs
+        busy = self._run or self._plans.waiting or self._remotes.ending()
+        return not (busy or self._tf.used or self._inputs.pace >= _HURRIED)
 
     def _take_object(self, name: str, read: Reader, message: Any) -> None:
         try:
@@ -174,6 +174,7 @@ class ExecutorNode(Node):
     def _watch(self) -> None:
         for remark in self._remotes.remarks():
             self._note(remark)
+        self._plans.watch(self._world)
         if self._run is None or self._remotes.ending():
             return
         now = time.monotonic()
@@ -182,43 +183,39 @@ class ExecutorNode(Node):
         self._run.execution.watch(now)
         self._follow(self._run)
 
-    # Goals
-
     def _accept(self, handle: ServerGoalHandle) -> None:
         self._goals += 1
+        self._watchdog.watch(closely=True)
+        if not self._plans.take(handle):
+            self._begin(handle)
+
+    def _begin(self, handle: ServerGoalHandle) -> None:
         try:
-            run = self._run_of(handle)
+            models, parameters = self._sets.present.by_set, self._settings
+            run = run_of(handle, self._libraries, models, self._refinement, parameters, self._fence)
         except MessageError as error:  # the running goal continues
-            self._refuse(handle, str(error))
+            self._finish(handle, Ending.REFUSED, str(error))
             return
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run = run
-        self._watchdog.watch(closely=True)
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
 
-    def _run_of(self, handle: ServerGoalHandle) -> GoalRun:
-        action_set = conversions.action_set_from(handle.request.chain, allowed=self._libraries)
-        return GoalRun(
-            handle,
-            self._libraries[action_set],
-            self._sets.present.by_set[action_set],
-            self._refinement,
-            deadlines=deadlines_of(self._settings),
-            refine_again_after=self._settings["refine_again_after"],
-            fence=self._fence,
-            frame=self._settings["frame"],
-        )
-
-    def _refuse(self, handle: ServerGoalHandle, reason: str) -> None:
-        self._note(f"refused: {reason}")
-        result = unstarted(handle, Ending.REFUSED, reason, frame=self._settings["frame"])
+    def _finish(self, handle: ServerGoalHandle, ending: Ending, reason: str) -> None:
+        """Finish a goal that never began."""
+        if ending is Ending.SUCCEEDED:
+            self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
+        else:
+            self._note(f"{ending.name.lower()}: {reason}")
+        result = unstarted(handle, ending, reason, frame=self._settings["frame"])
         self._chains.publish(result.record)
-        handle.abort()
         self._server.finish(handle, result)
+        self._watchdog.watch(closely=self._run is not None or self._plans.waiting)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        if self._plans.cancel(handle):
+            return CancelResponse.ACCEPT
         if self._run is None or self._run.handle is not handle:
             return CancelResponse.REJECT
         self._run.execution.end(Ending.CANCELED, "canceled by the client")
@@ -245,7 +242,7 @@ class ExecutorNode(Node):
         if not run.ended:
             return
         self._run = None
-        self._watchdog.watch(closely=False)
+        self._watchdog.watch(closely=self._plans.waiting)
         self._send(STOP)
         result = run.result(self._world)
         self._chains.publish(result.record)
@@ -290,6 +287,7 @@ class ExecutorNode(Node):
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
         self._send(STOP)  # first: to end an action may fail
+        self._plans.drop(Ending.SHUTDOWN, "the executor was ended")
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
         spin_out(self)  # so that the answer leaves, also to a client that asks for it only now

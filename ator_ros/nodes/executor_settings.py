@@ -29,6 +29,7 @@ _COMMON = (
     Parameter("odom_timeout", 0.3, "real s without odom; the robot pauses after half", 0.05, 60.0, live=True),
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
     Parameter("fence", [0.0] * 4, "m: x and y from, x and y to, of the robot; all 0: area and margin"),
+    Parameter("plan_timeout", 10.0, "real s that a goal waits for its chains", 0.05, 3600.0, live=True),
     Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0, live=True),
     Parameter("refine_again_after", 0.15, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True),
     Parameter("action_timeout", 30.0, "s, by the stamps, that one action may take", 1.0, 3600.0, live=True),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from rclpy.action.server import ServerGoalHandle
@@ -21,6 +22,7 @@ from ator_ros.execution.refining import Question, Refining
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.execution_records import action_record_of, actual, chain_record_of, outcome_of
+from ator_ros.nodes.executor_settings import deadlines_of
 from ator_ros.printable import printable
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -196,14 +198,9 @@ class GoalRun:
     def result(self, world: World | None) -> Any:
         """Put the goal into its final state and return its result; `world` is the last state known."""
         ending = self.execution.ending or Ending.FAILED
-        if ending is Ending.SUCCEEDED:
-            self.handle.succeed()
-        elif ending is Ending.CANCELED:
-            self.handle.canceled()
-        else:
-            self.handle.abort()
         if world is None:
             return unstarted(self.handle, ending, self.execution.reason, frame=self._frame)
+        conclude(self.handle, ending)
         record = chain_record_of(
             self.execution,
             self._records,
@@ -237,7 +234,8 @@ def id_of(handle: ServerGoalHandle) -> str:
 
 
 def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: str) -> Any:
-    """Write the result for a goal that cannot be used, or ended before any state was known."""
+    """Put a goal that cannot be used, or ended before it began, into its final state; return its result."""
+    conclude(handle, ending)
     outcome = outcome_of(ending, reason)
     record = ChainPerformance(
         chain_id=id_of(handle),
@@ -249,3 +247,35 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
     )
     record.header.frame_id = frame
     return ExecuteChain.Result(outcome=outcome, record=record)
+
+
+def conclude(handle: ServerGoalHandle, ending: Ending) -> None:
+    """Put a goal into the final state that says how it ended."""
+    if ending is Ending.SUCCEEDED:
+        handle.succeed()
+    elif ending is Ending.CANCELED:
+        handle.canceled()
+    else:
+        handle.abort()
+
+
+def run_of(
+    handle: ServerGoalHandle,
+    libraries: Mapping[str, TopLibrary],
+    predictors: Mapping[str, Predictor],
+    refinement: Client,
+    settings: Mapping[str, Any],
+    fence: Fence,
+) -> GoalRun:
+    """Return the run of a goal with the executor's parameters; raises MessageError as `GoalRun` does."""
+    action_set = conversions.action_set_from(handle.request.chain, allowed=libraries)
+    return GoalRun(
+        handle,
+        libraries[action_set],
+        predictors[action_set],
+        refinement,
+        deadlines=deadlines_of(settings),
+        refine_again_after=settings["refine_again_after"],
+        fence=fence,
+        frame=settings["frame"],
+    )

@@ -32,9 +32,11 @@ from ator_ros.nodes.parameters import (
     domain_of,
     robot_of,
 )
+from ator_ros.nodes.plan_service import PlanService
 from ator_ros.nodes.refinement_answers import answer_of, markers_of, refused
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.turns import Turns
+from ator_ros.planning.process import PlanProcess
 from ator_ros.refinement.alternatives import Selection, choosing
 from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.refinement.errors import RefinementError
@@ -67,6 +69,8 @@ PARAMETERS = (
 )
 
 _WARNING_PERIOD = 2.0
+_PLANNING = 2.0
+"""Real time in s that the plans for one goal may take; those of the shipped domains take some 15 ms."""
 _STRETCH = 0.008
 """Time in s of turns in a row; handing control back to rclpy is slow."""
 _FEW = 4
@@ -82,11 +86,13 @@ class RefinementNode(Node):
 
     Parameters: see `PARAMETERS`; `gate`, `failure_cost` and `explore` can change while it runs.
 
-    Service
+    Services
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
         reason. A request that cannot be evaluated is answered with accepted = false, as is one that finds the
         node busy. Requests are served in turns of a millisecond, so that a long one does not delay the
         others. At `deadline` the response is the best found until then, and cut_short is true.
+        plan_chains (ator_interfaces/PlanChains): chains for a goal, from the conditions of the TOPs. They are
+        planned in a process of their own, which the first request starts.
     Publishes
         refinement_markers (visualization_msgs/MarkerArray, transient local): the naive chain, the
         chain to execute, and the predicted times by heading as rings, of the last request.
@@ -110,6 +116,8 @@ class RefinementNode(Node):
             time.monotonic, deadline=self._settings["deadline"], most=self._settings["most_requests"]
         )
         self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin, work=self._work)
+        process = PlanProcess(self._settings["domain"], self._settings["robot"], time_limit=_PLANNING)
+        self._plans = PlanService(self, domain, self._libraries, process, frame=self._settings["frame"])
         self._go_on = self.create_guard_condition(self._work)
         answers = Pace(time.monotonic, rate=_ANSWERS_PER_SECOND, at_once=1)
         refusals = Pace(time.monotonic, rate=_REFUSALS_PER_SECOND, at_once=_FEW)
@@ -228,6 +236,10 @@ class RefinementNode(Node):
         )
         return choice.with_chosen(found)
 
+    def stop(self) -> None:
+        """End the process that plans, before the node ends."""
+        self._plans.close()
+
     def _health(self) -> Health:
         present = self._sets.present
         problem = problems_of(present.models)
@@ -241,6 +253,8 @@ class RefinementNode(Node):
                 "requests answered": self._answered,
                 "requests refused": self._refused,
                 "requests refused as busy": self._busy,
+                "plans": self._plans.answered,
+                "goals without a plan": self._plans.refused,
                 "requests cut short by their deadline": self._cut_short,
                 "last error": self._last_refusal,
                 **self._digests,

@@ -1,7 +1,7 @@
 """Measure speeds and learners against their limits.
 
-The parts: simulation, planning (the longest ticks), refinement (the core's), service, collection (of
-experience), and learners: our model tree beside others on the same rows.
+The parts: simulation, planning (the longest ticks), refinement (the core's), plans (from goals),
+service, collection (of experience), and learners: our model tree beside others on the same rows.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from ator_ros.tools.guard import guarded
 from ator_ros.tools.option_types import destination
 
-PARTS = ("simulation", "planning", "refinement", "service", "collection", "learners")
+PARTS = ("simulation", "planning", "refinement", "plans", "service", "collection", "learners")
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -55,12 +55,13 @@ def _expected() -> tuple[type[Exception], ...]:
     from ator_ros.experience.parallel import BackendError
     from ator_ros.performance.model_file import ModelFileError
     from ator_ros.performance.training import TrainingError
+    from ator_ros.planning.errors import PlanningError
     from ator_ros.refinement.errors import RefinementError
     from ator_ros.robot.description import ConfigError
     from ator_ros.robot.probe_drive import DriveError
 
     ours = (BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError)
-    return (*ours, ModelFileError, OSError, RefinementError, TrainingError)
+    return (*ours, ModelFileError, OSError, PlanningError, RefinementError, TrainingError)
 
 
 @contextlib.contextmanager

@@ -12,6 +12,17 @@ from ator_ros.files import reserved
 _ROOM = 100_000  # bytes of a result whose size is not known beforehand
 
 
+def finite(text: str) -> float:
+    """Read a finite number; a type for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a finite number, got {text!r}")
+    return value
+
+
 def number(text: str) -> float:
     """Read a finite number from 0; a type for argparse."""
     try:

@@ -115,6 +115,9 @@ def test_the_printed_requests(shell: Shell) -> None:
     for beginning in ("ros2 service call /reset", "ros2 service call /place_ball"):
         assert "success=True" in shell.run(printed(beginning))
     assert "arrived" in shell.run(printed("ros2 action send_goal --feedback"))
+    assert "top='shoot'" in shell.run(printed("ros2 service call /plan_chains"))
+    shell.run(printed("ros2 service call /reset"))
+    assert "top='shoot'" in shell.run(printed("ros2 action send_goal /execute_chain"))
 
 
 def test_two_robots_play_at_the_same_time(shell: Shell) -> None:

@@ -12,6 +12,7 @@ from ator_ros.domains.soccer.measurements import MEASUREMENTS
 from ator_ros.domains.soccer.presentation import PRESENTATION
 from ator_ros.domains.soccer.ranges import RANGES
 from ator_ros.domains.soccer.tops import TOPS
+from ator_ros.domains.soccer.wanted import goals
 
 SOCCER = Domain(
     "soccer",
@@ -23,5 +24,6 @@ SOCCER = Domain(
     presentation=PRESENTATION,
     bays=field_in,
     features=(*MOTIONS, *SHOT),
+    goals=goals,
     measurements=MEASUREMENTS,
 )

@@ -1,7 +1,7 @@
 """Measure speeds and learners against their limits.
 
-The parts: simulation, planning (the longest ticks), refinement (the core's), service, collection (of
-experience), and learners: our model tree beside others on the same rows.
+The parts: simulation, planning (the longest ticks), refinement (the core's), plans (from goals),
+service, collection (of experience), and learners: our model tree beside others on the same rows.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ator_ros.experience.table import library_versions
 from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.formats import Format
 from ator_ros.schema import SchemaError
-from ator_ros.tools.benchmarks import collection, learners, refinement, simulation
+from ator_ros.tools.benchmarks import collection, learners, plans, refinement, simulation
 
 
 def _planning(_: argparse.Namespace) -> Rows:
@@ -52,6 +52,7 @@ PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, Any]]] = {
     "simulation": lambda _: simulation.measure(),
     "planning": _planning,
     "refinement": lambda _: refinement.measure(),
+    "plans": lambda _: plans.measure(),
     "service": _service,
     "collection": lambda _: collection.measure(),
     "learners": _learners,

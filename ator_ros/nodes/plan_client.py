@@ -1,0 +1,142 @@
+"""A goal of execute_chain that says what is wanted: its chains are asked for before it begins."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.task import Future
+
+from ator_interfaces.srv import PlanChains
+from ator_ros.execution.phases import Ending
+from ator_ros.nodes import conversions
+from ator_ros.nodes.bounded import bounded, with_parts
+from ator_ros.nodes.checks import LONGEST_NAME
+from ator_ros.nodes.plan_messages import is_asked_for
+from ator_ros.nodes.qos import SERVICES
+from ator_ros.printable import printable
+from ator_ros.world.state import World
+
+_MOST_IN_ANSWERS = 256
+_LONGEST_REASON = 500
+
+End = Callable[[ServerGoalHandle, Ending, str], None]
+
+
+class PlannedGoals:
+    """The goal whose chains are awaited, one at a time; what the robot does meanwhile goes on.
+
+    Parameters
+    ----------
+    node : Node
+        The node whose client of plan_chains this is.
+    settings : mapping
+        The executor's parameters.
+    objects : sequence of str
+        The domain's objects: who asks waits for them as long as a chain does.
+    begin : callable
+        Called with the goal once its request holds chains, as if they had been sent with it.
+    end : callable
+        Called with a goal that ends before, how it ends, and why.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: Mapping[str, Any],
+        objects: Sequence[str],
+        begin: Callable[[ServerGoalHandle], None],
+        end: End,
+    ) -> None:
+        self._settings, self._objects, self._begin, self._end = settings, frozenset(objects), begin, end
+        client: Any = node.create_client(PlanChains, "plan_chains", qos_profile=SERVICES)
+        client.srv_type = with_parts(PlanChains, Response=bounded(PlanChains.Response, _MOST_IN_ANSWERS))
+        self._client = client
+        self._handle: ServerGoalHandle | None = None
+        self._future: Future | None = None
+        self._came = 0.0
+        self._canceled = False
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a goal waits for its chains."""
+        return self._handle is not None
+
+    def take(self, handle: ServerGoalHandle) -> bool:
+        """Take over a goal that says what is wanted; return False where it holds chains instead.
+
+        A goal that waits already ends as preempted, whatever the newer one is.
+        """
+        self.drop(Ending.PREEMPTED, "a newer goal took over")
+        goal = handle.request
+        if not is_asked_for(goal.wanted):
+            return False
+        if goal.chain.calls or goal.alternatives:
+            self._end(handle, Ending.REFUSED, "wanted: expected no chain beside it, got one")
+            return True
+        self._handle, self._canceled, self._came = handle, False, time.monotonic()
+        return True
+
+    def cancel(self, handle: ServerGoalHandle) -> bool:
+        """Return whether this goal waits; it then ends with the next `watch`."""
+        self._canceled = self._canceled or handle is self._handle
+        return handle is self._handle
+
+    def watch(self, world: World | None) -> None:
+        """Ask once state and service are there, and give up in time."""
+        if self._handle is None:
+            return
+        waited = time.monotonic() - self._came
+        if self._canceled:
+            self.drop(Ending.CANCELED, "canceled by the client")
+        elif waited > self._settings["plan_timeout"]:
+            self.drop(Ending.REFUSED, f"no plan: expected {self._awaited(world)} in time, got none")
+        elif self._future is None and world is not None and self._client.service_is_ready():
+            complete = self._objects <= world.objects.keys()
+            if complete or waited > self._settings["start_timeout"]:
+                self._ask(self._handle, world)
+
+    def _awaited(self, world: World | None) -> str:
+        if self._future is not None:
+            return "an answer of the service plan_chains"
+        return "odometry" if world is None else "the service plan_chains"
+
+    def _ask(self, handle: ServerGoalHandle, world: World) -> None:
+        request = PlanChains.Request(
+            situation=conversions.situation_of(world, frame=self._settings["frame"]),
+            goal=handle.request.wanted,
+            action_set=handle.request.chain.action_set,
+        )
+        if len(request.action_set) > LONGEST_NAME:
+            self.drop(Ending.REFUSED, "chain.action_set: expected a short name")
+            return
+        self._future = future = self._client.call_async(request)
+        future.add_done_callback(self._take)
+
+    def _take(self, future: Future) -> None:
+        answer, handle = future.result(), self._handle
+        if handle is None or future is not self._future or answer is None:
+            return
+        if self._canceled:
+            self.drop(Ending.CANCELED, "canceled by the client")
+            return
+        self._handle = self._future = None
+        if not answer.accepted:
+            self._end(handle, Ending.REFUSED, f"no plan: {printable(answer.reason, _LONGEST_REASON)}")
+        elif answer.holds or not answer.chains:
+            self._end(handle, Ending.SUCCEEDED, "the goal holds already")
+        else:
+            handle.request.chain, *handle.request.alternatives = answer.chains
+            self._begin(handle)
+
+    def drop(self, ending: Ending, reason: str) -> None:
+        """End the goal that waits, if there is one."""
+        handle, future = self._handle, self._future
+        self._handle = self._future = None
+        if future is not None and not future.done():
+            self._client.remove_pending_request(future)
+        if handle is not None:
+            self._end(handle, ending, reason)

@@ -1,0 +1,223 @@
+"""Plans from goals: which chains there are, and why there are none."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+
+import pytest
+
+from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.geometry import Pose
+from ator_ros.planning.enumeration import plans_of
+from ator_ros.planning.errors import PlanningError
+from ator_ros.planning.planner import chains_for
+from ator_ros.planning.process import PlanProcess
+from ator_ros.planning.search import search
+from ator_ros.planning.symbolic import Operator, Plan, SymbolicProblem
+from ator_ros.planning.wanted import Wish, wish_from
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import ObjectState, RobotState, World
+
+SOCCER, TOURS = find_domain("soccer"), find_domain("tour")
+ROBOT = SOCCER.robot()
+IN_GOAL = SOCCER.goals(ROBOT)["ball_in_goal"].terms
+
+
+START = Pose(-2.0, 1.0, 0.0)
+
+
+def situation(*, robot: Pose = START, ball: tuple[float, float] | None = (0.0, 0.0)) -> World:
+    return World(0.0, RobotState(robot), {} if ball is None else {"ball": ObjectState(*ball)})
+
+
+def planned(
+    wishes: Sequence[Wish], world: World, *, domain: Domain = SOCCER, robot: Robot = ROBOT
+) -> list[TopChain]:
+    return chains_for(wishes, world, domain.library(robot), domain.objects, search)
+
+
+def tops(chains: Sequence[TopChain]) -> set[tuple[str, ...]]:
+    return {tuple(call.top.name for call in chain.calls) for chain in chains}
+
+
+def said(*statements: str) -> list[Wish]:
+    return [wish_from(text) for text in statements]
+
+
+FROM_HERE = ("goToBall", "shoot")
+ANYWHERE = ("goToBall", "dribbleBall", "shoot")
+OTHER_SIDE = ("goToPose", "goToBall", "shoot")
+
+
+def test_a_ball_that_is_far_from_the_goal_is_dribbled_first() -> None:
+    (chain,) = planned(IN_GOAL, situation())
+    assert tops([chain]) == {ANYWHERE}
+    assert [sorted(call.open) for call in chain.calls] == [["speed", "yaw"], ["speed", "x", "y", "yaw"], []]
+    assert chain.calls[2].goal.pose[:2] == (4.0, 0.0)
+
+
+def test_a_ball_near_the_goal_can_be_shot_from_there_or_from_elsewhere_or_from_the_other_side() -> None:
+    world = situation(robot=Pose(3.4, 1.0, math.pi), ball=(2.4, 0.5))
+    chains = planned(IN_GOAL, world)
+    assert tops(chains) == {FROM_HERE, ANYWHERE, OTHER_SIDE}
+    assert all(not chain.violations(world, ROBOT) for chain in chains)
+    assert [len(chain) for chain in chains] == sorted(len(chain) for chain in chains)
+    via = next(chain for chain in chains if len(chain) == 3 and chain.calls[0].top.name == "goToPose")
+    assert via.calls[0].goal.pose.x < 2.4  # the goal is at x = 4
+
+
+def test_a_robot_behind_the_ball_need_not_go_to_the_other_side() -> None:
+    assert tops(planned(IN_GOAL, situation(ball=(2.4, 0.5)))) == {FROM_HERE, ANYWHERE}
+
+
+def test_a_ball_that_is_held_is_not_fetched() -> None:
+    ball = ROBOT.hold_point(Pose(2.0, 0.0, 0.0))
+    world = situation(robot=Pose(2.0, 0.0, 0.0), ball=(ball.x, ball.y))
+    assert tops(planned(IN_GOAL, world)) == {("shoot",), ("dribbleBall", "shoot")}
+
+
+def test_a_goal_that_holds_already_needs_no_chain() -> None:
+    assert planned(said("ball.x=0:-0.1:0.1"), situation()) == []
+
+
+@pytest.mark.parametrize(
+    ("statements", "steps"),
+    [
+        (("ball.x=1", "ball.y=1"), {("goToBall", "dribbleBall")}),
+        (("ball.x=hold.x", "ball.y=hold.y"), {("goToBall",)}),
+        (("robot.x=1", "robot.y=1", "robot.yaw=1"), {("goToPose",)}),
+        (("ball.x=1", "ball.y=1", "robot.x=-1", "robot.y=-1"), {("goToBall", "dribbleBall", "goToPose")}),
+    ],
+)
+def test_statements_are_brought_about(statements: tuple[str, ...], steps: set[tuple[str, ...]]) -> None:
+    assert tops(planned(said(*statements), situation())) == steps
+
+
+@pytest.mark.parametrize(
+    ("statements", "reason"),
+    [
+        (
+            ("ball.x=1:-0.01:0.01",),
+            "no TOP achieves ball.x -0.01 to 0.01 of 1 (dribbleBall brings it to -0.16",
+        ),
+        (("ball.vx=1:0:1",), "no TOP achieves ball.vx 0 to 1 of 1"),
+        (("robot.v=0.5:0:0.1",), "no TOP achieves robot.v 0 to 0.1 of 0.5"),
+        (("cup.x=1",), "expected one of robot.x, "),
+        (("ball.x=1", "ball.x=2"), "expected each variable once, ball.x come twice"),
+    ],
+)
+def test_what_no_top_achieves_is_named(statements: tuple[str, ...], reason: str) -> None:
+    with pytest.raises(PlanningError) as told:
+        planned(said(*statements), situation())
+    assert reason in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_an_unknown_object_is_named() -> None:
+    with pytest.raises(PlanningError, match="goToBall needs the ball, which is unknown"):
+        planned(IN_GOAL, situation(ball=None))
+
+
+def test_without_a_holder_the_condition_that_is_missing_is_named() -> None:
+    bare = dataclasses.replace(ROBOT, holder=None)
+    with pytest.raises(PlanningError, match="needs a holder"):
+        planned(said("ball.x=1", "ball.y=1"), situation(), robot=bare)
+
+
+def test_a_precondition_that_no_top_achieves_is_named() -> None:
+    library = SOCCER.library(ROBOT)
+    one = dataclasses.replace(SOCCER, tops=tuple(top for top in library.values() if top.name == "shoot"))
+    with pytest.raises(PlanningError) as told:
+        planned(IN_GOAL, situation(ball=(2.4, 0.0)), domain=one)
+    assert "no TOP achieves hold.x within 0.12 of ball.x, which shoot needs" in str(told.value)
+
+
+def test_a_domain_of_one_top_visits_what_is_wanted() -> None:
+    robot = TOURS.robot()
+    (chain,) = planned(said("robot.x=1", "robot.y=2"), situation(ball=None), domain=TOURS, robot=robot)
+    assert tops([chain]) == {("visit",)}
+    assert chain.calls[0].goal.pose[:2] == (1.0, 2.0)
+    assert chain.calls[0].open == {"yaw"}
+
+
+def test_all_plans_are_found_of_which_none_needs_the_steps_of_another() -> None:
+    """Two ways to fact 1, two ways from it to fact 2, and a shortcut that no other plan contains."""
+    operators = [
+        Operator(frozenset({have}), frozenset({make}), frozenset()) for have, make in
+        [(0, 1), (0, 1), (1, 2), (1, 2), (0, 2)]
+    ]  # fmt: skip
+    problem = SymbolicProblem(tuple(operators), frozenset({0}), frozenset({2}))
+    plans = search(problem, 20)
+    assert plans[0] == (4,)
+    assert set(plans) == {(4,), (0, 2), (0, 3), (1, 2), (1, 3)}
+    assert len(search(problem, 3)) == 3
+
+
+def test_a_step_that_is_not_needed_is_left_out() -> None:
+    operators = tuple(Operator(frozenset(), frozenset({number}), frozenset()) for number in range(3))
+    problem = SymbolicProblem(operators, frozenset(), frozenset({2}))
+
+    def clumsy(banned: frozenset[int]) -> Plan | None:
+        return None if 2 in banned else (0, 1, 2)
+
+    assert plans_of(problem, clumsy, most=8) == [(2,)]
+
+
+def test_plans_are_found_in_time() -> None:
+    """50 ms is what is asked for; the processor's time counts, as the machine may be busy."""
+    world = situation(robot=Pose(3.4, 1.0, math.pi), ball=(2.4, 0.5))
+    planned(IN_GOAL, world)
+    times = []
+    for _ in range(5):
+        began = time.process_time()
+        planned(IN_GOAL, world)
+        times.append(time.process_time() - began)
+    assert min(times) < 0.05
+
+
+def test_a_process_plans_as_this_one_does_and_is_ended_when_it_takes_too_long() -> None:
+    process = PlanProcess("soccer", "", time_limit=60.0)
+    library = SOCCER.library(ROBOT)
+    try:
+        assert process.chains(IN_GOAL, situation(), library) == planned(IN_GOAL, situation())
+        with pytest.raises(PlanningError, match=r"no TOP achieves ball\.vx"):
+            process.chains(said("ball.vx=1:0:1"), situation(), library)
+        process._limit = 0.0
+        with pytest.raises(PlanningError, match="no plan was found within 0 s"):
+            process.chains(IN_GOAL, situation(), library)
+        assert process._process is None
+    finally:
+        process.close()
+    with pytest.raises(PlanningError, match="the node ends"):
+        process.chains(IN_GOAL, situation(), library)
+
+
+def test_the_tool_prints_chains_and_predictions() -> None:
+    def told(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "ator_ros.tools.plan", *words]
+        return subprocess.run(command, capture_output=True, text=True, env=os.environ, check=False)
+
+    done = told("ball_in_goal", "--at", "3.4", "1", "3.14", "--object", "ball", "2.4", "0.5")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert len(lines) == 3
+    durations = [float(line.split()[0]) for line in lines]
+    assert durations == sorted(durations)
+    refused = told("ball_in_goal")
+    assert refused.returncode == 1
+    assert refused.stderr.startswith("plan: no TOP achieves ball.x ")
+    assert refused.stderr.count("\n") == 1
+
+
+def test_statements_that_are_none_are_refused() -> None:
+    for text in ("ball.x", "=1", "ball.x=1:2", "ball.x=nan", "ball.x=1:a:b", "ball.x=1:2:1"):
+        with pytest.raises(PlanningError, match="goal: "):
+            wish_from(text)
