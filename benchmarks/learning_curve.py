@@ -19,7 +19,7 @@ from typing import Any
 from tqdm import tqdm
 
 from ator_ros.drawing import BLUE, ORANGE, new_figure, save_svg
-from ator_ros.evaluation.learning_curve import Curve, CurveSettings, points, table_text
+from ator_ros.evaluation.learning_curve import CurveSettings, LearningCurve, points, table_text
 from ator_ros.evaluation.running import RESUMES
 from ator_ros.files import portable_command, write_text
 from ator_ros.tools.guard import guarded
@@ -85,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, settings: CurveSettings, words: Sequence[str]) -> int:
-    curve = Curve(settings, options.out)
+    curve = LearningCurve(settings, options.out)
     for _ in tqdm(curve.learn(), total=len(curve.draws), desc="learning", unit="set", disable=None):
         pass
     bar = tqdm(total=options.situations, desc="playing", unit="situation", disable=None)

@@ -134,13 +134,13 @@ NAMES = [
     ("collect", "--action-set", "default, bezier"),
     ("collect", "--actions", "goToPose, dribbleBall, shoot"),
     ("gate", "--action-set", "default, bezier"),
-    ("evaluate", "--chain", "dribble, shoot"),
+    ("evaluate", "--chain", "dribble, drive, rolling, shoot"),
     ("evaluate", "--policies", "naive, bearing"),
     ("noise", "--conditions", "truth, drift"),
     ("noise", "--policy", "naive, bearing"),
-    ("compare", "--chains", "dribble, shoot"),
+    ("compare", "--chains", "dribble, drive, rolling, shoot"),
     ("compare", "--policies", "naive, bearing"),
-    ("soak", "--chain", "dribble, shoot"),
+    ("soak", "--chain", "dribble, drive, rolling, shoot"),
 ]
 
 

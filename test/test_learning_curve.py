@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ator_ros.evaluation.learning_curve import Curve, CurveSettings, drawn, points, table_text
+from ator_ros.evaluation.learning_curve import CurveSettings, LearningCurve, drawn, points, table_text
 from ator_ros.files import read_text
 from ator_ros.tools.collect import main as collect
 
@@ -67,5 +67,5 @@ def test_a_curve_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
     assert list(told["points"]["heading"]) == ["described", "30", "40"]
     assert [len(told["points"]["heading"][size]["draws"]) for size in ("30", "40")] == [2, 1]
     settings = CurveSettings(str(table), 431, (30,))
-    assert [size for size, _ in Curve(settings, tmp_path / "other").draws] == [30, 30, 30]
+    assert [size for size, _ in LearningCurve(settings, tmp_path / "other").draws] == [30, 30, 30]
     assert main([*words, "--draws", "1", "--situations", "1"]) == 1  # a curve of other settings

@@ -76,7 +76,7 @@ class CurveSettings:
         )
 
 
-class Curve:
+class LearningCurve:
     """Learns models from parts of a table, and lets them choose in the same situations.
 
     Parameters

@@ -10,7 +10,7 @@ from ator_ros.actions.goal_variables import with_values
 from ator_ros.geometry import Pose
 from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.facts import resolved
-from ator_ros.planning.operators import Step
+from ator_ros.planning.operators import PlannedStep
 from ator_ros.planning.placing import place_in
 from ator_ros.tops.chain import TopCall, TopChain, projected
 from ator_ros.tops.library import TopLibrary
@@ -18,7 +18,7 @@ from ator_ros.tops.state import state_of
 from ator_ros.world.state import World
 
 
-def chain_of(steps: Sequence[Step], world: World, library: TopLibrary) -> TopChain:
+def chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary) -> TopChain:
     """Return the chain of a plan's steps.
 
     Raises
@@ -34,7 +34,7 @@ def chain_of(steps: Sequence[Step], world: World, library: TopLibrary) -> TopCha
     return TopChain(tuple(calls))
 
 
-def _call(step: Step, world: World, library: TopLibrary, *, last: bool) -> TopCall:
+def _call(step: PlannedStep, world: World, library: TopLibrary, *, last: bool) -> TopCall:
     robot, state = library.robot, state_of(world, library.robot)
     known = resolved(dict(step.binding), state)
     goal = library.goal(step.top, world.robot.pose)
@@ -50,7 +50,7 @@ def _call(step: Step, world: World, library: TopLibrary, *, last: bool) -> TopCa
     return TopCall(step.top, with_values(goal, values), _opened(step, goal, last=last))
 
 
-def _heading(step: Step, place: Pose, world: World) -> float:
+def _heading(step: PlannedStep, place: Pose, world: World) -> float:
     """Return where the robot looks at a place: to what the place is for, or on in its direction."""
     at = world.robot.pose
     if step.region:
@@ -62,7 +62,7 @@ def _heading(step: Step, place: Pose, world: World) -> float:
     return math.atan2(place.y - at.y, place.x - at.x) if way > 0.0 else at.yaw
 
 
-def _opened(step: Step, goal: Goal, *, last: bool) -> frozenset[str]:
+def _opened(step: PlannedStep, goal: Goal, *, last: bool) -> frozenset[str]:
     """Return the goal variables that the plan leaves to refinement."""
     bound = frozenset() if step.region else frozenset(name for name, _ in step.binding)
     place = {"x", "y", "yaw"} if step.top.arrives else set[str]()

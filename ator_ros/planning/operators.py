@@ -13,7 +13,7 @@ from ator_ros.tops.top import Top
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class PlannedStep:
     """A TOP with a goal.
 
     Attributes
@@ -40,14 +40,14 @@ class Step:
         return after(self.top, dict(self.binding))
 
 
-def steps_for(wanted: Sequence[Fact], tops: Sequence[Top]) -> list[Step]:
+def steps_for(wanted: Sequence[Fact], tops: Sequence[Top]) -> list[PlannedStep]:
     """Return the TOPs with the goals from which plans for `wanted` are made.
 
     A goal is where an object is that the TOP follows, or what is wanted, or a place from which another of
     these steps may start.
     """
     groups = groups_of(wanted)
-    direct = [Step(top, binding) for top in tops for binding in _bindings(top, groups)]
+    direct = [PlannedStep(top, binding) for top in tops for binding in _bindings(top, groups)]
     near = [step for top in tops for target in direct for step in _toward(top, target)]
     return list(dict.fromkeys((*direct, *near)))
 
@@ -70,7 +70,7 @@ def _places_something(top: Top) -> bool:
     return top.arrives or bool(top.post.goal_names() & {"x", "y"})
 
 
-def _toward(top: Top, target: Step) -> Iterator[Step]:
+def _toward(top: Top, target: PlannedStep) -> Iterator[PlannedStep]:
     """Yield `top` with goals from which `target` may start, one for each thing that must be somewhere."""
     if followed(top) is not None:
         return
@@ -80,7 +80,7 @@ def _toward(top: Top, target: Step) -> Iterator[Step]:
         binding: Binding = {axis: f"{region}.{axis}" for axis in "xy"}
         placed = after(top, binding)
         if all(_symbol(placed, f"{thing}.{axis}") == binding[axis] for axis in "xy"):
-            yield Step(top, _sorted(binding), tuple(fact for fact in facts if fact.region == region))
+            yield PlannedStep(top, _sorted(binding), tuple(fact for fact in facts if fact.region == region))
 
 
 def _symbol(values: Values, name: str) -> Symbol | None:

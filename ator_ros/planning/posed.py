@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ator_ros.planning.detours import far_side
 from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.facts import Fact, placed_thing, resolved
-from ator_ros.planning.operators import Step
+from ator_ros.planning.operators import PlannedStep
 from ator_ros.planning.symbolic import MOST_FACTS, MOST_OPERATORS, Operator, SymbolicProblem
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import fetched
@@ -32,26 +32,28 @@ class Posed:
     """
 
     facts: tuple[Fact, ...]
-    steps: tuple[tuple[Step, ...], ...]
+    steps: tuple[tuple[PlannedStep, ...], ...]
     problem: SymbolicProblem
 
 
 class _Poser:
-    def __init__(self, wanted: Sequence[Fact], steps: Sequence[Step], world: World, robot: Robot) -> None:
+    def __init__(
+        self, wanted: Sequence[Fact], steps: Sequence[PlannedStep], world: World, robot: Robot
+    ) -> None:
         needs = [fact for step in steps for fact in step.needs()]
         self.facts = list(dict.fromkeys((*wanted, *needs)))
         self.numbers = {fact: number for number, fact in enumerate(self.facts)}
         self.state: State = state_of(world, robot)
         self.initial = {number for fact, number in self.numbers.items() if fact.holds_in(self.state)}
-        self.steps: list[tuple[Step, ...]] = []
+        self.steps: list[tuple[PlannedStep, ...]] = []
         self.operators: list[Operator] = []
 
-    def add(self, operator: Operator, *steps: Step) -> None:
+    def add(self, operator: Operator, *steps: PlannedStep) -> None:
         if operator not in self.operators:
             self.operators.append(operator)
             self.steps.append(steps)
 
-    def operator(self, step: Step) -> Operator:
+    def operator(self, step: PlannedStep) -> Operator:
         """Return what a step needs and does."""
         values = step.values()
         adds, deletes = set[int](), set[int]()
@@ -69,7 +71,7 @@ class _Poser:
 
 
 def posed(
-    wanted: Sequence[Fact], steps: Sequence[Step], driving: Top | None, world: World, robot: Robot
+    wanted: Sequence[Fact], steps: Sequence[PlannedStep], driving: Top | None, world: World, robot: Robot
 ) -> Posed:
     """Return the symbolic problem of a goal.
 
@@ -123,11 +125,11 @@ def posed(
 def _detours(
     poser: _Poser,
     group: frozenset[int],
-    steps: Sequence[Step],
+    steps: Sequence[PlannedStep],
     driving: Top | None,
     world: World,
     robot: Robot,
-) -> Iterator[tuple[Step, Step]]:
+) -> Iterator[tuple[PlannedStep, PlannedStep]]:
     """Yield the steps that fetch what lies in a region, each with a drive to the far side of it before."""
     fact = poser.facts[min(group)]
     thing, goal = placed_thing(fact.said), resolved(dict(fact.binding), poser.state)
@@ -137,4 +139,4 @@ def _detours(
         if fetched(step.top) == thing:
             there = far_side(world, robot, thing, (goal["x"], goal["y"]))
             if there is not None:
-                yield step, Step(driving, (("x", there[0]), ("y", there[1])))
+                yield step, PlannedStep(driving, (("x", there[0]), ("y", there[1])))

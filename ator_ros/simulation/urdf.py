@@ -14,8 +14,8 @@ WHEEL_SHARE = 0.25
 # Seen through the gear (38.3:1) the motor's rotor outweighs the wheel: 4e-6 kg m^2 * 38.3^2.
 WHEEL_INERTIA = 0.008
 _HEIGHT = 0.12  # m of the centre of mass
-_LIGHT = 0.1  # mass times squared radius over the Pioneer's, below which the motors are smaller
-_USUAL_MASS, _USUAL_RADIUS = 9.0, 0.0975  # kg and m, of the Pioneer and its wheels
+_LIGHT = 0.1  # mass times squared radius over the usual, below which the motors are smaller
+_USUAL_MASS, _USUAL_RADIUS = 9.0, 0.0975  # kg, and m of a wheel
 _CENTRE_OF_MASS, _CASTER = 0.06, 0.04
 """Distances in m: of the centre of mass behind the axle, and of the caster from the body's end."""
 _FINGER = (
@@ -64,7 +64,7 @@ def robot_urdf(robot: Robot) -> str:
 
 
 def _motor_size(robot: Robot) -> float:
-    """Return the inertia of the motors over that of the Pioneer's.
+    """Return the inertia of the motors over that of a usual base's.
 
     Those would let a heavy base lag more than described, and throw over one that is very light.
     """

@@ -2,7 +2,7 @@
 
 A goal is a name of the domain's, or statements that shall all hold: VARIABLE=VALUE, as near as the TOPs
 bring it, or VARIABLE=VALUE:LOW:HIGH, LOW to HIGH about it. VALUE is a number or another variable, as in
-ball.x=hold.x:-0.1:0.1.
+object.x=hold.x:-0.1:0.1.
 """
 
 from __future__ import annotations
