@@ -132,7 +132,7 @@ def _starts(numbers: Sequence[float], count: int) -> list[Pose]:
     """Return the start of each robot: those given, then each `_ASIDE` to the left of the last."""
     checks.count(numbers, "parameter robot_start", least=3, most=3 * count)
     if len(numbers) % 3:
-        raise SetupError(f"parameter robot_start: expected x, y, yaw of each, got {len(numbers)} numbers")
+        raise SetupError(f"parameter robot_start: expected x, y and yaw of each, got {len(numbers)} numbers")
     for yaw in numbers[2::3]:
         bound = checks.FARTHEST
         checks.number(yaw, "parameter robot_start: yaw", low=-bound, high=bound, unit="rad")

@@ -201,10 +201,10 @@ def test_enormous_chains_weights_and_sets_are_refused(executor) -> None:
     outcome = chains.send([one] * 5000).outcome()
     assert "chain.calls: expected 1 to 32 items, got 64 or more" in outcome.reason
     goal = ExecuteChain.Goal()
-    goal.objective.success = -1.0
+    goal.objective.accuracy = -1.0
     outcome = chains.send([one], refine=True, objective=goal.objective).outcome()
     assert (
-        "objective: expected a weight of success that is 0 or from 1e-06 to 1e+06, got -1" in outcome.reason
+        "objective: expected a weight of accuracy that is 0 or from 1e-06 to 1e+06, got -1" in outcome.reason
     )
     goal.chain.action_set = "../../etc/passwd"
     goal.chain.calls = [one]

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host, Start
+from nav_msgs.msg import Odometry
 from refinement_requests import save_small_models
 from ros_client import Client
 
@@ -15,6 +16,7 @@ from ator_interfaces.msg import GoalTerm, ObjectState, Outcome, PlanGoal
 from ator_interfaces.srv import PlanChains
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.qos import SENSOR_DATA
 
 pytestmark = pytest.mark.node
 
@@ -104,6 +106,8 @@ def test_a_goal_that_waits_for_its_plan_can_be_canceled_and_is_given_up_in_time(
 ) -> None:
     start("simulation", real_time_factor=4.0)
     host("executor", odom_timeout=5.0, plan_timeout=3.0)  # without a node that plans
+    states = client.listen(Odometry, "odom", SENSOR_DATA)
+    client.eventually(lambda: states, "odometry")
     chains = ChainClient(client)
     sent = chains.send([], wanted=PlanGoal(name="ball_held"))
     sent.cancel()

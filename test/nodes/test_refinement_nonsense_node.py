@@ -55,11 +55,12 @@ def enormous_chain(request: RefineSubgoal.Request) -> None:
 
 
 def negative_weight(request: RefineSubgoal.Request) -> None:
-    request.objective.success = -1.0
+    request.objective.accuracy = -1.0
 
 
 def no_weight(request: RefineSubgoal.Request) -> None:
     request.objective.duration = 0.0
+    request.objective.success = 0.0
 
 
 def unknown_set(request: RefineSubgoal.Request) -> None:
@@ -85,7 +86,7 @@ NONSENSE = {
     wrong_frame: "chain.calls[0].goal.header.frame_id: expected the frame 'odom', got 'moon'",
     empty_chain: "chain.calls: expected 1 to 32 items, got 0",
     enormous_chain: "chain.calls: expected 1 to 32 items, got 64 or more",
-    negative_weight: "objective: expected a weight of success that is 0 or from 1e-06 to 1e+06, got -1",
+    negative_weight: "objective: expected a weight of accuracy that is 0 or from 1e-06 to 1e+06, got -1",
     no_weight: "objective: expected at least one weight above 0, got none",
     unknown_set: "chain.action_set: expected one of",
     unknown_variable: "chain.calls[0].open: expected names of ['*', 'speed', 'x', 'y', 'yaw'], each once",
