@@ -43,9 +43,10 @@ def chains_of(draft: Draft, *, frame: str) -> list[TopChain]:
 
 
 def objective_of(objective: Objective) -> ObjectiveMessage:
-    """Write an objective; measures that it does not name have no weight."""
+    """Write an objective; measures that it does not name have no weight, and those of the node's own are -1."""
     names = ObjectiveMessage.get_fields_and_field_types()
-    return ObjectiveMessage(**{name: float(objective.weights.get(name, 0.0)) for name in names})
+    weights = {name: float(objective.weights.get(name, 0.0)) for name in names}
+    return ObjectiveMessage(**weights | dict.fromkeys(objective.where_predicted, -1.0))
 
 
 def advice_from(answer: RefineSubgoal.Response, library: TopLibrary, *, frame: str) -> Advice:

@@ -10,7 +10,7 @@ from nav_msgs.msg import Path
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from ator_interfaces.msg import ChainPerformance
+from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.geometry import FloatArray
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.printable import printable
@@ -53,6 +53,8 @@ class Heard:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._take_health, RESULTS)
 
     def _take_record(self, message: ChainPerformance) -> None:
+        if message.outcome.code == Outcome.REFUSED:  # it never ran
+            return
         try:
             self.history.add(driven_of(message))
         except RecordError as error:

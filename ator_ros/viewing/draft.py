@@ -85,8 +85,10 @@ class Draft:
 
     def with_weight(self, measure: str, weight: float) -> Draft:
         """Return the draft with the weight of a measure; raises RefinementError where nothing would count."""
-        weights = {**self.objective.weights, measure: weight}
-        return dataclasses.replace(self, objective=dataclasses.replace(self.objective, weights=weights))
+        before = self.objective
+        weights, optional = {**before.weights, measure: weight}, before.where_predicted - {measure}
+        objective = dataclasses.replace(before, weights=weights, where_predicted=optional)
+        return dataclasses.replace(self, objective=objective)
 
     def with_alternative(self) -> Draft:
         """Return the draft with its chain, as it is now, as one more alternative; the newest are kept."""
