@@ -43,7 +43,7 @@ def chains_of(draft: Draft, *, frame: str) -> list[TopChain]:
 
 
 def objective_of(objective: Objective) -> ObjectiveMessage:
-    """Write an objective; measures that it does not name have no weight, and those of the node's own are -1."""
+    """Write an objective; a measure that it does not name has no weight, one left to the node -1."""
     names = ObjectiveMessage.get_fields_and_field_types()
     weights = {name: float(objective.weights.get(name, 0.0)) for name in names}
     return ObjectiveMessage(**weights | dict.fromkeys(objective.where_predicted, -1.0))
