@@ -109,6 +109,7 @@ def test_statements_are_brought_about(statements: tuple[str, ...], steps: set[tu
         (("ball.vx=1:0:1",), "no TOP achieves ball.vx 0 to 1 of 1"),
         (("robot.v=0.5:0:0.1",), "no TOP achieves robot.v 0 to 0.1 of 0.5"),
         (("cup.x=1",), "expected one of robot.x, "),
+        (("ball.x=99",), "ball.x: expected a place on the scene's floor, from -5 to 5 m, got 99"),
         (("ball.x=1", "ball.x=2"), "expected each variable once, ball.x come twice"),
     ],
 )

@@ -12,7 +12,7 @@ from ator_ros.planning.facts import Fact
 from ator_ros.planning.operators import steps_for
 from ator_ros.planning.posed import Posed, posed
 from ator_ros.planning.symbolic import Plan, SymbolicProblem
-from ator_ros.planning.wanted import Wish, checked, facts_of, known_variables
+from ator_ros.planning.wanted import Wish, check_on_floor, checked, facts_of, known_variables
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.tops.driving import driving_top
@@ -119,6 +119,7 @@ def task_for(
     """
     robot = library.robot
     checked(wishes, known_variables(objects, holder=robot.holder is not None))
+    check_on_floor(wishes, robot)
     unfit = {top.name: why for top in library.values() if (why := _unfit(top, world, library))}
     tops = [top for top in library.values() if top.name not in unfit]
     wanted = facts_of(wishes, tops)

@@ -11,6 +11,7 @@ from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.facts import Fact
 from ator_ros.planning.values import Symbol, Value, after, difference
 from ator_ros.printable import quoted
+from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Region, Statement
 from ator_ros.tops.top import Top
 
@@ -55,6 +56,23 @@ def checked(wishes: Sequence[Wish], known: Sequence[str]) -> None:
     names = [wish.variable for wish in wishes]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PlanningError(f"goal: expected each variable once, {', '.join(twice)} come twice")
+
+
+def check_on_floor(wishes: Sequence[Wish], robot: Robot) -> None:
+    """Make sure that places which are wished for lie on the floor of the robot's scene.
+
+    Raises
+    ------
+    PlanningError
+        One doesn't.
+    """
+    for wish in wishes:
+        most = dict(zip(("x", "y"), robot.scene.area.floor, strict=True)).get(wish.variable.rpartition(".")[2])
+        if most is not None and not isinstance(wish.target, str) and abs(wish.target) > most:
+            raise PlanningError(
+                f"goal: {wish.variable}: expected a place on the scene's floor, from {-most:g} to {most:g} m, "
+                f"got {wish.target:g}"
+            )
 
 
 def facts_of(wishes: Sequence[Wish], tops: Sequence[Top]) -> list[Fact]:
