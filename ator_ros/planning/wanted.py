@@ -66,12 +66,13 @@ def check_on_floor(wishes: Sequence[Wish], robot: Robot) -> None:
     PlanningError
         One doesn't.
     """
+    floor = dict(zip(("x", "y"), robot.scene.area.floor, strict=True))
     for wish in wishes:
-        most = dict(zip(("x", "y"), robot.scene.area.floor, strict=True)).get(wish.variable.rpartition(".")[2])
+        most = floor.get(wish.variable.rpartition(".")[2])
         if most is not None and not isinstance(wish.target, str) and abs(wish.target) > most:
             raise PlanningError(
-                f"goal: {wish.variable}: expected a place on the scene's floor, from {-most:g} to {most:g} m, "
-                f"got {wish.target:g}"
+                f"goal: {wish.variable}: expected a place on the scene's floor, from {-most:g} to {most:g} "
+                f"m, got {wish.target:g}"
             )
 
 
