@@ -11,7 +11,6 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +30,6 @@ from ator_ros.refinement.naive import replaced
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.sampled import into_domains, spread_points
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.library import TopLibrary
 
 SPREAD = 8192
 """Points that are predicted, before the bounds of the regions."""
@@ -129,17 +127,11 @@ def searched(space: Space, execute: Executions, count: int, seed: Sequence[int])
     return [run for run, _ in found]
 
 
-@cache
-def made(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return toolset and library, made once per process."""
-    tools = make_toolset(source)
-    return tools, make_library(tools.robot, source)
-
-
 def situation(task: tuple[Settings, int]) -> Record:
     """Return the record of one situation; see `ator_ros.evaluation.situation.evaluate_trial`."""
     settings, index = task
-    tools, library = made(settings.source)
+    tools = make_toolset(settings.source)
+    library = make_library(tools.robot, settings.source)
     trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=index)
     execute = Executions(tools, library, trial)
     chosen = {name: execute(POLICIES[name](tools, trial).chain) for name in settings.policies}
