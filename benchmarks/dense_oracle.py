@@ -24,6 +24,7 @@ from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolse
 from ator_ros.evaluation.trials import Trial, open_places, random_trial
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import portable_command, write_text
+from ator_ros.formats import Format
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_model import ChainModel
 from ator_ros.refinement.naive import replaced
@@ -31,6 +32,7 @@ from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.sampled import into_domains, spread_points
 from ator_ros.tops.chain import TopChain
 
+FORMAT = Format("ator_ros dense oracle", 1, "dense oracle")
 SPREAD = 8192
 """Points that are predicted, before the bounds of the regions."""
 APART = 0.08
@@ -171,7 +173,7 @@ def main() -> None:
     summary = {"situations": len(records), **summarise(outcomes(records))}
     print(json.dumps(summary, indent=1))
     content = {"command": portable_command("dense_oracle", sys.argv[1:]), "summary": summary, "runs": records}
-    write_text(options.out, json.dumps(content, indent=1))
+    write_text(options.out, FORMAT.text(content))
 
 
 if __name__ == "__main__":

@@ -168,6 +168,18 @@ def test_a_robot_in_the_goals_place_does_not_wait_for_another_heading(robot: Rob
     assert driver.follow(RobotState(Pose(0.0, 0.0, 0.15)), Pose(0.0, 0.0, 0.0), 0.0).v > 0.0
 
 
+@pytest.mark.parametrize("at", [Pose(0.0, 0.03, -0.2), Pose(0.05, 0.0, 0.25)])
+def test_a_dribble_that_ends_askew_turns_in_its_place(robot: Robot, at: Pose) -> None:
+    hold = robot.hold_point(at)
+    goal = Goal(robot.hold_point(Pose(0.0, 0.0, 0.0)), point=Point.HOLD)
+    ball = {BALL: ObjectState(hold.x, hold.y)}
+    outcome = execute_situation(
+        Situation("dribbleBall", RobotState(at), ball, goal), Task("dribble", "bezier", 0, 0)
+    )
+    assert outcome.success
+    assert outcome.duration < 3.0
+
+
 SHAPE = CurveShape(radius=0.5, run_in=0.2, ahead=0.15, per_speed=0.2)
 STARTS = [Pose(-2.0, 0.7, 0.4), Pose(1.5, 1.0, -2.0), Pose(0.3, -1.2, 1.0), Pose(-0.9, -0.1, 3.0)]
 

@@ -29,7 +29,8 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2017": "an evaluation of the paper's actions, whose failures were looked at while they were mended",
         "2032": "a part of an evaluation of the paper's actions, whose failures were mended",
         "2034": "the same, after that",
-        "2035": "the final evaluation of the paper's actions",
+        "2035": "an evaluation of the paper's actions before dribbleBall turned in its place",
+        "2036": "the final evaluation of the paper's actions",
         "2026": "the final evaluation",
         "2027": "the evaluation of the observed models",
         "2028": "open places, looked at while what limits them was made",
@@ -39,7 +40,8 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2041": "the evaluation of refinement along the way",
         "2042": "the choice among alternatives",
         "3107": "further situations that the calibration is learned from",
-        "3108": "the final errors of calibrated predictions",
+        "3108-3110": "errors of earlier calibrations, looked at",
+        "3111": "the final errors of calibrated predictions",
     }
 )
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.bezier.curve import CurveShape
-from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached
+from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
 from ator_ros.domains.soccer.thresholds import lost_beyond
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
@@ -19,6 +19,9 @@ the second, before the first turn, in which it would slip out."""
 
 _TAKING = 0.3
 """Speed in m/s at which the ball is taken in."""
+
+_STRAIGHTENING = 0.3
+"""Angle in rad that the robot may turn on the spot with the ball, once it is at the goal."""
 
 HANDLE = 0.1
 """Length of the curve's handles in m: the least radius that the ball is led on."""
@@ -48,7 +51,7 @@ def check_held(world: World, robot: Robot, name: str) -> None:
 
 
 class BezierDribbleBall(Action):
-    """Push the ball to a pose: turning slowly, never on the spot, and never braking harder than the ball.
+    """Push the ball to a pose: turning slowly, and never braking harder than the ball.
 
     A ball that lies loosely between the tips of the fins is taken in first, straight ahead.
     A goal with a speed is passed at that speed. A goal that was missed is driven at again in a loop.
@@ -88,6 +91,8 @@ class BezierDribbleBall(Action):
         self._takes = self._takes and self._room(world) > _TAKEN
         if self._takes:
             return Step(self._driver.command(_TAKING, 0.0), Status.RUNNING, "taking the ball in")
+        if speed == 0.0 and standing_place(rel) and abs(rel.yaw) <= _STRAIGHTENING:
+            return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
         return Step(
             self._driver.follow(state, self._target, speed),
             Status.RUNNING,

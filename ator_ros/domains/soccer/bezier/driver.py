@@ -170,9 +170,9 @@ class Driver:
 
     def turn(self, angle: float) -> Command:
         """Return the command that stops and turns by what is left of an angle (rad)."""
-        last, limits = self._last, self._limits
+        last, limits, most = self._last, self._limits, self._rotation
         v = max(last.v - limits.brake * CONTROL_PERIOD, min(last.v + limits.a * CONTROL_PERIOD, 0.0))
-        w = max(-limits.w, min(limits.w, 3.0 * angle))
+        w = max(-most, min(most, 3.0 * angle))
         return self.send(v, w if abs(v) < 0.2 else last.w)
 
     def send(self, v: float, w: float) -> Command:
