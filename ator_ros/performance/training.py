@@ -11,6 +11,7 @@ import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.columns import goal_variables_of_columns
+from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import (
@@ -35,6 +36,12 @@ OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
 _SMOOTHING = 60.0
+
+
+OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
+"""The column of an experience table that tells of each measure but the duration."""
+SMALL_LEAF = 50
+"""Episodes at a leaf of their trees, at least."""
 
 
 class TrainingError(ValueError):
@@ -99,11 +106,11 @@ def train(
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     source = _Source(robot, tuple(features), driving)
     trees = {"duration": _duration_tree(good, source, how)}
-    trees["success"] = _small_tree(starts, source, starts["success"].to_numpy(dtype=float))
-    for measure, column in (("accuracy", "position_error"), ("heading", "heading_error")):
-        values = good_starts[column].to_numpy(dtype=float)
+    for measure, column in OUTCOMES.items():
+        told = starts if measure == "success" else good_starts
+        values = told[column].to_numpy(dtype=float)
         if np.isfinite(values).all():
-            trees[measure] = _small_tree(good_starts, source, values)
+            trees[measure] = small_tree(source.table(told), values)
     chosen = {name: trees[name] for name in MEASURES if name in trees}
     named = {feature.name: feature for feature in features}
     return PerformanceModel(action, robot, chosen, named, driving=driving)
@@ -136,20 +143,25 @@ class _Source:
 def _duration_tree(rows: pd.DataFrame, source: _Source, how: Training) -> ModelTree:
     weight = np.where(rows["t"] == 0.0, how.start_weight, how.later_weight)
     rows, weight = rows[weight > 0.0], weight[weight > 0.0]
-    tree = ModelTreeRegressor(smoothing=_SMOOTHING).fit(
-        source.table(rows),
-        rows["time_to_go"].to_numpy(dtype=float),
-        sample_weight=weight,
-        groups=rows["episode"].to_numpy(),
-    )
-    return narrowed(tree.tree_)
+    groups = rows["episode"].to_numpy()
+    return duration_tree(source.table(rows), rows["time_to_go"].to_numpy(dtype=float), weight, groups)
 
 
-def _small_tree(rows: pd.DataFrame, source: _Source, values: np.ndarray) -> ModelTree:
+def duration_tree(
+    table: pd.DataFrame,
+    durations: FloatArray,
+    weight: FloatArray | None = None,
+    groups: np.ndarray | None = None,
+) -> ModelTree:
+    """Learn durations (n,) in s from features; `weight` and `groups` as in `ModelTreeRegressor`."""
+    tree = ModelTreeRegressor(smoothing=_SMOOTHING)
+    return narrowed(tree.fit(table, durations, sample_weight=weight, groups=groups).tree_)
+
+
+def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEAF) -> ModelTree:
     """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
-    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0)
-    tree.fit(source.table(rows), values)
-    return narrowed(tree.tree_)
+    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, min_groups_leaf=leaf, extrapolation=0.0)
+    return narrowed(tree.fit(table, values).tree_)
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
