@@ -126,6 +126,27 @@ def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
         SOCCER.actions("bezier")["shoot"].factory(robot).start(world, AXLE_GOAL)
 
 
+@pytest.mark.parametrize(
+    ("start", "ball"),
+    [
+        ((0.03, 1.51, 1.4), (-2.93, -1.062, 0.4189)),  # round the ball by the side away from the post
+        ((-2.529, 0.99, -3.0556), (-3.0732, -0.7337, 0.1571)),  # both sides hit the post
+    ],
+)
+def test_approach_keeps_clear_of_the_posts(
+    start: tuple[float, float, float], ball: tuple[float, float, float]
+) -> None:
+    situation = Situation(
+        "goToPose",
+        RobotState(Pose(*start)),
+        {BALL: ObjectState(*ball[:2])},
+        Goal(Pose(*ball), point=Point.HOLD),
+    )
+    outcome = execute_situation(situation, Task("approach", "bezier", 0, 0))
+    assert outcome.success
+    assert outcome.duration < 15.0
+
+
 SHAPE = CurveShape(radius=0.5, run_in=0.2, ahead=0.15, per_speed=0.2)
 STARTS = [Pose(-2.0, 0.7, 0.4), Pose(1.5, 1.0, -2.0), Pose(0.3, -1.2, 1.0), Pose(-0.9, -0.1, 3.0)]
 

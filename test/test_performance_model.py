@@ -71,6 +71,14 @@ def test_success_is_predicted_better_than_by_the_base_rate(model: PerformanceMod
     assert result["brier"] < result["brier_base_rate"]
 
 
+def test_a_handful_of_failures_anywhere_makes_no_situation_likely_to_fail() -> None:
+    rows = made_up_experience("goToPose", episodes=400)
+    rows["success"] = ~rows["episode"].isin([17, 100, 230, 390])
+    predicted = train("goToPose", rows, ROBOT).predict(direct_of(rows), ("success",)).success
+    assert predicted is not None
+    assert predicted == pytest.approx(0.99, abs=1e-6)
+
+
 def test_rules_and_explanation_name_the_features_with_units(model: PerformanceModel) -> None:
     assert "time = " in model.rules()
     assert "[s]" in model.rules()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import ThresholdGate
-from ator_ros.refinement.objective import MEASURES, Measure, Objective
+from ator_ros.refinement.objective import MEASURES, Measure, Objective, expected_time
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, declared_ranges
@@ -95,6 +96,21 @@ def test_weight_on_success_lowers_the_arrival_speed() -> None:
     safe = refiner.refine(world(), two_steps(BOTH), Objective({"duration": 1.0, "success": 20.0}))
     assert fast.chain.calls[0].goal.speed > 0.3
     assert safe.chain.calls[0].goal.speed == 0.0
+
+
+def test_failures_cost_time_unless_the_objective_says_otherwise() -> None:
+    careful = Refiner(ROBOT, models(), failure_cost=20.0)
+    assert careful.refine(world(), two_steps(BOTH)).chain.calls[0].goal.speed == 0.0
+    fast = careful.refine(world(), two_steps(BOTH), Objective({"duration": 1.0}))
+    assert fast.chain.calls[0].goal.speed > 0.3
+
+
+def test_failures_count_only_where_they_are_predicted() -> None:
+    duration = np.array([3.0, 4.0])
+    told = SimpleNamespace(duration=duration, success=np.array([1.0, 0.9]))
+    assert expected_time(30.0).cost(told) == pytest.approx([3.0, 7.0])
+    untold = SimpleNamespace(duration=duration, success=None)
+    assert np.array_equal(expected_time(30.0).cost(untold), duration)
 
 
 @pytest.mark.parametrize(

@@ -118,13 +118,18 @@ def test_what_is_committed_to_is_not_refined() -> None:
 def test_what_counts_is_what_refinement_is_asked_for() -> None:
     desk, stage = desk_and_stage()
     desk.step([lambda: desk.weigh("accuracy", 10.0), lambda: desk.weigh("duration", 0.5)])
-    assert dict(stage.asked[-1].objective.weights) == {"duration": 0.5, "accuracy": 10.0}
+    expected = {"duration": 0.5, "success": SOCCER.time_limit, "accuracy": 10.0}
+    assert dict(stage.asked[-1].objective.weights) == expected
     assert desk.problem == ""
     desk.situation(seed=3)  # stays
-    desk.step([lambda: desk.weigh("accuracy", 0.0)])
+    desk.step([lambda: desk.weigh("accuracy", 0.0), lambda: desk.weigh("success", 0.0)])
     desk.step([lambda: desk.weigh("duration", 0.0)])
     assert "at least one weight above 0" in desk.problem
-    assert dict(desk.draft.objective.weights) == {"duration": 0.5, "accuracy": 0.0}
+    assert dict(desk.draft.objective.weights) == {
+        "duration": 0.5,
+        "success": 0.0,
+        "accuracy": 0.0,
+    }
 
 
 def test_of_alternatives_the_best_is_chosen_told_and_executed() -> None:

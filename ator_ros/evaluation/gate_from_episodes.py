@@ -42,6 +42,8 @@ class CrossFit:
         Candidate features of every action.
     ranges : mapping, optional
         Goal variable to its range.
+    failure_cost : float
+        Time in s that one failure costs.
     """
 
     def __init__(
@@ -50,8 +52,9 @@ class CrossFit:
         rows: Mapping[str, pd.DataFrame],
         features: tuple[Feature, ...],
         ranges: Ranges = USUAL_RANGES,
+        failure_cost: float = 0.0,
     ) -> None:
-        self.robot, self.ranges = robot, ranges
+        self.robot, self.ranges, self.failure_cost = robot, ranges, failure_cost
         parts = {action: _halves(table) for action, table in rows.items()}
         first, second = (
             {action: train(action, part[half], robot, features=features) for action, part in parts.items()}
@@ -73,7 +76,7 @@ class CrossFit:
         self, trial: Trial, rng: np.random.Generator
     ) -> Iterator[tuple[list[float], float, float, int, int]]:
         for chooser, judge in (self.models, self.models[::-1]):
-            refiner = Refiner(self.robot, chooser, ranges=self.ranges)
+            refiner = Refiner(self.robot, chooser, ranges=self.ranges, failure_cost=self.failure_cost)
             naive = refiner.naive(trial.world, open_speeds(trial.chain))
             for kind, plan in enumerate((trial.chain, open_speeds(trial.chain))):
                 refinement = refiner.refine(trial.world, reopened(naive, plan))

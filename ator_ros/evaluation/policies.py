@@ -57,7 +57,12 @@ class Toolset:
         """Return a refiner with one of the sets of models."""
         gate = self.gates.get(models, self.gate) if gated else OpenGate()
         return Refiner(
-            self.robot, self.models[models], gate, ranges=self.domain.ranges, calibration=self.calibration
+            self.robot,
+            self.models[models],
+            gate,
+            ranges=self.domain.ranges,
+            calibration=self.calibration,
+            failure_cost=self.domain.time_limit,
         )
 
     def predict(self, world: World, chain: TopChain) -> ChainPrediction:

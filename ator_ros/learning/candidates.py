@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ator_ros.learning.correcting import corrected, scaled_to
+from ator_ros.learning.correcting import constant, corrected, scaled_to
 from ator_ros.learning.lessons import Lessons
 from ator_ros.performance.training import SMALL_LEAF, duration_tree, small_tree
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
@@ -66,12 +66,15 @@ def candidates(
     for name, tree in former.items():
         yield Candidate(f"{BACK}{name}", partial(_kept, tree))
     count = len(lessons.values)
+    if lessons.measure == "success":
+        for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
+            yield Candidate(f"the rate of {size} episodes", partial(_rate, lessons, size))
     for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
         once = size > _LARGE
         yield Candidate(f"learned from {size} episodes", partial(_learned, lessons, list(names), size), once)
     if lessons.measure != "duration":
         return
-    for name, tree in (known | former).items():
+    for name, tree in {**known, **former}.items():
         for size in _RECENT:
             if size == _RECENT[0] or count > _RECENT[0]:
                 told = f"to {min(size, count)} episodes"
@@ -81,6 +84,12 @@ def candidates(
 
 def _kept(tree: ModelTree, _: IntArray) -> ModelTree:
     return tree
+
+
+def _rate(lessons: Lessons, size: int, which: IntArray) -> ModelTree:
+    """Return the share that succeeded; a few failures make leaves of any shape, which repel refinement."""
+    values = lessons.values[which[-size:]]
+    return constant(lessons.table.columns[0], float(np.mean(values)), len(values))
 
 
 def _learned(lessons: Lessons, names: list[str], size: int, which: IntArray) -> ModelTree | None:

@@ -63,15 +63,16 @@ def _robust(
     spread = np.maximum(np.std(table, axis=0), 1e-6)
     prior = np.column_stack([np.diag(np.sqrt(strength) * spread), np.zeros(len(spread))])
     weights = np.ones(len(values))
-    slopes, shift = expected, 0.0
-    scale = 1.0
+    slopes: FloatArray = expected.copy()
+    shift, scale = 0.0, 1.0
     for _ in range(_ROUNDS):
         left = np.vstack([np.column_stack([table, np.ones(len(values))]) * weights[:, None], scale * prior])
         right = np.append(values * weights, scale * (prior[:, :-1] @ expected))
-        solved = np.linalg.lstsq(left, right, rcond=None)[0]
+        solved: FloatArray = np.linalg.lstsq(left, right, rcond=None)[0]
         slopes, shift = solved[:-1], float(solved[-1])
-        weights = 1.0 / np.sqrt(np.maximum(np.abs(values - table @ slopes - shift), _LEAST_ERROR))
-        scale = float(np.sqrt(np.mean(weights * weights)))
+        errors = np.abs(values - table @ slopes - shift)
+        weights = 1.0 / np.sqrt(np.maximum(errors, _LEAST_ERROR))
+        scale = float(np.sqrt(np.mean(np.square(weights))))
     return slopes, shift
 
 
@@ -89,4 +90,22 @@ def scaled(tree: ModelTree, slope: float, shift: float) -> ModelTree:
         lower=np.where(leaf, slope * tree.lower + shift, 0.0),
         upper=np.where(leaf, slope * tree.upper + shift, 0.0),
         spread=slope * tree.spread,
+    )
+
+
+def constant(name: str, value: float, samples: int) -> ModelTree:
+    """Return a tree over the feature `name` that predicts the same everywhere."""
+    number, zero = np.zeros(1, dtype=np.intp), np.zeros(1)
+    level = np.array([value])
+    return ModelTree(
+        names=(name,),
+        feature=number,
+        threshold=zero,
+        children=np.zeros((1, 2), dtype=np.intp),
+        intercept=level,
+        coefficients=np.zeros((1, 1)),
+        lower=level,
+        upper=level,
+        spread=zero,
+        samples=np.array([float(samples)]),
     )

@@ -11,6 +11,7 @@ import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.columns import goal_variables_of_columns
+from ator_ros.learning.correcting import constant
 from ator_ros.learning.judging import RoundVerdict, judge
 from ator_ros.learning.lessons import Lessons, Records
 from ator_ros.performance.driving import DrivingStyle
@@ -141,24 +142,6 @@ def _means(records: Records) -> dict[str, ModelTree]:
         for measure, lessons in told.items()
         if len(lessons.values) >= _LEAST_TOLD
     }
-
-
-def constant(name: str, value: float, samples: int) -> ModelTree:
-    """Return a tree over the feature `name` that predicts the same everywhere."""
-    number, zero = np.zeros(1, dtype=np.intp), np.zeros(1)
-    level = np.array([value])
-    return ModelTree(
-        names=(name,),
-        feature=number,
-        threshold=zero,
-        children=np.zeros((1, 2), dtype=np.intp),
-        intercept=level,
-        coefficients=np.zeros((1, 1)),
-        lower=level,
-        upper=level,
-        spread=zero,
-        samples=np.array([float(samples)]),
-    )
 
 
 def with_honest_spread(tree: ModelTree, lessons: Lessons, verdict: RoundVerdict) -> ModelTree:

@@ -17,11 +17,12 @@ from ator_ros.performance.tree.nodes import IntArray, ModelTree
 TESTED = (25, 100)
 """Newest records on which trees are compared: few tell soon of a changed robot, many of small things."""
 FEWEST_TESTED = 12
-LEVEL = 0.02
-"""Chance, over all candidates of one round, of taking up a tree that is no better."""
-BACK_LEVEL = 0.05
-"""The same for a tree that was in use before: a set that turns out worse is given up sooner."""
+LEVEL = 0.05
+"""Chance, over all candidates of one round, of taking up a tree that is no better; over those that were in
+use before it is the same."""
 _FOLDS = 3
+_REMEMBERED = 300
+_NO_LOSS = 1e-9
 _AS_GOOD = 0.05
 """Chance from which on one candidate counts as no better than another."""
 
@@ -95,25 +96,28 @@ def judge(
         )
     known = {"the present model": now} if now is not None else {}
     tried = _predictions(lessons, list(candidates(lessons, names, known, former)), test)
+    if lessons.measure == "success" and now is not None:
+        tried = [item for item in tried if _remembers(lessons, item[0], now, test)]
     if not tried:
         return RoundVerdict(count, len(test), "no model can be learned yet")
-    if now is not None:
-        usual = lessons.predicted(now, test)
-    else:
-        usual = np.full(len(test), _middle(lessons, test))
-    before = lessons.losses(usual, test)
-    for tested in dict.fromkeys(min(size, len(test)) for size in TESTED):
-        verdict = _verdict(lessons, tried, before, test[:tested], present=now is not None)
+    before = lessons.losses(_usual(lessons, now, test), test)
+    sizes = sorted({min(size, len(test)) for size in TESTED})
+    for size in sizes:
+        level = LEVEL / len(sizes)
+        verdict = _verdict(lessons, tried, before, test[:size], level=level, present=now is not None)
         if verdict.tree is not None:
             break
     return verdict
 
 
-def _middle(lessons: Lessons, test: IntArray) -> float:
-    """Return the best constant prediction that the records before the tested ones tell."""
+def _usual(lessons: Lessons, now: ModelTree | None, test: IntArray) -> FloatArray:
+    """Return what is predicted without the candidates; without a tree the best constant of other records."""
+    if now is not None:
+        return lessons.predicted(now, test)
     others = np.setdiff1d(np.arange(len(lessons.values)), test)
     values = lessons.values[others if len(others) >= FEWEST_TESTED else slice(None)]
-    return float(np.mean(values) if lessons.measure == "success" else np.median(values))
+    middle = np.mean(values) if lessons.measure == "success" else np.median(values)
+    return np.full(len(test), float(middle))
 
 
 def _predictions(
@@ -135,23 +139,37 @@ def _predictions(
     return predictions
 
 
+def _remembers(lessons: Lessons, candidate: Candidate, now: ModelTree, test: IntArray) -> bool:
+    """Return whether a candidate tells of earlier records what the present tree does.
+
+    What is predicted to fail is not done any more. Then nothing fails, and a tree that predicts no failures
+    would soon seem better.
+    """
+    which = np.arange(len(lessons.values))[-_REMEMBERED:]
+    tree = _learned_again(lessons, candidate, test)
+    before, after = (np.mean(lessons.losses(lessons.predicted(t, which), which)) for t in (now, tree))
+    return bool(after <= before + _NO_LOSS)
+
+
 def _verdict(
     lessons: Lessons,
     tried: Sequence[tuple[Candidate, FloatArray]],
     before: FloatArray,
     test: IntArray,
     *,
+    level: float,
     present: bool,
 ) -> RoundVerdict:
     losses = [lessons.losses(predicted[: len(test)], test) for _, predicted in tried]
-    number, compared = _best([candidate.name for candidate, _ in tried], before[: len(test)], losses)
+    names = [candidate.name for candidate, _ in tried]
+    number, compared = _best(names, before[: len(test)], losses, level)
     best = compared[number]
-    name, unit = tried[number][0].name, MEASURES[lessons.measure]
+    name, unit = names[number], MEASURES[lessons.measure]
     figures = f"{best.before:.3g} to {best.after:.3g}{unit and f' {unit}'} on {len(test)} records"
     told = (len(lessons.values), len(test))
     loss = "Brier score" if lessons.measure == "success" else "error"
     before_told = best.before if present else None
-    if not _is_better(name, best):
+    if not _is_better(best, level):
         reason = f"no better: {name} would change the {loss} from {figures} (chance {best.chance:.3f})"
         return RoundVerdict(*told, reason, "", before_told, best.after, best.chance)
     tree = _learned_again(lessons, tried[number][0], test)
@@ -169,7 +187,7 @@ def _learned_again(lessons: Lessons, candidate: Candidate, test: IntArray) -> Mo
 
 
 def _best(
-    names: Sequence[str], before: FloatArray, losses: Sequence[FloatArray]
+    names: Sequence[str], before: FloatArray, losses: Sequence[FloatArray], level: float
 ) -> tuple[int, list[Comparison]]:
     """Return the number of the best candidate, significant ones first, and all comparisons."""
     compared: list[Comparison] = [Comparison(0.0, 0.0, 1.0)] * len(names)
@@ -179,7 +197,7 @@ def _best(
             results = compare(before, np.column_stack([losses[number] for number in group]))
             for number, result in zip(group, results, strict=True):
                 compared[number] = result
-    better = [number for number, name in enumerate(names) if _is_better(name, compared[number])]
+    better = [number for number, found in enumerate(compared) if _is_better(found, level)]
     least = min(better or range(len(names)), key=lambda number: compared[number].after)
     for number in better:
         # Of those that are as good as the best, the first: it knows most, and few records tell little of it.
@@ -188,6 +206,5 @@ def _best(
     return least, compared
 
 
-def _is_better(name: str, compared: Comparison) -> bool:
-    level = BACK_LEVEL if name.startswith(BACK) else LEVEL
-    return compared.after < compared.before and compared.chance * len(TESTED) < level
+def _is_better(compared: Comparison, level: float) -> bool:
+    return compared.after < compared.before and compared.chance < level

@@ -224,7 +224,13 @@ class Stream:
         )
         place = dataclasses.replace(source, models=str(folder)).folder()
         gate = load_gate(place / GATE, source.action_set) if (place / GATE).exists() else CAUTION
-        return Refiner(self._described, models, gate, ranges=self._domain.ranges)
+        return Refiner(
+            self._described,
+            models,
+            gate,
+            ranges=self._domain.ranges,
+            failure_cost=self._domain.time_limit,
+        )
 
     def _learn_offline(self, folder: Path) -> None:
         """Learn models from episodes of the changed robot, from anywhere; the gate is the shipped one."""

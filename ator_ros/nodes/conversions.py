@@ -282,11 +282,12 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
 # Objectives and performance
 
 
-def objective_from(objective: msg.Objective) -> Objective:
-    """Read an objective: each field of the message is the weight of the measure of that name."""
-    names = objective.get_fields_and_field_types()
+def objective_from(objective: msg.Objective, failure_cost: float = 0.0) -> Objective:
+    """Read an objective; a `success` below 0 stands for `failure_cost` (s), where models predict it."""
+    weights = {name: float(getattr(objective, name)) for name in objective.get_fields_and_field_types()}
+    optional = frozenset({"success"} if weights["success"] < 0.0 else ())
     try:
-        return Objective({name: float(getattr(objective, name)) for name in names})
+        return Objective(weights | dict.fromkeys(optional, failure_cost), where_predicted=optional)
     except RefinementError as error:
         raise MessageError(str(error)) from error
 

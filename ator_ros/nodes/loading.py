@@ -48,15 +48,25 @@ def load_predictors(node: Node, domain: Domain, libraries: Libraries, folder: st
     return Predictors(models, predictors)
 
 
-def load_refiners(node: Node, domain: Domain, libraries: Libraries, folder: str, *, gated: bool) -> Refiners:
-    """Read models and gate in `folder` ("": those that ship) of every action set; log what is wrong."""
+def load_refiners(
+    node: Node, domain: Domain, libraries: Libraries, folder: str, *, gated: bool, failure_cost: float
+) -> Refiners:
+    """Read models and gate in `folder` ("": those that ship) of every action set; log what is wrong.
+
+    A failure costs `failure_cost` (s) where a request does not say.
+    """
     models, refiners = {}, {}
     for name, library in libraries.items():
         models[name] = read = read_models(node, library.robot, name, folder, domain)
         if read.models:
             gate = _gate(node, read, name) if gated else None
             refiners[name] = Refiner(
-                library.robot, read.models, gate, ranges=domain.ranges, calibration=read.calibration
+                library.robot,
+                read.models,
+                gate,
+                ranges=domain.ranges,
+                calibration=read.calibration,
+                failure_cost=failure_cost,
             )
             rehearse_refinement(library, refiners[name])
     return Refiners(models, refiners)

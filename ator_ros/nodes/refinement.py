@@ -49,6 +49,9 @@ PARAMETERS = (
     LEARNED,
     Parameter("gate", True, "whether to refine only where the gate expects that it pays", live=True),
     Parameter(
+        "failure_cost", -1.0, "s that a failure costs; below 0: the domain's time limit", -1.0, 1e6, live=True
+    ),
+    Parameter(
         "explore", 0.0, "greatest share of the predicted time to spend on trying chains; 0: none", 0.0, 0.5
     ),
     Parameter(
@@ -71,7 +74,7 @@ _MOST_WAITING = 2000
 class RefinementNode(Node):
     """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; `gate` can change while it runs.
+    Parameters: see `PARAMETERS`; `gate` and `failure_cost` can change while it runs.
 
     Service
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
@@ -111,12 +114,21 @@ class RefinementNode(Node):
         self.get_logger().info(f"refining chains of the action sets {there}")
 
     def _load(self, folder: str) -> Refiners:
-        return load_refiners(self, self._domain, self._libraries, folder, gated=self._settings["gate"])
+        gated, cost = self._settings["gate"], self._failure_cost()
+        return load_refiners(self, self._domain, self._libraries, folder, gated=gated, failure_cost=cost)
+
+    def _failure_cost(self, cost: float | None = None) -> float:
+        """Return the time in s that a failure costs where a request does not say; `cost` is the parameter."""
+        cost = self._settings["failure_cost"] if cost is None else cost
+        return cost if cost >= 0.0 else self._domain.time_limit
 
     def _change(self, values: Mapping[str, Any]) -> None:
-        """Use the gates from now on, or no longer."""
+        """Use the gates from now on, or no longer; count failures at another cost."""
         if "gate" in values:
             set_gates(self, self._sets.present, gated=values["gate"])
+        if "failure_cost" in values:
+            for refiner in self._sets.present.by_set.values():
+                refiner.failure_cost = self._failure_cost(values["failure_cost"])
 
     def _begin(self, request: RefineSubgoal.Request, answer: Answer) -> None:
         finish = functools.partial(self._answer, answer)
@@ -196,7 +208,7 @@ class RefinementNode(Node):
             return choice
         yield
         world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
-        objective = conversions.objective_from(request.objective)
+        objective = conversions.objective_from(request.objective, self._failure_cost())
         found = self._explorer.explored(
             choice.refinement,
             lambda chain: predict_chain(world, chain, refiner.models, library.robot, objective),
@@ -241,7 +253,7 @@ def refining_of(
     world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
     chain = conversions.chain_from(request.chain, library, frame=frame)
     others = conversions.alternatives_from(request.alternatives, library, frame=frame)
-    objective = conversions.objective_from(request.objective)
+    objective = conversions.objective_from(request.objective, refiner.failure_cost)
     yield
     placeholders = not request.as_given
     return (yield from choosing(refiner, world, (chain, *others), objective, placeholders=placeholders))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -36,6 +37,7 @@ OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
 _SMOOTHING = 60.0
+_FOLDS = 10
 
 
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
@@ -74,8 +76,8 @@ def train(
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
 
-    Duration is learned from the episodes that succeeded, success from the starts of all of them, and the
-    errors from the starts of those that succeeded.
+    Duration is learned from the episodes that succeeded, success from the starts of all of them (its rate
+    where no tree is better), and the errors from the starts of those that succeeded.
 
     Parameters
     ----------
@@ -106,11 +108,11 @@ def train(
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     source = _Source(robot, tuple(features), driving)
     trees = {"duration": _duration_tree(good, source, how)}
-    for measure, column in OUTCOMES.items():
-        told = starts if measure == "success" else good_starts
-        values = told[column].to_numpy(dtype=float)
+    trees["success"] = _success_tree(starts, source)
+    for measure in ("accuracy", "heading"):
+        values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
         if np.isfinite(values).all():
-            trees[measure] = small_tree(source.table(told), values)
+            trees[measure] = small_tree(source.table(good_starts), values)
     chosen = {name: trees[name] for name in MEASURES if name in trees}
     named = {feature.name: feature for feature in features}
     return PerformanceModel(action, robot, chosen, named, driving=driving)
@@ -162,6 +164,26 @@ def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEA
     """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
     tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, min_groups_leaf=leaf, extrapolation=0.0)
     return narrowed(tree.fit(table, values).tree_)
+
+
+def _success_tree(starts: pd.DataFrame, source: _Source) -> ModelTree:
+    """Learn the probability of success: the rate of all episodes, unless a tree predicts it better.
+
+    A few failures make leaves of any shape, and each would repel refinement, as failures cost much. So the
+    tree has to have the smaller squared error (Brier score) on episodes that it was not learned from, by more
+    than two standard errors.
+    """
+    happened = starts["success"].to_numpy(dtype=float)
+    table, fold = source.table(starts), np.arange(len(starts)) % _FOLDS
+    gains = np.zeros(len(starts))
+    for number in range(_FOLDS if happened.min() < happened.max() else 0):
+        held, seen = fold == number, fold != number
+        tree = small_tree(table[seen], happened[seen])
+        predicted = tree.predict(table.loc[held, list(tree.names)].to_numpy()).clip(0.0, 1.0)
+        gains[held] = (happened[seen].mean() - happened[held]) ** 2 - (predicted - happened[held]) ** 2
+    if gains.mean() > 2.0 * gains.std() / math.sqrt(len(gains)):
+        return small_tree(table, happened)
+    return small_tree(table, np.full(len(starts), happened.mean()))
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:

@@ -61,6 +61,8 @@ class Objective:
         duration counts.
     measures : mapping, optional
         The measures that can be named; by default `MEASURES`.
+    where_predicted : frozenset of str
+        Measures that count only for models that predict them; a model must predict the others that count.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class Objective:
 
     weights: Mapping[str, float] = field(default_factory=lambda: {"duration": 1.0})
     measures: Mapping[str, Measure] = field(default_factory=lambda: MEASURES)
+    where_predicted: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         for name, weight in self.weights.items():
@@ -102,8 +105,28 @@ class Objective:
         RefinementError
             The performance model does not predict a measure that has a weight.
         """
-        missing = [need for need in self.needs if getattr(prediction, need, None) is None]
-        if missing:
-            raise RefinementError(f"objective: expected models that predict {', '.join(missing)}, got none")
-        terms = [w * self.measures[name].cost(prediction) for name, w in self.weights.items() if w]
+        counted, missing = [], []
+        for name in (name for name, weight in self.weights.items() if weight):
+            lacking = [need for need in self.measures[name].needs if getattr(prediction, need, None) is None]
+            if not lacking:
+                counted.append(name)
+            elif name not in self.where_predicted:
+                missing += lacking
+        if missing or not counted:
+            expected = ", ".join(missing or self.needs)
+            raise RefinementError(f"objective: expected models that predict {expected}, got none")
+        terms = [self.weights[name] * self.measures[name].cost(prediction) for name in counted]
         return np.asarray(sum(terms[1:], start=terms[0]), dtype=float)
+
+
+def expected_time(failure_cost: float) -> Objective:
+    """Return the default objective: the duration, and what failing is expected to cost.
+
+    Parameters
+    ----------
+    failure_cost : float
+        Time in s that one failure costs, such as the time limit of a chain. The probability of failure counts
+        only for models that predict it.
+    """
+    weights = {"duration": 1.0, "success": failure_cost}
+    return Objective(weights, where_predicted=frozenset({"success"}))

@@ -15,7 +15,7 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import Analysis, FreeVariable, PredictsPerformance, analyse
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
 from ator_ros.refinement.naive import fastest_alone, replaced
-from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.paths import Optimum
 from ator_ros.refinement.regions import Regions
 from ator_ros.refinement.search import searching, unsearched
@@ -45,6 +45,8 @@ class Refiner:
         Goal variable to its range: those of a domain are `TopLibrary.ranges`; by default the usual ones.
     calibration : Calibration, optional
         What the models' predictions miss; it is added to what is reported, after everything is decided.
+    failure_cost : float
+        Time in s that one failure costs where a request has no objective of its own, see `expected_time`.
     """
 
     def __init__(
@@ -55,8 +57,10 @@ class Refiner:
         *,
         ranges: Ranges = USUAL_RANGES,
         calibration: Calibration | None = None,
+        failure_cost: float = 0.0,
     ) -> None:
         self.robot = robot
+        self.failure_cost = failure_cost
         self.models = models
         self.gate = gate if gate is not None else OpenGate()
         self._ranges = ranges
@@ -77,7 +81,7 @@ class Refiner:
         world, chain
             The request; whether the chain is a valid plan from there is not looked at.
         objective : Objective, optional
-            What shall be least; by default the duration.
+            What shall be least; by default `expected_time` with the refiner's failure cost.
         placeholders : bool
             The values of free variables are placeholders: the chain compared with is the naive one.
 
@@ -101,7 +105,7 @@ class Refiner:
 
         When time is up, placeholders for which no naive value has been searched keep their values.
         """
-        objective = objective if objective is not None else Objective()
+        objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
         memory: Memory = {}
         if placeholders:

@@ -9,7 +9,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.geometry import Pose
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.objective import expected_time
 from ator_ros.tops.library import TopLibrary
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
@@ -69,7 +69,7 @@ class Desk:
         action_set = self.draft.action_set if hasattr(self, "draft") else next(iter(self.libraries))
         library = self.libraries[action_set]
         trial = random_trial(self.domain, self.chain_name, library, seed=self.seed, index=self.index)
-        objective = self.draft.objective if hasattr(self, "draft") else Objective()
+        objective = self.draft.objective if hasattr(self, "draft") else expected_time(self.domain.time_limit)
         return Draft(trial.world, open_speeds(trial.chain), action_set, objective)
 
     def situation(self, *, chain: str = "", seed: int | None = None, index: int | None = None) -> None:

@@ -20,13 +20,29 @@ def touches_goals(poses: FloatArray, robot: Robot) -> bool:
     poses : ndarray, shape (n, 3)
         x, y of the axle in m, yaw in rad.
     """
+    return depth_in_goals(poses, robot) > 0.0
+
+
+def depth_in_goals(places: FloatArray, robot: Robot) -> float:
+    """Return by how much in m the robot, at the worst of the places, may reach into the wall of a goal.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n, 2) or more columns
+        x, y of the axle in m.
+    """
     field = field_of(robot)
-    near = np.abs(poses[:, 0]) > field.walls_begin - robot.reach
-    return bool(near.any() and (wall_distances(poses[near], field) < robot.reach).any())
+    near = places[np.abs(places[:, 0]) > nearest_to_goals(robot)]
+    return float(np.max(robot.reach - wall_distances(near, field), initial=0.0))
+
+
+def nearest_to_goals(robot: Robot) -> float:
+    """Return the |x| in m of the axle up to which the robot touches no wall of a goal, whatever y and yaw."""
+    return field_of(robot).walls_begin - robot.reach
 
 
 def wall_distances(poses: FloatArray, field: Field) -> FloatArray:
-    """Compute the distance in m from the axle at each pose, shape (n, 3), to the nearest wall of a goal."""
+    """Compute the distance in m from the axle at places or poses, shape (n, 2 or 3), to the nearest wall."""
     x, y = np.abs(poses[:, 0]), np.abs(poses[:, 1])
     distances = [
         np.hypot(

@@ -55,7 +55,7 @@ def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, com
     ]
     actions = {call.top.action for call in trials[0].chain.calls}
     rows = {action: table for action, table in read_rows(options.episodes).items() if action in actions}
-    fitted = CrossFit(robot, rows, OBSERVED, domain.ranges)
+    fitted = CrossFit(robot, rows, OBSERVED, domain.ranges, domain.time_limit)
     _save(fitted.examples(trials, seed=options.seed), source.observed_folder() / GATE, options, command)
     return 0
 

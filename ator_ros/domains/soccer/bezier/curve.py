@@ -11,6 +11,7 @@ from ator_ros.geometry import FloatArray, Pose, wrap_angle
 
 _STRAIGHT_BEHIND = 3.1  # rad; what lies farther round is treated as if it lay here, to its own side
 _SAMPLES = 40
+_STEP = 0.05  # m between places on the shortest way
 _CORRIDOR = (-0.02, 0.06, 0.05)  # m along the axis from the run-in to behind the goal, and to either side
 
 
@@ -51,6 +52,9 @@ class Curve:
         Curvature at the start in 1/m, positive to the left.
     straight, turn, left : float
         Way in m to the circle beside the goal, angle in rad on it, and way in m to the goal.
+    heading, side : float
+        Heading in rad of the straight part for a circle to the left of the goal's axis; -1 if the circle lies
+        to its right, and all is mirrored.
     """
 
     points: tuple[tuple[float, float], ...]
@@ -59,6 +63,8 @@ class Curve:
     straight: float
     turn: float
     left: float
+    heading: float
+    side: float
 
 
 def curve_to(rel: Pose, v: float, shape: CurveShape, side: float) -> Curve:
@@ -83,11 +89,12 @@ def curve_to(rel: Pose, v: float, shape: CurveShape, side: float) -> Curve:
     x, y = rel.x + shape.run_in, side * rel.y
     if x > behind and rel.x < beyond and abs(y) < beside:
         left = max(-rel.x, 0.0)
-        return _through(rel, (rel.x + ahead, 0.0), shape, 0.0, (left, 0.0, left))
+        return _through(rel, (rel.x + ahead, 0.0), shape, 0.0, (left, 0.0, left, 0.0, side))
     straight, heading, turn = _onto_circle(x, y, shape.radius)
     dx, dy = _ahead(straight, heading, turn, shape.radius, ahead)
     left = straight + shape.radius * turn + shape.run_in
-    return _through(rel, (rel.x + dx, rel.y + side * dy), shape, -shape.run_in, (straight, turn, left))
+    way = (straight, turn, left, heading, side)
+    return _through(rel, (rel.x + dx, rel.y + side * dy), shape, -shape.run_in, way)
 
 
 def _onto_circle(x: float, y: float, radius: float) -> tuple[float, float, float]:
@@ -117,7 +124,7 @@ def _ahead(straight: float, heading: float, turn: float, radius: float, way: flo
 
 
 def _through(
-    rel: Pose, middle: tuple[float, float], shape: CurveShape, end: float, way: tuple[float, float, float]
+    rel: Pose, middle: tuple[float, float], shape: CurveShape, end: float, way: tuple[float, ...]
 ) -> Curve:
     """Complete a curve by its handles; the robot's shrinks to nothing where it looks away from the curve."""
     dx, dy = middle[0] - rel.x, middle[1] - rel.y
@@ -137,14 +144,28 @@ def _through(
     return Curve(points, bearing, bend, *way)
 
 
+def shortest_way(curve: Curve, shape: CurveShape, goal: Pose) -> FloatArray:
+    """Return places on the shortest way that a curve to `goal` approximates, shape (n, 2), in m."""
+    x, y = curve.points[0]
+    parts = curve.straight, curve.heading, curve.turn, shape.radius
+    steps = (_ahead(*parts, _STEP * step) for step in range(math.ceil(curve.left / _STEP)))
+    local = np.array([(x + dx, y + curve.side * dy) for dx, dy in steps]).reshape(-1, 2)
+    return _placed(local, goal)
+
+
 def sampled(curve: Curve, goal: Pose) -> FloatArray:
     """Return poses on a curve to `goal`, and `goal` itself, shape (n, 3): x, y in m, yaw in rad."""
     t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
     shares = [math.comb(4, k) * t**k * (1.0 - t) ** (4 - k) for k in range(5)]
     local = sum(share * np.array(point) for share, point in zip(shares, curve.points, strict=True))
     local = np.vstack([local, (0.0, 0.0)])
-    c, s = math.cos(goal.yaw), math.sin(goal.yaw)
-    places = local @ np.array([[c, s], [-s, c]]) + (goal.x, goal.y)
+    places = _placed(local, goal)
     steps = np.diff(places, axis=0)
     yaws = np.append(np.arctan2(steps[:, 1], steps[:, 0]), goal.yaw)
     return np.column_stack([places, yaws])
+
+
+def _placed(local: FloatArray, goal: Pose) -> FloatArray:
+    """Return places in m, given in the frame of `goal`, in the frame that `goal` is given in."""
+    c, s = math.cos(goal.yaw), math.sin(goal.yaw)
+    return np.asarray(local @ np.array([[c, s], [-s, c]]) + (goal.x, goal.y))

@@ -39,7 +39,7 @@ class BezierGoToPose(Action):
         self._target = goal.robot_pose(self.robot)
         self._to_ball = self._lies_at_goal(ball_of(world))
         style = TO_BALL if self._to_ball else TO_POSE
-        self._driver = Driver(self.robot.limits, style)
+        self._driver = Driver(self.robot.limits, style, self.robot)
         self._driver.reset(Command(world.robot.v, world.robot.w))
 
     def way(self) -> FloatArray | None:
