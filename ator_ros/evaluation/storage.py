@@ -9,13 +9,16 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.situation import Record, Settings
+from ator_ros.evaluation.situation import Record
 from ator_ros.files import UnreadableError, read_json, read_text, write_text
 from ator_ros.formats import Format
 from ator_ros.schema import SchemaError, Within, structured
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"
@@ -34,7 +37,7 @@ class PartialResults:
     ----------
     folder : Path
         Where the file lies; it is made when missing.
-    settings : Settings
+    settings : dataclass
         Of this evaluation.
     digest : str
         Of everything else that the results depend on: robot, models, gate.
@@ -45,7 +48,7 @@ class PartialResults:
         The folder holds results of other settings, or cannot be written.
     """
 
-    def __init__(self, folder: Path, settings: Settings, digest: str) -> None:
+    def __init__(self, folder: Path, settings: DataclassInstance, digest: str) -> None:
         self.path = folder / PARTIAL
         identity = {"settings": dataclasses.asdict(settings), "digest": digest}
         self._header = json.dumps(identity, sort_keys=True)

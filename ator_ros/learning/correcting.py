@@ -62,13 +62,13 @@ def _robust(
     """
     spread = np.maximum(np.std(table, axis=0), 1e-6)
     prior = np.column_stack([np.diag(np.sqrt(strength) * spread), np.zeros(len(spread))])
-    weights = np.ones(len(values))
+    weights: FloatArray = np.ones(len(values))
     slopes: FloatArray = expected.copy()
     shift, scale = 0.0, 1.0
     for _ in range(_ROUNDS):
         left = np.vstack([np.column_stack([table, np.ones(len(values))]) * weights[:, None], scale * prior])
         right = np.append(values * weights, scale * (prior[:, :-1] @ expected))
-        solved: FloatArray = np.linalg.lstsq(left, right, rcond=None)[0]
+        solved = np.linalg.lstsq(left, right, rcond=None)[0].astype(np.float64)
         slopes, shift = solved[:-1], float(solved[-1])
         errors = np.abs(values - table @ slopes - shift)
         weights = 1.0 / np.sqrt(np.maximum(errors, _LEAST_ERROR))
