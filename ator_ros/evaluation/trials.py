@@ -29,7 +29,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2017": "an evaluation of the paper's actions, whose failures were looked at while they were mended",
         "2032": "a part of an evaluation of the paper's actions, whose failures were mended",
         "2034": "the same, after that",
-        "2035": "an evaluation of the paper's actions before dribbleBall turned in its place",
+        "2035": "an evaluation of the paper's actions, whose longest was mended",
         "2036": "the final evaluation of the paper's actions",
         "2026": "the final evaluation",
         "2027": "the evaluation of the observed models",
