@@ -25,7 +25,7 @@ _LARGE = 2000
 
 
 @dataclass(frozen=True)
-class Candidate:
+class TreeCandidate:
     """A way to come by a tree.
 
     Attributes
@@ -49,7 +49,7 @@ def candidates(
     names: Sequence[str],
     known: Mapping[str, ModelTree],
     former: Mapping[str, ModelTree],
-) -> Iterator[Candidate]:
+) -> Iterator[TreeCandidate]:
     """Yield candidates, those that know most first.
 
     Parameters
@@ -64,22 +64,26 @@ def candidates(
         the newest records are candidates too.
     """
     for name, tree in former.items():
-        yield Candidate(f"{BACK}{name}", partial(_kept, tree))
+        yield TreeCandidate(f"{BACK}{name}", partial(_kept, tree))
     count = len(lessons.values)
     if lessons.measure == "success":
         for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
-            yield Candidate(f"the rate of {size} episodes", partial(_rate, lessons, size))
+            yield TreeCandidate(f"the rate of {size} episodes", partial(_rate, lessons, size))
     for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
         once = size > _LARGE
-        yield Candidate(f"learned from {size} episodes", partial(_learned, lessons, list(names), size), once)
+        yield TreeCandidate(
+            f"learned from {size} episodes", partial(_learned, lessons, list(names), size), once
+        )
     if lessons.measure != "duration":
         return
     for name, tree in {**known, **former}.items():
         for size in _RECENT:
             if size == _RECENT[0] or count > _RECENT[0]:
                 told = f"to {min(size, count)} episodes"
-                yield Candidate(f"{name} corrected {told}", partial(_fitted, corrected, lessons, tree, size))
-                yield Candidate(f"{name} scaled {told}", partial(_fitted, scaled_to, lessons, tree, size))
+                yield TreeCandidate(
+                    f"{name} corrected {told}", partial(_fitted, corrected, lessons, tree, size)
+                )
+                yield TreeCandidate(f"{name} scaled {told}", partial(_fitted, scaled_to, lessons, tree, size))
 
 
 def _kept(tree: ModelTree, _: IntArray) -> ModelTree:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.learning.candidates import BACK, Candidate, candidates
+from ator_ros.learning.candidates import BACK, TreeCandidate, candidates
 from ator_ros.learning.comparison import Comparison, compare
 from ator_ros.learning.lessons import Lessons
 from ator_ros.performance.model import MEASURES
@@ -121,8 +121,8 @@ def _usual(lessons: Lessons, now: ModelTree | None, test: IntArray) -> FloatArra
 
 
 def _predictions(
-    lessons: Lessons, tried: Sequence[Candidate], test: IntArray
-) -> list[tuple[Candidate, FloatArray]]:
+    lessons: Lessons, tried: Sequence[TreeCandidate], test: IntArray
+) -> list[tuple[TreeCandidate, FloatArray]]:
     """Return the candidates that can be learned, and what they predict of the tested records."""
     everything = np.arange(len(lessons.values))
     predictions = []
@@ -139,7 +139,7 @@ def _predictions(
     return predictions
 
 
-def _remembers(lessons: Lessons, candidate: Candidate, now: ModelTree, test: IntArray) -> bool:
+def _remembers(lessons: Lessons, candidate: TreeCandidate, now: ModelTree, test: IntArray) -> bool:
     """Return whether a candidate tells of earlier records what the present tree does.
 
     What is predicted to fail is not done any more. Then nothing fails, and a tree that predicts no failures
@@ -153,7 +153,7 @@ def _remembers(lessons: Lessons, candidate: Candidate, now: ModelTree, test: Int
 
 def _verdict(
     lessons: Lessons,
-    tried: Sequence[tuple[Candidate, FloatArray]],
+    tried: Sequence[tuple[TreeCandidate, FloatArray]],
     before: FloatArray,
     test: IntArray,
     *,
@@ -179,7 +179,7 @@ def _verdict(
     )
 
 
-def _learned_again(lessons: Lessons, candidate: Candidate, test: IntArray) -> ModelTree:
+def _learned_again(lessons: Lessons, candidate: TreeCandidate, test: IntArray) -> ModelTree:
     which = np.arange(len(lessons.values))
     tree = candidate.learn(np.setdiff1d(which, test) if candidate.once else which)
     assert tree is not None  # it was learned from fewer records
