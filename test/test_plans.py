@@ -125,6 +125,13 @@ def test_an_unknown_object_is_named() -> None:
         planned(IN_GOAL, situation(ball=None))
 
 
+def test_what_is_off_the_floor_is_named() -> None:
+    with pytest.raises(PlanningError, match="goToBall needs the ball, which is off the scene's floor"):
+        planned(IN_GOAL, situation(ball=(9.0, 0.0)))
+    with pytest.raises(PlanningError, match=r"robot on the scene's floor, got one at \(0, 8\) m"):
+        planned(IN_GOAL, situation(robot=Pose(0.0, 8.0, 0.0)))
+
+
 def test_without_a_holder_the_condition_that_is_missing_is_named() -> None:
     bare = dataclasses.replace(ROBOT, holder=None)
     with pytest.raises(PlanningError, match="needs a holder"):
@@ -201,7 +208,8 @@ def test_the_tool_prints_chains_and_predictions() -> None:
     assert durations == sorted(durations)
     refused = told("ball_in_goal")
     assert refused.returncode == 1
-    assert refused.stderr.startswith("plan: no TOP achieves ball.x ")
+    assert refused.stderr.startswith("plan: goToBall needs the ball, which is unknown; ")
+    assert "no TOP achieves ball.x " in refused.stderr
     assert refused.stderr.count("\n") == 1
 
 

@@ -3,7 +3,8 @@
     ros2 launch ator_ros ator.launch.xml
     python3 -m ator_ros.examples.refine_and_execute
 
-The nodes must run. The program needs rclpy and the interfaces, and nothing else of ator_ros.
+The nodes must run. The program needs rclpy and the interfaces, and nothing else of ator_ros. Before it runs
+again, put robot and ball back: `ros2 service call /reset std_srvs/srv/Trigger`.
 """
 
 from __future__ import annotations

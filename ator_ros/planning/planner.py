@@ -17,7 +17,7 @@ from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.tops.driving import driving_top
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import missing_object
+from ator_ros.tops.objects import missing_object, objects_in
 from ator_ros.tops.state import state_of
 from ator_ros.tops.top import Top
 from ator_ros.world.state import World
@@ -68,7 +68,7 @@ class PlanningTask:
             There is none; the message names the condition that no TOP achieves, or why no plan can be used.
         """
         if not plans:
-            raise PlanningError("; ".join([why_unreachable(self.posed), *self.left_out]))
+            raise PlanningError("; ".join([*self.left_out, why_unreachable(self.posed)]))
         found: list[TopChain] = []
         reasons: list[str] = []
         for plan in plans:
@@ -115,9 +115,14 @@ def task_for(
     Raises
     ------
     PlanningError
-        The goal names what there is not, or the problem is too large.
+        The goal names what there is not, the robot is off the scene's floor, or the problem is too large.
     """
     robot = library.robot
+    at = world.robot.pose
+    if not robot.scene.area.has_floor(at.x, at.y):
+        raise PlanningError(
+            f"situation: expected a robot on the scene's floor, got one at ({at.x:g}, {at.y:g}) m"
+        )
     checked(wishes, known_variables(objects, holder=robot.holder is not None))
     check_on_floor(wishes, robot)
     unfit = {top.name: why for top in library.values() if (why := _unfit(top, world, library))}
@@ -132,9 +137,16 @@ def task_for(
 
 def _unfit(top: Top, world: World, library: TopLibrary) -> str | None:
     """Return why a TOP cannot be used; None where it can."""
-    missing = missing_object(top, world)
-    unknown = None if missing is None else f"{top.name} needs the {missing}, which is unknown"
-    return top.lacks(library.robot) or unknown
+    if why := top.lacks(library.robot):
+        return why
+    if missing := missing_object(top, world):
+        return f"{top.name} needs the {missing}, which is unknown"
+    area = library.robot.scene.area
+    for name in objects_in(top):
+        there = world.objects[name]
+        if not area.has_floor(there.x, there.y):
+            return f"{top.name} needs the {name}, which is off the scene's floor"
+    return None
 
 
 def chains_for(

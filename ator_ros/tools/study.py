@@ -21,11 +21,13 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="study", description=__doc__)
     add_setting(parser)
     parser.add_argument(
-        "--episodes", type=whole(20), default=1000, metavar="N", help="of each action (default: %(default)s)"
-    )
+        "--episodes", type=whole(20), default=1000, metavar="N",
+        help="of each action, at least 20 (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument(
         "--situations", type=whole(10), default=200, metavar="M",
-        help="that the gate is learned from, and others that the evaluation executes (default: %(default)s)",
+        help="that the gate is learned from, and others that the evaluation executes; at least 10 "
+        "(default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--seed", type=whole(), default=1, metavar="S",

@@ -32,6 +32,11 @@ class Area:
         """Greatest |x| and |y| in m of the area with its margin."""
         return self.length / 2 + self.margin, self.width / 2 + self.margin
 
+    def has_floor(self, x: float, y: float) -> bool:
+        """Return whether (x, y) in m lies on the area or its margin."""
+        x_most, y_most = self.floor
+        return abs(x) <= x_most and abs(y) <= y_most
+
 
 @dataclass(frozen=True, slots=True)
 class RoundObject:
