@@ -1,122 +1,119 @@
-"""Models worth trying in place of the one that is there."""
+"""Trees worth trying in place of the one that predicts a measure now."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-import pandas as pd
 
-from ator_ros.geometry import FloatArray
-from ator_ros.performance.features import Feature
-from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.training import TrainingError, direct_of, train
-from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.robot.description import Robot
+from ator_ros.learning.correcting import constant, corrected, scaled_to
+from ator_ros.learning.lessons import Lessons
+from ator_ros.performance.training import SMALL_LEAF, duration_tree, small_tree
+from ator_ros.performance.tree.nodes import IntArray, ModelTree
 
 WINDOWS = (100, 300, 1000)
-"""Newest records from which a model is learned; a change of the robot shows in the records after it."""
-_RECENT = (30, 100)  # newest records from which the overall change of the times is estimated
-_FEWEST = 12
-_SLOPES = (0.3, 3.0)
+"""Newest records from which a tree is learned; a change of the robot shows in the records after it."""
 BACK = "back to "
 """How the name of a candidate begins that was in use before."""
+_RECENT = (30, 100)  # newest records from which corrections are estimated
+_FEWEST = 12
+_FEWEST_LEARNED = 20
+_LEAST_LEAF = 8
+_LARGE = 2000
+
+
+@dataclass(frozen=True)
+class TreeCandidate:
+    """A way to come by a tree.
+
+    Attributes
+    ----------
+    name : str
+        How, in words.
+    learn : callable
+        Returns the tree that comes of the records with these positions (oldest first); None where they are
+        too few.
+    once : bool
+        Whether learning it again for each part of the test records, and for good, would take too long.
+    """
+
+    name: str
+    learn: Callable[[IntArray], ModelTree | None]
+    once: bool = False
 
 
 def candidates(
-    action: str,
-    rows: pd.DataFrame,
-    robot: Robot,
-    features: Sequence[Feature],
-    known: Mapping[str, PerformanceModel],
-) -> Iterator[tuple[str, PerformanceModel]]:
-    """Yield names of models, and the models, that were learned from the starts of episodes in `rows`.
-
-    Those that know most come first.
+    lessons: Lessons,
+    names: Sequence[str],
+    known: Mapping[str, ModelTree],
+    former: Mapping[str, ModelTree],
+) -> Iterator[TreeCandidate]:
+    """Yield candidates, those that know most first.
 
     Parameters
     ----------
-    action : str
-        Name of the action.
-    rows : pandas.DataFrame
-        Starts of episodes, oldest first.
-    robot, features
-        As for `train`.
-    known : mapping
-        Models used now or earlier, by the names of their sets. A copy of each, with its times scaled and
-        shifted to fit the newest records, is a candidate too.
+    lessons : Lessons
+        The records.
+    names : sequence of str
+        Features to learn from.
+    known, former : mapping
+        Trees that are used now and that were in use before, by the names of their sets. Former ones are
+        candidates as they are. Of times, copies of all of them that are scaled, shifted or corrected to fit
+        the newest records are candidates too.
     """
-    sizes = [size for size in WINDOWS if size < 0.8 * len(rows)]
-    for size in (len(rows), *reversed(sizes)):
-        try:
-            model = train(action, rows[-size:], robot, features=features)
-        except TrainingError:
-            continue
-        yield f"learned from {size} episodes", model
-    good = rows[rows["success"]]
-    for name, model in known.items():
-        for size in dict.fromkeys(min(size, len(good)) for size in _RECENT):
-            if size >= _FEWEST:
-                yield f"{name} scaled to {size} episodes", _scaled_to(model, good[-size:])
+    for name, tree in former.items():
+        yield TreeCandidate(f"{BACK}{name}", partial(_kept, tree))
+    count = len(lessons.values)
+    if lessons.measure == "success":
+        for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
+            yield TreeCandidate(f"the rate of {size} episodes", partial(_rate, lessons, size))
+    for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
+        once = size > _LARGE
+        yield TreeCandidate(
+            f"learned from {size} episodes", partial(_learned, lessons, list(names), size), once
+        )
+    if lessons.measure != "duration":
+        return
+    for name, tree in {**known, **former}.items():
+        for size in _RECENT:
+            if size == _RECENT[0] or count > _RECENT[0]:
+                told = f"to {min(size, count)} episodes"
+                yield TreeCandidate(
+                    f"{name} corrected {told}", partial(_fitted, corrected, lessons, tree, size)
+                )
+                yield TreeCandidate(f"{name} scaled {told}", partial(_fitted, scaled_to, lessons, tree, size))
 
 
-def predicted(model: PerformanceModel, rows: pd.DataFrame) -> FloatArray:
-    """Return the predicted durations (n,) of starts of episodes, in s."""
-    with np.errstate(all="ignore"):
-        durations = model.predict(direct_of(rows)).duration
-    assert durations is not None
-    return durations
+def _kept(tree: ModelTree, _: IntArray) -> ModelTree:
+    return tree
 
 
-def _scaled_to(model: PerformanceModel, rows: pd.DataFrame) -> PerformanceModel:
-    """Return the model with its times scaled and shifted to those of `rows`, by least absolute error."""
-    x, y = predicted(model, rows), rows["duration"].to_numpy(dtype=float)
-    weights = np.ones(len(x))
-    slope, shift = 1.0, 0.0
-    for _ in range(20):  # iteratively reweighted, so that single chains that went wrong don't count
-        table = np.column_stack([x, np.ones(len(x))]) * weights[:, None]
-        # As if five more records had gone as predicted: few records shall not turn the slope.
-        prior = np.array([[np.sqrt(5.0) * max(float(np.std(x)), 1e-6), 0.0]])
-        left, right = np.vstack([table, prior]), np.append(y * weights, prior[0, 0])
-        slope, shift = np.linalg.lstsq(left, right, rcond=None)[0]
-        weights = 1.0 / np.sqrt(np.maximum(np.abs(y - slope * x - shift), 0.02))
-    slope = float(np.clip(slope, *_SLOPES))
-    shift = float(np.median(y - slope * x))
-    return dataclasses.replace(
-        model, trees={**model.trees, "duration": scaled(model.trees["duration"], slope, shift)}
-    )
+def _rate(lessons: Lessons, size: int, which: IntArray) -> ModelTree:
+    """Return the share that succeeded; a few failures make leaves of any shape, which repel refinement."""
+    values = lessons.values[which[-size:]]
+    return constant(lessons.table.columns[0], float(np.mean(values)), len(values))
 
 
-def scaled(tree: ModelTree, slope: float, shift: float) -> ModelTree:
-    """Return a tree that predicts `slope` (above 0) times as much as another, and `shift` more."""
-    leaf = tree.is_leaf
-    return dataclasses.replace(
-        tree,
-        intercept=np.where(leaf, slope * tree.intercept + shift, 0.0),
-        coefficients=slope * tree.coefficients,
-        lower=np.where(leaf, slope * tree.lower + shift, 0.0),
-        upper=np.where(leaf, slope * tree.upper + shift, 0.0),
-        spread=slope * tree.spread,
-    )
+def _learned(lessons: Lessons, names: list[str], size: int, which: IntArray) -> ModelTree | None:
+    which = which[-size:]
+    if len(which) < _FEWEST_LEARNED:
+        return None
+    table, values = lessons.table[names].iloc[which], lessons.values[which]
+    if lessons.measure == "duration":
+        return duration_tree(table, values)
+    # What fails is told by few records, and they shall split by themselves.
+    leaf = int(np.clip(len(which) // 6, _LEAST_LEAF, SMALL_LEAF))
+    return small_tree(table, values, leaf=leaf)
 
 
-def with_honest_spread(model: PerformanceModel, rows: pd.DataFrame) -> PerformanceModel:
-    """Return the model with spreads as large as its errors on `rows`, which it has not seen."""
-    prediction = model.predict(direct_of(rows))
-    assert prediction.duration is not None
-    assert prediction.spread is not None
-    errors = rows["duration"].to_numpy(dtype=float) - prediction.duration
-    usual = 1.4826 * float(np.median(np.abs(errors)))  # not what single chains that went wrong make it
-    expected = float(np.median(prediction.spread))
-    factor = float(np.clip(usual / expected, 0.5, 10.0)) if expected > 0.0 else 1.0
-    tree = model.trees["duration"]
-    tree = dataclasses.replace(tree, spread=factor * tree.spread)
-    return dataclasses.replace(model, trees={**model.trees, "duration": tree})
-
-
-def plausible(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the episodes whose durations can be true; a record may lie."""
-    durations = rows["duration"].to_numpy(dtype=float)
-    usual = float(np.median(durations)) if len(durations) else 0.0
-    return rows[(durations > 0.0) & (durations < max(10.0 * usual, 1.0))]
+def _fitted(
+    fit: Callable[[Lessons, ModelTree, IntArray], ModelTree],
+    lessons: Lessons,
+    tree: ModelTree,
+    size: int,
+    which: IntArray,
+) -> ModelTree | None:
+    which = which[-size:]
+    return fit(lessons, tree, which) if len(which) >= _FEWEST else None

@@ -1,50 +1,53 @@
-"""Which model of an action predicts the newest records best, and whether that is more than noise."""
+"""Which tree predicts a measure of an action best, and whether that is more than noise explains."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
-from ator_ros.experience.store_reading import NUMBER
 from ator_ros.geometry import FloatArray
-from ator_ros.learning.candidates import BACK, candidates, plausible, predicted, with_honest_spread
+from ator_ros.learning.candidates import BACK, TreeCandidate, candidates
 from ator_ros.learning.comparison import Comparison, compare
-from ator_ros.performance.features import Feature
-from ator_ros.performance.model import PerformanceModel
-from ator_ros.robot.description import Robot
+from ator_ros.learning.lessons import Lessons
+from ator_ros.performance.model import MEASURES
+from ator_ros.performance.tree.nodes import IntArray, ModelTree
 
-TESTED = (15, 50)
-"""Newest records on which models are compared: few tell soon of a changed robot, many of small things."""
+TESTED = (25, 100)
+"""Newest records on which trees are compared: few tell soon of a changed robot, many of small things."""
 FEWEST_TESTED = 12
-LEVEL = 0.01
-"""Chance, over all candidates of one round, of taking up a model that is no better."""
-BACK_LEVEL = 0.05
-"""The same for a model that was in use before: a set that turns out worse is given up sooner."""
+LEVEL = 0.05
+"""Chance, over all candidates of one round, of taking up a tree that is no better; over those that were in
+use before it is the same."""
+_FOLDS = 3
+_REMEMBERED = 300
+_NO_LOSS = 1e-9
 _AS_GOOD = 0.05
 """Chance from which on one candidate counts as no better than another."""
 
 
 @dataclass(frozen=True)
 class RoundVerdict:
-    """What a round of learning found out about one action.
+    """What a round of learning found out about one measure of an action.
 
     Attributes
     ----------
     episodes : int
-        Records there are.
+        Records there are that tell of the measure.
     tested : int
-        The newest of them on which models were compared, and which none of these had seen.
+        The newest of them on which trees were compared, and which none of these had seen.
     reason : str
-        Why the model stays or is replaced, in a sentence.
+        Why the tree stays or is replaced, in a sentence.
     kind : str
-        How the better model came about; empty where there is none.
+        How the better tree came about; empty where there is none.
     before, after, chance
-        As in `Comparison`, for the best candidate; None where none was compared or there was no model.
-    model : PerformanceModel or None
+        As in `Comparison`, for the best candidate; None where none was compared or there was no tree.
+        Losses are absolute errors (s, m, rad), of success squared ones (Brier score).
+    tree : ModelTree or None
         The better one.
+    error : float or None
+        Usual error of its predictions on the tested records, which it had not seen.
     """
 
     episodes: int
@@ -54,109 +57,154 @@ class RoundVerdict:
     before: float | None = None
     after: float | None = None
     chance: float | None = None
-    model: PerformanceModel | None = None
+    tree: ModelTree | None = None
+    error: float | None = None
 
 
 def judge(
-    action: str,
-    rows: pd.DataFrame,
-    robot: Robot,
-    features: Sequence[Feature],
+    lessons: Lessons,
+    names: Sequence[str],
     *,
-    now: PerformanceModel | None,
+    now: ModelTree | None,
     seen: int,
-    former: Mapping[str, PerformanceModel],
+    former: Mapping[str, ModelTree],
 ) -> RoundVerdict:
-    """Compare the model of an action with all candidates on the newest records.
+    """Compare the tree of a measure with all candidates on the newest records, which it has not seen.
 
-    Of the newest records, which the present model has not seen, every second is for testing, and the
-    candidates learn from all others: so they know the robot as it is now.
+    These are parted. Of each part candidates predict what they learned from all other records, so they know
+    the robot as it is now. A candidate that is better is learned again from all of them.
 
     Parameters
     ----------
-    action : str
-        Name of the action.
-    rows : pandas.DataFrame
-        Starts of its episodes, oldest first, with `NUMBER`.
-    robot, features
-        As for `train`.
-    now : PerformanceModel or None
-        The model in use.
+    lessons : Lessons
+        The records.
+    names : sequence of str
+        Features to learn from.
+    now : ModelTree or None
+        The tree in use.
     seen : int
         Number from which on records are new to it.
     former : mapping
-        Models that were in use before, by the names of their sets; those shipped, too.
+        Trees that were in use before, by the names of their sets; those shipped, too.
     """
-    rows = plausible(rows)
-    fresh = rows[rows[NUMBER] >= seen]
-    test = fresh[-2 * max(TESTED) :][::-1][::2]
-    lesson = rows[~rows[NUMBER].isin(test[NUMBER])]
-    test = test[test["success"]]
+    count = len(lessons.values)
+    test = np.flatnonzero(lessons.numbers >= seen)[-max(TESTED) :][::-1]  # newest first
     if len(test) < FEWEST_TESTED:
-        wanted = f"{2 * FEWEST_TESTED} that succeeded"
+        told = "" if lessons.measure == "success" else " that succeeded"
         return RoundVerdict(
-            len(rows), len(test), f"too few new records: {len(fresh)}, expected about {wanted}"
+            count, len(test), f"too few new records: {len(test)}, expected {FEWEST_TESTED}{told}"
         )
     known = {"the present model": now} if now is not None else {}
-    tried = [(f"{BACK}{name}", model) for name, model in former.items()]
-    tried += candidates(action, lesson, robot, features, {**known, **former})
+    tried = _predictions(lessons, list(candidates(lessons, names, known, former)), test)
+    if lessons.measure == "success" and now is not None:
+        tried = [item for item in tried if _remembers(lessons, item[0], now, test)]
     if not tried:
-        return RoundVerdict(len(rows), len(test), "no model can be learned yet")
-    good = lesson[lesson["success"]]["duration"]
-    middle = float(good.median()) if len(good) else 0.0
-    for tested in TESTED:
-        part = test[:tested]
-        usual = predicted(now, part) if now is not None else np.full(len(part), middle)
-        verdict = _verdict(tried, part, usual, present=now is not None, episodes=len(rows))
-        if verdict.model is not None:
+        return RoundVerdict(count, len(test), "no model can be learned yet")
+    before = lessons.losses(_usual(lessons, now, test), test)
+    sizes = sorted({min(size, len(test)) for size in TESTED})
+    for size in sizes:
+        level = LEVEL / len(sizes)
+        verdict = _verdict(lessons, tried, before, test[:size], level=level, present=now is not None)
+        if verdict.tree is not None:
             break
     return verdict
 
 
+def _usual(lessons: Lessons, now: ModelTree | None, test: IntArray) -> FloatArray:
+    """Return what is predicted without the candidates; without a tree the best constant of other records."""
+    if now is not None:
+        return lessons.predicted(now, test)
+    others = np.setdiff1d(np.arange(len(lessons.values)), test)
+    values = lessons.values[others if len(others) >= FEWEST_TESTED else slice(None)]
+    middle = np.mean(values) if lessons.measure == "success" else np.median(values)
+    return np.full(len(test), float(middle))
+
+
+def _predictions(
+    lessons: Lessons, tried: Sequence[TreeCandidate], test: IntArray
+) -> list[tuple[TreeCandidate, FloatArray]]:
+    """Return the candidates that can be learned, and what they predict of the tested records."""
+    everything = np.arange(len(lessons.values))
+    predictions = []
+    for candidate in tried:
+        predicted = np.full(len(test), np.nan)
+        folds = 1 if candidate.once else _FOLDS
+        for fold in range(folds):
+            part = slice(fold, None, folds)
+            tree = candidate.learn(np.setdiff1d(everything, test[part], assume_unique=True))
+            if tree is not None:
+                predicted[part] = lessons.predicted(tree, test[part])
+        if np.isfinite(predicted).all():
+            predictions.append((candidate, predicted))
+    return predictions
+
+
+def _remembers(lessons: Lessons, candidate: TreeCandidate, now: ModelTree, test: IntArray) -> bool:
+    """Return whether a candidate tells of earlier records what the present tree does.
+
+    What is predicted to fail is not done any more. Then nothing fails, and a tree that predicts no failures
+    would soon seem better.
+    """
+    which = np.arange(len(lessons.values))[-_REMEMBERED:]
+    tree = _learned_again(lessons, candidate, test)
+    before, after = (np.mean(lessons.losses(lessons.predicted(t, which), which)) for t in (now, tree))
+    return bool(after <= before + _NO_LOSS)
+
+
 def _verdict(
-    tried: Sequence[tuple[str, PerformanceModel]],
-    test: pd.DataFrame,
-    usual: FloatArray,
+    lessons: Lessons,
+    tried: Sequence[tuple[TreeCandidate, FloatArray]],
+    before: FloatArray,
+    test: IntArray,
     *,
+    level: float,
     present: bool,
-    episodes: int,
 ) -> RoundVerdict:
-    actual = test["duration"].to_numpy(dtype=float)
-    best, kind, compared = _best(actual, usual, tried, test)
-    before = compared.before if present else None
-    figures = f"{compared.before:.3f} s to {compared.after:.3f} s on {len(test)} records"
-    if best is None:
-        reason = f"no better: {kind} would change the error from {figures} (chance {compared.chance:.3f})"
-        return RoundVerdict(episodes, len(test), reason, "", before, compared.after, compared.chance)
-    reason = f"{kind}: error from {figures}"
-    model = with_honest_spread(best, test)
-    return RoundVerdict(episodes, len(test), reason, kind, before, compared.after, compared.chance, model)
+    losses = [lessons.losses(predicted[: len(test)], test) for _, predicted in tried]
+    names = [candidate.name for candidate, _ in tried]
+    number, compared = _best(names, before[: len(test)], losses, level)
+    best = compared[number]
+    name, unit = names[number], MEASURES[lessons.measure]
+    figures = f"{best.before:.3g} to {best.after:.3g}{unit and f' {unit}'} on {len(test)} records"
+    told = (len(lessons.values), len(test))
+    loss = "Brier score" if lessons.measure == "success" else "error"
+    before_told = best.before if present else None
+    if not _is_better(best, level):
+        reason = f"no better: {name} would change the {loss} from {figures} (chance {best.chance:.3f})"
+        return RoundVerdict(*told, reason, "", before_told, best.after, best.chance)
+    tree = _learned_again(lessons, tried[number][0], test)
+    error = 1.4826 * float(np.median(losses[number]))  # not what single chains that went wrong make it
+    return RoundVerdict(
+        *told, f"{name}: {loss} from {figures}", name, before_told, best.after, best.chance, tree, error
+    )
+
+
+def _learned_again(lessons: Lessons, candidate: TreeCandidate, test: IntArray) -> ModelTree:
+    which = np.arange(len(lessons.values))
+    tree = candidate.learn(np.setdiff1d(which, test) if candidate.once else which)
+    assert tree is not None  # it was learned from fewer records
+    return tree
 
 
 def _best(
-    actual: FloatArray,
-    usual: FloatArray,
-    tried: Sequence[tuple[str, PerformanceModel]],
-    test: pd.DataFrame,
-) -> tuple[PerformanceModel | None, str, Comparison]:
-    """Return the best significant candidate or None, the name of the best candidate, and its comparison."""
-    errors = {name: actual - predicted(model, test) for name, model in tried}
-    compared = {name: compare(actual - usual, error) for name, error in errors.items()}
-    better = [
-        name for name, result in compared.items() if result.chance * _trials(name, tried) < _level(name)
-    ]
-    least = min(better or compared, key=lambda name: compared[name].after)
-    if not better:
-        return None, least, compared[least]
-    # Of those that are as good as the best, the first: it knows most, and few records tell little of it.
-    best = next(name for name in better if compare(errors[name], errors[least]).chance >= _AS_GOOD)
-    return dict(tried)[best], best, compared[best]
+    names: Sequence[str], before: FloatArray, losses: Sequence[FloatArray], level: float
+) -> tuple[int, list[Comparison]]:
+    """Return the number of the best candidate, significant ones first, and all comparisons."""
+    compared: list[Comparison] = [Comparison(0.0, 0.0, 1.0)] * len(names)
+    for back in (False, True):
+        group = [number for number, name in enumerate(names) if name.startswith(BACK) == back]
+        if group:
+            results = compare(before, np.column_stack([losses[number] for number in group]))
+            for number, result in zip(group, results, strict=True):
+                compared[number] = result
+    better = [number for number, found in enumerate(compared) if _is_better(found, level)]
+    least = min(better or range(len(names)), key=lambda number: compared[number].after)
+    for number in better:
+        # Of those that are as good as the best, the first: it knows most, and few records tell little of it.
+        if number == least or compare(losses[number], losses[least][:, None])[0].chance >= _AS_GOOD:
+            return number, compared
+    return least, compared
 
 
-def _level(name: str) -> float:
-    return BACK_LEVEL if name.startswith(BACK) else LEVEL
-
-
-def _trials(name: str, tried: Iterable[tuple[str, object]]) -> int:
-    """Return by how much the chance of one comparison counts: all of its kind, on each number of records."""
-    return len(TESTED) * sum(other.startswith(BACK) == name.startswith(BACK) for other, _ in tried)
+def _is_better(compared: Comparison, level: float) -> bool:
+    return compared.after < compared.before and compared.chance < level

@@ -166,9 +166,10 @@ class Learner:
 
     @property
     def summary(self) -> str:
-        """What the last round came to, action by action."""
+        """What the last round came to: durations, and what else was replaced, action by action."""
         actions = self._last.get("actions", {})
-        return "; ".join(f"{name}: {verdict['reason']}" for name, verdict in actions.items()) or "none yet"
+        told = {n: v for n, v in actions.items() if v["kind"] or n.count("/") == 1}
+        return "; ".join(f"{name}: {verdict['reason']}" for name, verdict in told.items()) or "none yet"
 
     def told(self) -> dict[str, object]:
         """Return what diagnostics tell, by name."""
@@ -187,8 +188,9 @@ class Learner:
             values[f"{name}: episodes"] = verdict["episodes"]
             for when in ("before", "after"):
                 if verdict[when] is not None:
-                    newest = f"error on the newest {verdict['tested']} {when} (s)"
-                    values[f"{name}: {newest}"] = f"{verdict[when]:.3f}"
+                    loss, unit = ("error", " (s)") if name.count("/") == 1 else ("loss", "")
+                    newest = f"{loss} on the newest {verdict['tested']} {when}{unit}"
+                    values[f"{name}: {newest}"] = f"{verdict[when]:.3g}"
             values[f"{name}: {'switched' if verdict['kind'] else 'not switched'}"] = verdict["reason"]
         return values
 

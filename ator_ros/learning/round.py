@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shutil
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import pandas as pd
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.store_reading import NUMBER, action_sets_in, convert_closed, read_records
 from ator_ros.experience.table import library_versions
-from ator_ros.learning.judging import RoundVerdict, judge
+from ator_ros.learning.improving import ActionVerdict, improved
 from ator_ros.learning.sets import (
     RECORDS,
     Change,
@@ -25,7 +26,7 @@ from ator_ros.learning.sets import (
     sets_in,
 )
 from ator_ros.performance.features import Feature
-from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.model_file import (
     ModelFileError,
     RobotMismatchWarning,
@@ -104,12 +105,13 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
     -------
     dict
         "made": the folder of the new set, "" without one; "digest" of it; "damaged": records that could not
-        be read; "actions": by "SET/ACTION" the fields of `RoundVerdict` but the model.
+        be read; "actions": by "SET/ACTION" for durations, "SET/ACTION/MEASURE" for others, the fields of
+        `RoundVerdict` but the tree.
     """
     records, place = source.folder / RECORDS, current_set(source.folder)
     convert_closed(records)
     seen = read_manifest(place).seen if place is not None else {}
-    verdicts: dict[str, RoundVerdict] = {}
+    verdicts: dict[str, ActionVerdict] = {}
     ends: dict[str, int] = {}
     damaged = 0
     for action_set in action_sets_in(records):
@@ -120,56 +122,75 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
         for action, rows in stored.rows.groupby("action", sort=True):
             if action in source.domain.actions(action_set):
                 name = f"{action_set}/{action}"
-                verdicts[name] = _verdict(source, str(action), action_set, rows, seen.get(name, 0))
+                verdicts[name] = _verdict(source, str(action), action_set, rows, seen)
                 ends[name] = int(rows[NUMBER].max()) + 1
     made = _made(source, place, verdicts, seen, ends, time) if any(v.model for v in verdicts.values()) else {}
-    told = {name: {**vars(verdict), "model": None} for name, verdict in verdicts.items()}
-    for fields in told.values():
-        del fields["model"]
+    told = {
+        _key(name, measure): {field: value for field, value in vars(found).items() if field != "tree"}
+        for name, verdict in verdicts.items()
+        for measure, found in verdict.measures.items()
+    }
     return {"made": "", "digest": "", **made, "damaged": damaged, "actions": told}
 
 
-def _verdict(source: Source, action: str, action_set: str, rows: pd.DataFrame, seen: int) -> RoundVerdict:
+def _key(name: str, measure: str) -> str:
+    """Return what manifests and diagnostics call a measure of an action, SET/ACTION."""
+    return name if measure == "duration" else f"{name}/{measure}"
+
+
+def _verdict(
+    source: Source, action: str, action_set: str, rows: pd.DataFrame, seen: Mapping[str, int]
+) -> ActionVerdict:
     place = current_set(source.folder)
     now = source.model(place or source.models, action, action_set)
     former: dict[str, PerformanceModel] = {}
     earlier = [other for other in sets_in(source.folder) if place is None or other.name < place.name]
-    for other in (*(earlier[-_FORMER:] if place else ()), *((source.models,) if place else ())):
+    for other in (*((source.models,) if place else ()), *(earlier[-_FORMER:] if place else ())):
         model = source.model(other, action, action_set)
         if model is not None:
             former[_STARTED_WITH if other == source.models else f"set {other.name[:6]}"] = model
-    features = source.features(action, action_set)
-    return judge(action, rows, source.robot, features, now=now, seen=seen, former=former)
+    return improved(
+        action,
+        rows,
+        source.robot,
+        source.features(action, action_set),
+        now=now,
+        seen={measure: seen.get(_key(f"{action_set}/{action}", measure), 0) for measure in MEASURES},
+        former=former,
+    )
 
 
 def _made(
     source: Source,
     place: Path | None,
-    verdicts: dict[str, RoundVerdict],
-    seen: dict[str, int],
-    ends: dict[str, int],
+    verdicts: Mapping[str, ActionVerdict],
+    seen: Mapping[str, int],
+    ends: Mapping[str, int],
     time: str,
 ) -> dict[str, Any]:
     """Make a set of the present one and the better models; return its folder and digest."""
     made = begin(source.folder)
-    changes = []
+    changes: list[Change] = []
+    known = dict(seen)
     for action_set in source.domain.action_sets:
         _copy(place or source.models, made, action_set)
     for name, verdict in verdicts.items():
-        if verdict.model is None or verdict.after is None or verdict.chance is None:
+        if verdict.model is None:
             continue
         action_set, action = name.split("/")
+        better = _changes(action_set, action, verdict)
+        kinds = "; ".join(f"{change.measure}: {change.kind}" for change in better)
+        episodes = max(found.episodes for found in verdict.measures.values())
         metadata = {
             "action_set": action_set,
-            "training": {"command": "learning", "kind": verdict.kind, "episodes": verdict.episodes},
+            "training": {"command": "learning", "kind": kinds, "episodes": episodes},
             "versions": library_versions(),
             "robot_digest": source.robot.digest(),
         }
-        save_model(
-            made / model_path(action, action_set), dataclasses.replace(verdict.model, metadata=metadata)
-        )
-        figures = (verdict.before, verdict.after, verdict.chance)
-        changes.append(Change(action_set, action, verdict.kind, verdict.tested, *figures))
+        model = dataclasses.replace(verdict.model, metadata=metadata)
+        save_model(made / model_path(action, action_set), model)
+        changes += better
+        known |= {_key(name, change.measure): ends[name] for change in better}
         gate = made / model_path("gate", action_set)
         if not gate.exists():
             save_gate(gate, CAUTION, {"command": "learning"}, action_set)
@@ -178,10 +199,22 @@ def _made(
     manifest = {
         "time": time,
         "parent": place.name if place is not None else "",
-        "episodes": {name: verdict.episodes for name, verdict in verdicts.items()},
-        "seen": seen | {f"{c.action_set}/{c.action}": ends[f"{c.action_set}/{c.action}"] for c in changes},
+        "episodes": {
+            name: max(found.episodes for found in verdict.measures.values())
+            for name, verdict in verdicts.items()
+        },
+        "seen": known,
     }
     return {"made": str(made), "digest": seal(made, manifest, tuple(changes))}
+
+
+def _changes(action_set: str, action: str, verdict: ActionVerdict) -> list[Change]:
+    """Return why the trees of an action's model were replaced."""
+    return [
+        Change(action_set, action, found.kind, found.tested, found.before, found.after, found.chance, measure)
+        for measure, found in verdict.measures.items()
+        if found.tree is not None and found.after is not None and found.chance is not None
+    ]
 
 
 def _copy(place: Path, made: Path, action_set: str) -> None:

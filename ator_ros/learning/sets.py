@@ -38,20 +38,22 @@ class LearnedSetError(ValueError):
 
 @dataclass(frozen=True)
 class Change:
-    """Why the model of an action was replaced.
+    """Why a tree of an action's model was replaced.
 
     Attributes
     ----------
     action_set, action : str
         Of what.
     kind : str
-        How the new model came about, see `candidates`.
+        How the new tree came about, see `candidates`.
     tested : int
-        Records that both models were compared on, and neither had seen.
+        Records that both trees were compared on, and neither had seen.
     before, after : float or None
-        Mean absolute error of the predicted durations on these in s; None: there was no model.
+        Mean loss of the predictions on these, see `RoundVerdict`; None: there was no tree.
     chance : float
         Probability that as much better would be noise.
+    measure : str
+        Which tree.
     """
 
     action_set: str
@@ -61,6 +63,7 @@ class Change:
     before: float | None
     after: float
     chance: Annotated[float, Within(0.0, 1.0)]
+    measure: str = "duration"
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class Manifest:
     episodes : mapping
         Records that it could learn from, by action set.
     seen : mapping
-        Number from which on records are new to it, by action set.
+        Number from which on records are new to it, by action set, action and, but for durations, measure.
     changes : tuple of Change
         What is new about it.
     """

@@ -12,6 +12,7 @@ import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.columns import goal_variables_of_columns
+from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import (
@@ -37,6 +38,12 @@ OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
 _SMOOTHING = 60.0
 _FOLDS = 10
+
+
+OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
+"""The column of an experience table that tells of each measure but the duration."""
+SMALL_LEAF = 50
+"""Episodes at a leaf of their trees, at least."""
 
 
 class TrainingError(ValueError):
@@ -102,10 +109,10 @@ def train(
     source = _Source(robot, tuple(features), driving)
     trees = {"duration": _duration_tree(good, source, how)}
     trees["success"] = _success_tree(starts, source)
-    for measure, column in (("accuracy", "position_error"), ("heading", "heading_error")):
-        values = good_starts[column].to_numpy(dtype=float)
+    for measure in ("accuracy", "heading"):
+        values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
         if np.isfinite(values).all():
-            trees[measure] = _small_tree(good_starts, source, values)
+            trees[measure] = small_tree(source.table(good_starts), values)
     chosen = {name: trees[name] for name in MEASURES if name in trees}
     named = {feature.name: feature for feature in features}
     return PerformanceModel(action, robot, chosen, named, driving=driving)
@@ -138,22 +145,25 @@ class _Source:
 def _duration_tree(rows: pd.DataFrame, source: _Source, how: Training) -> ModelTree:
     weight = np.where(rows["t"] == 0.0, how.start_weight, how.later_weight)
     rows, weight = rows[weight > 0.0], weight[weight > 0.0]
-    tree = ModelTreeRegressor(smoothing=_SMOOTHING).fit(
-        source.table(rows),
-        rows["time_to_go"].to_numpy(dtype=float),
-        sample_weight=weight,
-        groups=rows["episode"].to_numpy(),
-    )
-    return narrowed(tree.tree_)
+    groups = rows["episode"].to_numpy()
+    return duration_tree(source.table(rows), rows["time_to_go"].to_numpy(dtype=float), weight, groups)
 
 
-def _small_tree(rows: pd.DataFrame, source: _Source, values: np.ndarray) -> ModelTree:
+def duration_tree(
+    table: pd.DataFrame,
+    durations: FloatArray,
+    weight: FloatArray | None = None,
+    groups: np.ndarray | None = None,
+) -> ModelTree:
+    """Learn durations (n,) in s from features; `weight` and `groups` as in `ModelTreeRegressor`."""
+    tree = ModelTreeRegressor(smoothing=_SMOOTHING)
+    return narrowed(tree.fit(table, durations, sample_weight=weight, groups=groups).tree_)
+
+
+def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEAF) -> ModelTree:
     """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
-    return narrowed(_small_tree_of(source.table(rows), values).tree_)
-
-
-def _small_tree_of(table: pd.DataFrame, values: np.ndarray) -> ModelTreeRegressor:
-    return ModelTreeRegressor(max_leaves=8, min_samples_leaf=50, extrapolation=0.0).fit(table, values)
+    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, min_groups_leaf=leaf, extrapolation=0.0)
+    return narrowed(tree.fit(table, values).tree_)
 
 
 def _success_tree(starts: pd.DataFrame, source: _Source) -> ModelTree:
@@ -168,11 +178,12 @@ def _success_tree(starts: pd.DataFrame, source: _Source) -> ModelTree:
     gains = np.zeros(len(starts))
     for number in range(_FOLDS if happened.min() < happened.max() else 0):
         held, seen = fold == number, fold != number
-        predicted = _small_tree_of(table[seen], happened[seen]).predict(table[held]).clip(0.0, 1.0)
+        tree = small_tree(table[seen], happened[seen])
+        predicted = tree.predict(table.loc[held, list(tree.names)].to_numpy()).clip(0.0, 1.0)
         gains[held] = (happened[seen].mean() - happened[held]) ** 2 - (predicted - happened[held]) ** 2
     if gains.mean() > 2.0 * gains.std() / math.sqrt(len(gains)):
-        return _small_tree(starts, source, happened)
-    return _small_tree(starts, source, np.full(len(starts), happened.mean()))
+        return small_tree(table, happened)
+    return small_tree(table, np.full(len(starts), happened.mean()))
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
