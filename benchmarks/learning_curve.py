@@ -10,7 +10,6 @@ same situations, with the gate of the observed models that are shipped, and shar
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,8 +21,10 @@ from ator_ros.drawing import BLUE, ORANGE, new_figure, save_svg
 from ator_ros.evaluation.learning_curve import CurveSettings, LearningCurve, points, table_text
 from ator_ros.evaluation.running import RESUMES
 from ator_ros.files import portable_command, write_text
+from ator_ros.formats import Format
 from ator_ros.tools.guard import guarded
 
+FORMAT = Format("ator_ros learning curve", 1, "learning curve")
 _COLOURS = {"heading": BLUE, "heading and speed": ORANGE}
 
 
@@ -100,7 +101,7 @@ def _run(options: argparse.Namespace, settings: CurveSettings, words: Sequence[s
         "situations": len(records),
         "points": told,
     }
-    write_text(options.out / "curve.json", json.dumps(result, indent=1) + "\n")
+    write_text(options.out / "curve.json", FORMAT.text(result))
     save_svg(chart(told), options.out / "curve.svg")
     print(table_text(told))
     print(f"wrote {options.out / 'curve.json'} and {options.out / 'curve.svg'}")
