@@ -39,6 +39,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "2033": "the dense oracle of open places",
         "2041": "the evaluation of refinement along the way",
         "2042": "the choice among alternatives",
+        "2043": "the learning curve of the observed models",
         "3107": "further situations that the calibration is learned from",
         "3108-3110": "errors of earlier calibrations, looked at",
         "3111": "the final errors of calibrated predictions",
