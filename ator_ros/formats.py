@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,9 +39,13 @@ class Format:
         """Return the first fields of a file."""
         return {_NAME: self.name, _VERSION: self.version}
 
-    def text(self, data: Mapping[str, Any]) -> str:
-        """Return a JSON file with these data."""
-        return json.dumps({**self.head(), **data}, indent=1) + "\n"
+    def text(self, data: Mapping[str, Any], *, compact: Collection[str] = ()) -> str:
+        """Return a JSON file with these data; fields named in `compact` take one line each."""
+        fields = ",\n".join(
+            f" {json.dumps(name)}: {_compact(value) if name in compact else _indented(value)}"
+            for name, value in {**self.head(), **data}.items()
+        )
+        return f"{{\n{fields}\n}}\n"
 
     def current(self, data: object) -> Data:
         """Return the data of a file of any readable version as data of the current one.
@@ -73,3 +77,12 @@ class Format:
     def content(self, data: object) -> Data:
         """Return what `current` does, without the first fields."""
         return {name: value for name, value in self.current(data).items() if name not in self.head()}
+
+
+def _indented(value: object) -> str:
+    """Return JSON over several lines, as a field of an object."""
+    return json.dumps(value, indent=1).replace("\n", "\n ")  # in a string JSON has no line break
+
+
+def _compact(value: object) -> str:
+    return json.dumps(value, separators=(",", ":"))

@@ -180,8 +180,9 @@ def test_an_action_that_is_broken_off_leaves_its_record(ending: Ending) -> None:
     assert run.records == []
     run.end(ending, "for some reason")
     run.end(Ending.CANCELED, "too late")
-    [(record, end, how)] = run.records
-    assert (record.top, record.reason, how, end.time) == ("goToPose", "for some reason", ending, 1.1)
+    [record] = run.records
+    told = record.top, record.reason, record.ending, record.end.time
+    assert told == ("goToPose", "for some reason", ending, 1.1)
     assert record.duration == pytest.approx(0.05)
 
 
@@ -196,7 +197,7 @@ def test_an_action_that_has_ended_is_recorded_once() -> None:
     run = execution(chain(("goToPose", Pose(0.0, 0.0, 0.0))))
     for tick in range(4):
         run.tick(world(1.0 + 0.05 * tick), 100.0)
-    assert (run.ending, [how for *_, how in run.records]) == (Ending.SUCCEEDED, [Ending.SUCCEEDED])
+    assert (run.ending, [record.ending for record in run.records]) == (Ending.SUCCEEDED, [Ending.SUCCEEDED])
 
 
 def test_nothing_remains_of_a_goal_that_has_ended() -> None:

@@ -96,7 +96,7 @@ def test_a_ball_that_is_lost_ends_the_goal_under_that_name() -> None:
     assert run.tick(state.with_object(BALL, ObjectState(1.0, 0.5)), 100.0) == STOP
     assert run.ending is Ending.OBJECT_LOST
     assert run.reason.startswith("ball lost in dribbleBall: lost the ball, it is")
-    assert run.records[-1][0].lost
+    assert run.records[-1].lost
 
 
 def test_a_ball_that_is_lost_is_fetched_where_it_is() -> None:

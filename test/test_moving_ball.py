@@ -10,6 +10,7 @@ from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
+from ator_ros.execution.phases import Ending
 from ator_ros.execution.step_run import StepRun
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
@@ -63,8 +64,8 @@ class Drive:
         return self.steps[-1].status
 
     @property
-    def tops(self) -> list[tuple[str, Status]]:
-        return [(record.top, record.outcome) for record in self.executor.records]
+    def tops(self) -> list[tuple[str, Ending]]:
+        return [(record.top, record.ending) for record in self.executor.records]
 
 
 def once(index: int, after: float, move: Callable[[Simulation], None], times: int = 1) -> Disturb:
@@ -120,7 +121,7 @@ def test_an_object_whose_name_ends_like_the_one_that_is_followed_has_not_left_fo
 def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:
     drive = Drive(APPROACH, once(0, 1.0, lambda simulation: simulation.place_object(BALL, 0.3, 0.5)))
     assert drive.status is Status.SUCCEEDED
-    assert drive.tops == [("goToBall", Status.RUNNING), ("goToBall", Status.SUCCEEDED)]
+    assert drive.tops == [("goToBall", Ending.PREEMPTED), ("goToBall", Ending.SUCCEEDED)]
     goal = drive.executor.chain.calls[0].goal
     assert (goal.pose.x, goal.pose.y) == pytest.approx((0.3, 0.5), abs=0.02)
     assert goal.pose.yaw == HEADING
@@ -172,7 +173,7 @@ def test_an_approach_that_follows_the_ball_has_one_time_limit() -> None:
             simulation.tick()
     assert step.message == "goToBall took longer than 1 s"
     assert step.elapsed == pytest.approx(1.05)
-    assert [record.outcome for record in executor.records[:2]] == [Status.RUNNING] * 2
+    assert [record.ending for record in executor.records[:2]] == [Ending.PREEMPTED] * 2
 
 
 def test_a_robot_that_never_stands_does_not_hold_up_its_step_for_ever() -> None:

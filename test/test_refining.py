@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from ator_ros.actions.base import Goal, Status
+from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import with_values
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
@@ -118,9 +118,9 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
         "the first answer; refined again after 1.20 s, "
         "as the ball comes to rest 0.50 m from where it was expected: 0.5 s faster"
     )
-    outcomes = [(record.index, record.outcome) for record, *_ in drive.run.records]
-    moved, answered = (0, Status.RUNNING), (0, Status.RUNNING)
-    assert outcomes == [moved, answered, (0, Status.SUCCEEDED), (1, Status.SUCCEEDED)]
+    outcomes = [(record.index, record.ending) for record in drive.run.records]
+    moved, answered = (0, Ending.PREEMPTED), (0, Ending.PREEMPTED)
+    assert outcomes == [moved, answered, (0, Ending.SUCCEEDED), (1, Ending.SUCCEEDED)]
 
 
 def test_a_ball_that_moves_on_after_the_question_keeps_its_place(drive: Drive) -> None:

@@ -142,7 +142,7 @@ def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Sim
     told = "as the ball comes to rest 0.40 m from where it was expected: alternative 2 is chosen: 3 s faster"
     assert told in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED, drive.run.reason
-    assert [r.action.top for r in drive.run.records if r.ending is Ending.SUCCEEDED] == [
+    assert [r.top for r in drive.run.records if r.ending is Ending.SUCCEEDED] == [
         "goToPose",
         "goToBall",
         "shoot",

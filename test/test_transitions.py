@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from carried import CALL, CARRY_CALL, ROLL, Ledger, Sent
 
-from ator_ros.actions.base import Goal, Status, Step
+from ator_ros.actions.base import Goal, Status
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.execution.step_run import StepRun
 from ator_ros.execution.transitions import (
@@ -23,7 +23,7 @@ from ator_ros.execution.transitions import (
 )
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import STOP, ObjectState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 Cause = Callable[[Ledger, Sent], None]
 
@@ -170,7 +170,7 @@ def step_in(stage: Stage, ledger: Ledger) -> StepRun:
         ledger.outcome = Status.SUCCEEDED
         step.step(world_at(0.05))
     if stage is Stage.OVER:
-        step.close(world_at(0.0), Step(STOP, Status.FAILED, "over"))
+        step.close(world_at(0.0), Ending.FAILED, "over")
     assert step._stage is stage
     return step
 
@@ -182,23 +182,30 @@ def settle(ledger: Ledger, step: StepRun) -> None:
 
 STEPS: dict[tuple[Stage, Stage], Callable[[Ledger, StepRun], object]] = {
     (Stage.STANDING, Stage.READY): lambda ledger, step: _unable(ledger, step),
-    (Stage.STANDING, Stage.OVER): lambda _, step: step.close(
-        world_at(6.0, v=0.5), step.step(world_at(6.0, v=0.5))
-    ),
+    (Stage.STANDING, Stage.OVER): lambda _, step: _fail(step, world_at(6.0, v=0.5)),
     (Stage.READY, Stage.ACTING): lambda _, step: step.step(world_at(0.1)),
-    (Stage.READY, Stage.OVER): lambda ledger, step: step.close(world_at(0.1), _unable(ledger, step)),
+    (Stage.READY, Stage.OVER): lambda ledger, step: _refuse(ledger, step),
     (Stage.ACTING, Stage.SETTLING): settle,
-    (Stage.ACTING, Stage.OVER): lambda _, step: step.close(world_at(6.0), step.step(world_at(6.0))),
-    (Stage.SETTLING, Stage.OVER): lambda _, step: step.close(
-        world_at(0.2), step.step(world_at(0.2, rolling=0.0))
-    ),
+    (Stage.ACTING, Stage.OVER): lambda _, step: _fail(step, world_at(6.0)),
+    (Stage.SETTLING, Stage.OVER): lambda _, step: _fail(step, world_at(0.2, rolling=0.0)),
 }
 
 
-def _unable(ledger: Ledger, step: StepRun) -> Step:
+def _fail(step: StepRun, world: World) -> None:
+    """Let a tick pass in which the step fails, and close it."""
+    assert step.step(world).status is Status.FAILED
+    step.close(world, Ending.FAILED, "over")
+
+
+def _refuse(ledger: Ledger, step: StepRun) -> None:
+    ledger.refuses = True
+    _fail(step, world_at(0.1))
+
+
+def _unable(ledger: Ledger, step: StepRun) -> None:
     """Let a tick pass in which the action cannot start."""
     ledger.refuses = True
-    return step.step(world_at(0.1))
+    step.step(world_at(0.1))
 
 
 def test_the_stages_of_a_step_are_known() -> None:

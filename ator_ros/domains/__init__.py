@@ -2,5 +2,3 @@
 
 DEFAULT = "soccer"
 """The domain that is used where no other is named."""
-DEFAULT_SET = "default"
-"""The set of actions that every domain has."""

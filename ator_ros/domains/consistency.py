@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.goal_variables import (
     GOAL_VARIABLES,
     MOST_GOAL_VARIABLES,
@@ -12,7 +13,6 @@ from ator_ros.actions.goal_variables import (
     direct_name,
 )
 from ator_ros.actions.specification import ActionSpec
-from ator_ros.domains import DEFAULT_SET
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import GENERAL
 from ator_ros.tops.objects import objects_in

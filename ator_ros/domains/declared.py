@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.actions.remote import RemoteCall
@@ -74,7 +75,7 @@ class LocalAction:
     """The action of the same name in a set of an installed domain."""
 
     domain: str
-    action_set: str = "default"
+    action_set: str = DEFAULT_SET
 
 
 @dataclass(frozen=True, slots=True)

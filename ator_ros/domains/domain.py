@@ -13,11 +13,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT as DEFAULT
-from ator_ros.domains import DEFAULT_SET as DEFAULT_SET
 from ator_ros.domains.consistency import inconsistencies
 from ator_ros.domains.measurements import Measurements
 from ator_ros.domains.presentation import Presentation

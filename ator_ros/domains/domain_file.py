@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Point
 from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain
 from ator_ros.domains.declared_situations import DrivesOf
-from ator_ros.domains.domain import DEFAULT_SET, Domain, DomainError, find_domain, installed_domains, no_bays
+from ator_ros.domains.domain import Domain, DomainError, find_domain, installed_domains, no_bays
 from ator_ros.domains.programs import NoStandInError, stand_in
 from ator_ros.performance.features import Feature, names_of
 from ator_ros.performance.training import OBSERVED

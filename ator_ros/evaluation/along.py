@@ -89,7 +89,7 @@ class RefinedAlong:
     @property
     def records(self) -> list[ActionRecord]:
         """The actions that have ended."""
-        return [record.action for record in self._execution.records]
+        return self._execution.records
 
     def step(self, world: World) -> ChainStep:
         """Return the command of this tick; the answer to the first question is known already."""
@@ -106,9 +106,9 @@ class RefinedAlong:
             status = Status.SUCCEEDED if execution.ending is Ending.SUCCEEDED else Status.FAILED
         return ChainStep(command, status, execution.step, execution.reason, execution.elapsed)
 
-    def break_off(self, world: World, why: str) -> None:  # noqa: ARG002
+    def break_off(self, world: World, ending: Ending, why: str) -> None:  # noqa: ARG002
         """End the action under way, if any."""
-        self._execution.end(Ending.CANCELED, why)
+        self._execution.end(ending, why)
 
     def _answer(self) -> None:
         """Answer the question of the tick before, as the refinement node would."""

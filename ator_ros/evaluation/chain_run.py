@@ -10,6 +10,7 @@ from ator_ros.actions.base import Status
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.evaluation.along import Along, RefinedAlong
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
+from ator_ros.execution.phases import Ending
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
@@ -131,7 +132,7 @@ def run_chain(
         status = Status.RUNNING if done is None else done.status
         message = f"not done after {time_limit:g} s" if done is None else done.message
         ended, ended_actions, last = simulation.time, tuple(executor.records), chain.calls[-1]
-        executor.break_off(simulation.world(), message)
+        executor.break_off(simulation.world(), Ending.CANCELED, message)
         judgement = judge(simulation, last.top, last.goal, status, message, drifts=observe is not None)
     if records is not None:
         records += ended_actions

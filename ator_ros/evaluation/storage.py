@@ -114,11 +114,9 @@ class PartialResults:
 
 
 def write_result(folder: Path, result: Mapping[str, Any], records: Sequence[Record]) -> Path:
-    """Write `evaluation.json`: the contents of `result`, and all runs under "runs", compactly by columns."""
-    head = json.dumps({**FORMAT.head(), **result}, indent=1)
-    runs = json.dumps(to_columns(records), separators=(",", ":"))
+    """Write `evaluation.json`: the contents of `result`, and all runs by columns, in one line."""
     path = folder / RESULT
-    write_text(path, f'{head[:-2]},\n "runs": {runs}\n}}\n')
+    write_text(path, FORMAT.text({**result, "runs": to_columns(records)}, compact=("runs",)))
     return path
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import DEFAULT, find_domain
 from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
 from ator_ros.evaluation.heuristics import arriving, bitbots, booster, load_baselines
@@ -48,7 +49,7 @@ class ToolsetSource:
 
     domain: str = DEFAULT
     robot: str = ""
-    action_set: str = "default"
+    action_set: str = DEFAULT_SET
     models: str = ""
     experience: tuple[str, ...] = ()
 

@@ -129,7 +129,7 @@ class Answers:
         asked = dataclasses.replace(question, chain=planned)
         reason = f"alternative {chosen} is chosen: {reason}" if chosen else reason
         try:
-            progress.chain = refined_chain(planned, asked, chain, progress.start, self._library)
+            progress.choose(refined_chain(planned, asked, chain, progress.start, self._library))
         except InvalidChainError as error:
             self.refuse(f"its answer cannot be used: {error}")
         else:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ator_ros.actions.base import Status, Step
+from ator_ros.execution.phases import Ending
 from ator_ros.execution.step_run import STOPPING, ActionRecord, StepRun
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopChain
@@ -25,6 +26,8 @@ from ator_ros.tops.objects import (
 )
 from ator_ros.world.state import STOP, Command, World
 
+_ENDINGS = {Status.SUCCEEDED: Ending.SUCCEEDED, Status.FAILED: Ending.FAILED}
+
 
 @dataclass(frozen=True, slots=True)
 class ChainStep:
@@ -38,7 +41,14 @@ class ChainStep:
 
 
 class ChainExecutor:
-    """Executes a TOP chain.
+    """Executes a TOP chain, and owns it: its present goals, the step it is at, and the records.
+
+    Attributes
+    ----------
+    records : list of ActionRecord
+        The actions that have ended.
+    fetched : int
+        Number of times that a lost object was fetched again.
 
     Parameters
     ----------
@@ -72,13 +82,16 @@ class ChainExecutor:
         self._fetches = fetches
         self._began: float | None = None
         self._planned = -math.inf  # when a step was last planned while another was driven, s
+        self._last: ChainStep | None = None
         self.records: list[ActionRecord] = []
         self.fetched = 0
-        self.released = False
-        """Whether another program moves the robot: the last tick had no command."""
         self._index = 0
-        self._over = False
         self._run = self._new_run(chain, 0)
+
+    def choose(self, chain: TopChain) -> None:
+        """Execute `chain` instead of the one given; only before the first tick."""
+        assert self._began is None
+        self._chain, self._run = chain, self._new_run(chain, 0)
 
     def step(self, world: World) -> ChainStep:
         """Return the command of this tick; after an action ends, the next one begins in the same tick.
@@ -93,10 +106,9 @@ class ChainExecutor:
             step = self._run.step(world)
             if step.status is Status.RUNNING:
                 break
-            self.records.append(self._run.close(world, step))
+            self.records.append(self._run.close(world, _ENDINGS[step.status], step.message))
             following = self._after(world, step.status)
             if following is None:
-                self._over = True
                 return self._chain_step(world, Step(STOP, step.status, step.message))
             self._enter(*following)
             if self._run.stopping:
@@ -107,11 +119,10 @@ class ChainExecutor:
                 step = self._follow(world)
         return self._chain_step(world, step)
 
-    def break_off(self, world: World, why: str) -> None:
-        """End the action under way, if any, and record it as broken off in the state `world`."""
-        if self._run.begun and not self._over:
-            self.records.append(self._run.close(world, Step(STOP, Status.RUNNING, why)))
-        self._over = True
+    def break_off(self, world: World, ending: Ending, why: str) -> None:
+        """End the action under way, if any, and record it as ended by `ending` in the state `world`."""
+        if self._run.begun and not self._run.over:
+            self.records.append(self._run.close(world, ending, why))
 
     @property
     def chain(self) -> TopChain:
@@ -126,6 +137,16 @@ class ChainExecutor:
     def index(self) -> int:
         """Index of the step being executed, from 0."""
         return self._index
+
+    @property
+    def elapsed(self) -> float:
+        """Time in s from the first tick to the last one."""
+        return 0.0 if self._last is None else self._last.elapsed
+
+    @property
+    def released(self) -> bool:
+        """Whether another program moves the robot: the last tick had no command."""
+        return self._last is not None and self._last.command is None
 
     def head_for(self, world: World, chain: TopChain) -> bool:
         """Replace the present step and later ones, or their goals, without a stop.
@@ -184,7 +205,7 @@ class ChainExecutor:
 
     def _replace_run(self, world: World, run: StepRun) -> None:
         if self._run.begun:
-            self.records.append(self._run.close(world, Step(STOP, Status.RUNNING, "another goal took over")))
+            self.records.append(self._run.close(world, Ending.PREEMPTED, "another goal took over"))
         self._run = run
 
     def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
@@ -230,5 +251,6 @@ class ChainExecutor:
 
     def _chain_step(self, world: World, step: Step) -> ChainStep:
         assert self._began is not None
-        self.released = step.command is None
-        return ChainStep(step.command, step.status, self._index, step.message, world.time - self._began)
+        elapsed = world.time - self._began
+        self._last = ChainStep(step.command, step.status, self._index, step.message, elapsed)
+        return self._last

@@ -11,8 +11,9 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.guards import Fault, Guards, missing
 from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.progress import EndedAction, Progress
+from ator_ros.execution.progress import Progress
 from ator_ros.execution.refining import Question, Refining
+from ator_ros.execution.step_run import ActionRecord
 from ator_ros.execution.transitions import GoalCourse, Signal
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_model import ChainPrediction
@@ -89,7 +90,7 @@ class Execution:
         return self._progress.chain
 
     @property
-    def records(self) -> list[EndedAction]:
+    def records(self) -> list[ActionRecord]:
         """The actions that have ended."""
         return self._progress.records
 
@@ -248,7 +249,7 @@ class Execution:
         for plan in self._plans:
             violations = plan.violations(world, self._robot)
             if not violations:
-                self._progress.chain = plan
+                self._progress.choose(plan)
                 return True
             reasons.append("; ".join(violations))
         self.end(Ending.REFUSED, f"no valid plan: {' | '.join(reasons)}")

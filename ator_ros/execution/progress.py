@@ -1,4 +1,4 @@
-"""The chain of a goal while it is executed: its present goals, its records and its prediction."""
+"""The chain of a goal while it is executed, and its prediction."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ator_ros.actions.base import Status
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.execution.phases import Ending
 from ator_ros.execution.predictions import Predictor, remaining
@@ -19,8 +18,6 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest
 from ator_ros.world.state import World
 
-_ENDINGS = {Status.SUCCEEDED: Ending.SUCCEEDED, Status.FAILED: Ending.FAILED}
-
 
 class _Predicted(NamedTuple):
     """The prediction of the chain from a step (from 0) on, as of a time in s."""
@@ -30,27 +27,15 @@ class _Predicted(NamedTuple):
     prediction: Callable[[], ChainPrediction | None]
 
 
-class EndedAction(NamedTuple):
-    """An action that has ended: its record, the state then, and how it ended."""
-
-    action: ActionRecord
-    end: World
-    ending: Ending
-
-
 class Progress:
-    """Executes the chain of one goal, and owns what is known of it.
+    """Executes the chain of one goal and predicts it; the chain itself belongs to its `ChainExecutor`.
 
     Attributes
     ----------
-    chain : TopChain
-        The chain with its present goals.
     start : World or None
         The state in which the chain started, before that the newest one; None if there was none.
-    records : list of EndedAction
-        The actions that have ended.
-    elapsed : float
-        Time in s since the chain's start.
+    begun : bool
+        Whether the chain has started.
 
     Parameters
     ----------
@@ -67,25 +52,38 @@ class Progress:
     def __init__(
         self, library: TopLibrary, predictor: Predictor, chain: TopChain, *, time_limit: float, fetches: int
     ) -> None:
-        self.chain = chain
         self.start: World | None = None
-        self.records: list[EndedAction] = []
-        self.elapsed = 0.0
-        self._library, self._predictor = library, predictor
-        self._time_limit, self._fetches = time_limit, fetches
-        self._executor: ChainExecutor | None = None
+        self.begun = False
+        self._robot, self._predictor = library.robot, predictor
+        self._executor = ChainExecutor(
+            library,
+            chain,
+            time_limit=time_limit,
+            predict=lambda *step: functools.partial(predictor.action, *step),
+            fetches=fetches,
+        )
         self._prediction: Callable[[], ChainPrediction | None] | None = None
         self._rest: _Predicted | None = None
 
     @property
-    def begun(self) -> bool:
-        """Whether the chain has started."""
-        return self._executor is not None
+    def chain(self) -> TopChain:
+        """The chain with its present goals."""
+        return self._executor.chain
+
+    @property
+    def records(self) -> list[ActionRecord]:
+        """The actions that have ended."""
+        return self._executor.records
+
+    @property
+    def elapsed(self) -> float:
+        """Time in s since the chain's start."""
+        return self._executor.elapsed
 
     @property
     def index(self) -> int:
         """Index of the step being executed, from 0."""
-        return 0 if self._executor is None else self._executor.index
+        return self._executor.index
 
     @property
     def call(self) -> TopCall:
@@ -95,21 +93,21 @@ class Progress:
     @property
     def fetched(self) -> int:
         """Number of times that a lost object was fetched again."""
-        return 0 if self._executor is None else self._executor.fetched
+        return self._executor.fetched
 
     @property
     def released(self) -> bool:
         """Whether another program moves the robot: the last tick had no command."""
-        return self._executor is not None and self._executor.released
+        return self._executor.released
 
     def way(self) -> FloatArray | None:
         """Return the planned way of the action under way; see `Action.way`."""
-        return None if self._executor is None else self._executor.way()
+        return self._executor.way()
 
     @property
     def lost(self) -> str | None:
         """The object whose loss made the last action fail; None if there is none."""
-        return self.records[-1].action.lost if self.records else None
+        return self.records[-1].lost if self.records else None
 
     @property
     def predicted(self) -> ChainPrediction | None:
@@ -125,44 +123,29 @@ class Progress:
         began = max(rest.time, self.records[-1].end.time) if self.records else rest.time
         return remaining(predicted, self.index - rest.step, now - began)
 
+    def choose(self, chain: TopChain) -> None:
+        """Execute `chain` instead of the one given; only before it has started."""
+        self._executor.choose(chain)
+
     def begin(self, world: World) -> None:
         """Start the chain in the state `world`."""
-        self.start = world  # later than the first state if refinement took time
+        self.start, self.begun = world, True  # later than the first state if refinement took time
         self._prediction = functools.cache(functools.partial(self._predictor.chain, world, self.chain))
         self._rest = _Predicted(0, world.time, self._prediction)
-        self._executor = ChainExecutor(
-            self._library,
-            self.chain,
-            time_limit=self._time_limit,
-            predict=lambda *step: functools.partial(self._predictor.action, *step),
-            fetches=self._fetches,
-        )
 
     def step(self, world: World) -> ChainStep:
         """Execute one tick of the chain, which has begun."""
-        assert self._executor is not None
-        step = self._executor.step(world)
-        self.chain, self.elapsed = self._executor.chain, step.elapsed
-        self._keep_records(world, Ending.PREEMPTED)
-        return step
+        return self._executor.step(world)
 
     def head_for(self, world: World, chain: TopChain) -> bool:
         """Replace the present step and later ones; see `ChainExecutor.head_for`."""
-        if self._executor is None or not self._executor.head_for(world, chain):
+        if not self._executor.head_for(world, chain):
             return False
-        rest, resting = TopChain(chain.calls[self.index :]), at_rest(world, self._library.robot)
+        rest, resting = TopChain(chain.calls[self.index :]), at_rest(world, self._robot)
         prediction = functools.cache(functools.partial(self._predictor.chain, resting, rest))
         self._rest = _Predicted(self.index, world.time, prediction)
         return True
 
     def break_off(self, world: World, ending: Ending, why: str) -> None:
-        """End the action under way, if any, and record it as ended by `ending` in the state `world`."""
-        if self._executor is not None:
-            self._executor.break_off(world, why)
-            self._keep_records(world, ending)
-
-    def _keep_records(self, world: World, broken_off: Ending) -> None:
-        """Keep the records of the actions that ended in the state `world`."""
-        assert self._executor is not None
-        new = self._executor.records[len(self.records) :]
-        self.records += [EndedAction(one, world, _ENDINGS.get(one.outcome, broken_off)) for one in new]
+        """End the action under way, if any, and record it; see `ChainExecutor.break_off`."""
+        self._executor.break_off(world, ending, why)

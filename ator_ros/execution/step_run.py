@@ -9,6 +9,7 @@ from typing import Any
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
 from ator_ros.actions.goal_variables import goal_values
+from ator_ros.execution.phases import Ending
 from ator_ros.execution.transitions import STAGES, Stage, TransitionError
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopCall
@@ -38,11 +39,13 @@ class ActionRecord:
         Situation in which the action started.
     goal : Goal
         Its goal.
+    end : World
+        Situation in which it ended.
     duration : float
         Time it took in s.
-    outcome : Status
-        SUCCEEDED, FAILED, or RUNNING if it was broken off: its goal was replaced because an object had
-        moved, or the chain ended.
+    ending : Ending
+        SUCCEEDED, FAILED, or why it was broken off: PREEMPTED by another goal of the same step, for example
+        because an object had moved, or the ending of the whole chain.
     reason : str
         A sentence on how it ended.
     position_error, heading_error : float
@@ -58,8 +61,9 @@ class ActionRecord:
     action: str
     start: World
     goal: Goal
+    end: World
     duration: float
-    outcome: Status
+    ending: Ending
     reason: str
     position_error: float
     heading_error: float
@@ -108,6 +112,11 @@ class StepRun:
         self._start: World | None = None
         self._settling = math.inf  # time in s since which the action's effect is awaited
         self._predicted: Any = None
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended."""
+        return self._stage is Stage.OVER
 
     @property
     def stopping(self) -> bool:
@@ -207,9 +216,9 @@ class StepRun:
         if former is Stage.ACTING:
             self._acting.end(why)
 
-    def close(self, world: World, step: Step) -> ActionRecord:
-        """End the step; return the record of this step, which ended with `step` in the state `world`."""
-        self.end(step.message)
+    def close(self, world: World, ending: Ending, reason: str) -> ActionRecord:
+        """End the step in the state `world`; return its record."""
+        self.end(reason)
         call, start, robot = self.call, self._start or world, self._library.robot
         pose, goal = world.robot.pose, call.goal.robot_pose(robot)
         return ActionRecord(
@@ -218,13 +227,14 @@ class StepRun:
             call.top.action,
             start,
             call.goal,
+            world,
             world.time - start.time,
-            step.status,
-            step.message,
+            ending,
+            reason,
             pose.distance(goal),
             abs(pose.relative(goal).yaw),
             self._predicted,
-            self._lost(world) if step.status is Status.FAILED else None,
+            self._lost(world) if ending is Ending.FAILED else None,
         )
 
     def _lost(self, world: World) -> str | None:

@@ -16,6 +16,7 @@ from typing import Any
 
 import pandas as pd
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.action_topics import ActionTopics, topics_of
 from ator_ros.experience.bag_reading import RecordingError, messages
 from ator_ros.experience.columns import MOST_OBJECTS
@@ -51,7 +52,7 @@ class _Recorded:
             return
         self.records.append(episode)
         # Recordings from before it was told have none.
-        self.action_sets.add(getattr(message, "action_set", "") or "default")
+        self.action_sets.add(getattr(message, "action_set", "") or DEFAULT_SET)
 
     def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:
         """Return the goals of action servers and the executor's other records, or the drives."""
@@ -109,7 +110,7 @@ def read_recording(path: Path | str, robot: Robot, domain: Vocabulary) -> Experi
         "records_left_out": sum(recorded.left_out for recorded in by_robot.values()),
         "versions": library_versions(),
     }
-    rows = checked_rows(file, join(frames), metadata["action_set"] or "default")
+    rows = checked_rows(file, join(frames), metadata["action_set"] or DEFAULT_SET)
     return Experience(rows, metadata)
 
 

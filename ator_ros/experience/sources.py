@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.store_reading import is_store, read_store
@@ -40,7 +41,7 @@ def read_sources(
     for table in tables:
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
         shift = int(frames[-1]["episode"].max()) + 1
-    sets = {table.metadata.get("action_set") or action_set or "default" for table in tables}
+    sets = {table.metadata.get("action_set") or action_set or DEFAULT_SET for table in tables}
     sets |= {action_set} if action_set else set()
     if len(sets) > 1:
         raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")

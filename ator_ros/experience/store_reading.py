@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
 from ator_ros.experience.columns import (
     MOST_OBJECTS,
@@ -73,7 +74,7 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
     info, there = read_info(folder), action_sets_in(folder)
     if action_set is None and len(there) > 1:
         raise ExperienceError(f"{folder}: expected --action-set, one of {', '.join(there)}")
-    name = action_set or (there[0] if there else "default")
+    name = action_set or (there[0] if there else DEFAULT_SET)
     stored = read_records(folder, name)
     if stored.rows.empty:
         raise ExperienceError(f"{folder}: expected episodes of the action set {name}, found none")

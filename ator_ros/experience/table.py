@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, direct_name
 from ator_ros.experience.columns import (
@@ -187,7 +188,7 @@ def read_experience(path: Path | str) -> Experience:
     except (OSError, MemoryError, arrow.ArrowException) as error:
         raise ExperienceError(f"{path}: expected a Parquet file with experience: {error}") from error
     frame = table.replace_schema_metadata(None).to_pandas()[wanted]  # pandas' own may be damaged
-    return Experience(checked_rows(path, frame, metadata.get("action_set", "default")), metadata)
+    return Experience(checked_rows(path, frame, metadata.get("action_set", DEFAULT_SET)), metadata)
 
 
 def _read_table(parquet: Any, path: Path) -> tuple[dict[str, Any], list[str], Any]:

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from ator_ros.actions.base import Status
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
 from ator_ros.evaluation.policies import Models, reopened
 from ator_ros.evaluation.toolset import GATE, ToolsetSource, make_library
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial, with_headings
+from ator_ros.execution.phases import Ending
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.episode import Episode, run_episode, sample_width
@@ -146,7 +146,7 @@ class Stream:
             played[ORACLE] = self._oracle(trial, naive, execute, played)
         used = current_set(self._folder)
         for record in execute(chains["learning"])[1]:
-            if record.outcome is not Status.RUNNING:
+            if record.ending in (Ending.SUCCEEDED, Ending.FAILED):  # not broken off
                 self._store.append(settings.source.action_set, _episode_of(record))
         if self._records - self._asked >= settings.batch:
             self._asked = self._records
@@ -270,7 +270,7 @@ def _episode_of(record: ActionRecord) -> Episode:
         Situation(record.action, start.robot, start.objects, record.goal),
         np.empty((0, sample_width(start.objects))),
         record.duration,
-        record.outcome is Status.SUCCEEDED,
+        record.ending is Ending.SUCCEEDED,
         record.reason,
         record.position_error,
         record.heading_error,

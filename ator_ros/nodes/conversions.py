@@ -15,11 +15,13 @@ from geometry_msgs.msg import Quaternion, Twist
 from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, GoalVariable
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes import checks
 from ator_ros.nodes.checks import WIDEST, MessageBounds, MessageError
+from ator_ros.refinement.alternatives import MOST_ALTERNATIVES
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
@@ -27,9 +29,6 @@ from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
-DEFAULT_ACTION_SET = "default"
-MOST_ALTERNATIVES = 7
-"""Other chains that a request may have."""
 MOST_OBJECTS = 16
 """Objects that a situation may hold."""
 
@@ -182,7 +181,7 @@ def situation_of(world: World, *, frame: str) -> msg.Situation:
 
 def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str = "chain") -> str:
     """Read the name of a chain's action set, of those in `allowed`; empty means the default."""
-    return checks.name(chain.action_set or DEFAULT_ACTION_SET, f"{where}.action_set", allowed=allowed)
+    return checks.name(chain.action_set or DEFAULT_SET, f"{where}.action_set", allowed=allowed)
 
 
 def echo_of(chain: msg.TopChain) -> msg.TopChain:

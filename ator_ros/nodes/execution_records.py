@@ -23,15 +23,13 @@ def outcome_of(ending: Ending, reason: str) -> Outcome:
 
 def action_record_of(
     record: ActionRecord,
-    end: World,
-    ending: Ending,
     execution: Execution,
     *,
     chain_id: str,
     action_set: str,
     frame: str,
 ) -> ActionPerformance:
-    """Return how one action of a chain went, which ended in the state `end`."""
+    """Return how one action of a chain went, from its record."""
     call = dataclasses.replace(execution.chain.calls[record.index], goal=record.goal)
     message = ActionPerformance(
         chain_id=chain_id,
@@ -41,11 +39,11 @@ def action_record_of(
         action_set=action_set,
         call=call_of(call, frame=frame),
         start=situation_of(record.start, frame=frame),
-        end=situation_of(end, frame=frame),
+        end=situation_of(record.end, frame=frame),
         predicted=performance_of(None if record.predicted is None else record.predicted()),
-        actual=actual(record.duration, ending, record.position_error),
+        actual=actual(record.duration, record.ending, record.position_error),
         heading_error=float(record.heading_error),
-        outcome=outcome_of(ending, record.reason),
+        outcome=outcome_of(record.ending, record.reason),
     )
     message.header = message.end.header
     return message

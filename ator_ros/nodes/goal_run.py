@@ -115,14 +115,12 @@ class GoalRun:
         new = [
             action_record_of(
                 record,
-                end,
-                ending,
                 self.execution,
                 chain_id=self._chain_id,
                 action_set=self._library.action_set,
                 frame=self._frame,
             )
-            for record, end, ending in self.execution.records[len(self._records) :]
+            for record in self.execution.records[len(self._records) :]
         ]
         self._records += new
         return new

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.msg import ActionPerformance
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of, sound
 from ator_ros.experience.store import StoreInfo
@@ -103,7 +104,7 @@ class LearningNode(Node):
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:
             return
-        episode, action_set = episode_of(message, self._domain), message.action_set or "default"
+        episode, action_set = episode_of(message, self._domain), message.action_set or DEFAULT_SET
         if sound(episode) and is_name(action_set) and is_name(episode.situation.action):
             self._learner.take(action_set, episode)
         else:

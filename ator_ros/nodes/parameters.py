@@ -12,6 +12,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 
 from ator_ros.domains.domain import DEFAULT, Domain, DomainError, find_domain
 from ator_ros.printable import printable, quoted
@@ -78,32 +79,30 @@ class Parameter:
         SetupError
             It is not finite, out of bounds, too small, or none of the choices.
         """
-        expected = None
-        if self.choices and value not in self.choices:
-            expected = f"one of {', '.join(self.choices)}"
-        if isinstance(value, int | float) and not (math.isfinite(value) and self.low <= value <= self.high):
-            expected = f"a finite number from {self.low:g} to {self.high:g}"
-        elif isinstance(value, int | float) and 0.0 < abs(value) < self.smallest:
-            expected = f"0, or a number from {self.smallest:g} to {self.high:g}"
+        expected = self._expected_instead_of(value)
         if expected:
             raise SetupError(f"parameter {self.name}: expected {expected}, got {quoted(value)}")
 
+    def _expected_instead_of(self, value: Any) -> str:
+        """Return what is allowed, empty if `value` is."""
+        if self.choices and value not in self.choices:
+            return f"one of {', '.join(self.choices)}"
+        if not isinstance(value, int | float):
+            return ""
+        if not (math.isfinite(value) and self.low <= value <= self.high):
+            return f"a finite number from {self.low:g} to {self.high:g}"
+        if 0.0 < abs(value) < self.smallest:
+            return f"0, or a number from {self.smallest:g} to {self.high:g}"
+        return ""
 
+
+_WHOLE = (RosParameter.Type.INTEGER, RosParameter.Type.INTEGER_ARRAY)
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
-
-
 DOMAIN = Parameter("domain", DEFAULT, "name of an installed domain, or the YAML file of one")
-
-
 OBJECT = "OBJECT"
 """Stands for an object of the domain where a node tells of its parameters."""
-
-
 Changed = Callable[[Mapping[str, Any]], None]
-
-
-def no_more_to_do(_: Mapping[str, Any]) -> None:
-    """Do nothing about changed parameters but to read them later."""
+"""What a node does about new values of live parameters, beyond reading them later."""
 
 
 def domain_of(settings: Mapping[str, Any]) -> Domain:
@@ -136,7 +135,7 @@ def robot_of(settings: Mapping[str, Any]) -> Robot:
 
 
 def declare_parameters(
-    node: Node, parameters: Sequence[Parameter], changed: Changed = no_more_to_do
+    node: Node, parameters: Sequence[Parameter], changed: Changed | None = None
 ) -> dict[str, Any]:
     """Declare parameters with type, description and bounds, and return their values by name.
 
@@ -157,9 +156,9 @@ def declare_parameters(
 def declare_with_domain(
     node: Node,
     parameters_for: Callable[[Sequence[str]], Sequence[Parameter]],
-    changed: Changed = no_more_to_do,
+    changed: Changed | None = None,
 ) -> dict[str, Any]:
-    """Declare `DOMAIN`, then the parameters of a node for the domain's objects; return values by name.
+    """Declare the parameters of a node for the objects of the domain that `DOMAIN` names.
 
     Parameters
     ----------
@@ -167,24 +166,25 @@ def declare_with_domain(
         The node.
     parameters_for : callable
         Returns the node's parameters, `DOMAIN` among them, for the names of objects.
-    changed : callable
+    changed : callable, optional
         As for `declare_parameters`.
+
+    Returns
+    -------
+    dict
+        As of `declare_parameters`.
 
     Raises
     ------
     SetupError
         A value has another type, or is not allowed, or the domain cannot be used.
     """
-    values = {DOMAIN.name: _declared(node, DOMAIN)}
-    others = [item for item in parameters_for(domain_of(values).objects) if item is not DOMAIN]
-    values |= {parameter.name: _declared(node, parameter) for parameter in others}
-    _warn_of_strange(node, values)
-    _follow_changes(node, others, values, changed)
-    return values
+    domain = domain_of({DOMAIN.name: _declared(node, DOMAIN)})
+    return declare_parameters(node, parameters_for(domain.objects), changed)
 
 
 def _follow_changes(
-    node: Node, parameters: Sequence[Parameter], settings: dict[str, Any], changed: Changed
+    node: Node, parameters: Sequence[Parameter], settings: dict[str, Any], changed: Changed | None
 ) -> None:
     """Keep `settings` up to date where live parameters change; ROS refuses to change the others."""
     known = {parameter.name: parameter for parameter in parameters}
@@ -194,7 +194,8 @@ def _follow_changes(
         try:
             for name, value in values.items():
                 known[name].check(value)
-            changed(values)
+            if changed is not None:
+                changed(values)
         except SetupError as error:
             return SetParametersResult(successful=False, reason=str(error))
         settings.update(values)
@@ -204,25 +205,31 @@ def _follow_changes(
 
 
 def _declared(node: Node, parameter: Parameter) -> Any:
-    """Declare one parameter; return its value, or raise SetupError."""
+    """Return the value of a parameter, declared if it is not yet; raises SetupError."""
+    name = parameter.name
     try:
-        node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
+        if not node.has_parameter(name):
+            node.declare_parameter(name, parameter.default, parameter.descriptor())
     except ParameterException as error:
-        point = "; write 5.0 for 5" if "INTEGER" in str(error) else ""
-        raise SetupError(f"parameter {parameter.name} ({parameter.description}): {error}{point}") from error
-    value = node.get_parameter(parameter.name).value
+        whole = name in (given := _given(node)) and given[name].type_ in _WHOLE
+        point = "; write 5.0 for 5" if whole else ""
+        raise SetupError(f"parameter {name} ({parameter.description}): {error}{point}") from error
+    value = node.get_parameter(name).value
     parameter.check(value)
     return value
 
 
+def _given(node: Node) -> Mapping[str, RosParameter[Any]]:
+    """Return what the command line and parameter files set, by name; rclpy has no public name for it."""
+    return getattr(node, "_parameter_overrides", {})
+
+
 def _warn_of_strange(node: Node, known: Mapping[str, Any]) -> None:
     """Warn of unknown parameters that were set; ROS ignores them silently."""
-    # rclpy has no public name for what was set.
-    overrides: Mapping[str, Any] = getattr(node, "_parameter_overrides", {})
-    strange = [name for name in overrides if not node.has_parameter(name)]
+    strange = sorted(name for name in _given(node) if not node.has_parameter(name))
     if strange:
         node.get_logger().warning(
-            f"ignored: parameters {', '.join(map(printable, sorted(strange)[:5]))}: "
+            f"ignored: parameters {', '.join(map(printable, strange[:5]))}: "
             f"expected some of {', '.join(known)}"
         )
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from rclpy.node import Node
 
 from ator_interfaces.srv import PlanChains
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
-from ator_ros.nodes.conversions import DEFAULT_ACTION_SET
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.plan_messages import answered, refused, wishes_from
 from ator_ros.planning.errors import PlanningError
@@ -103,7 +103,7 @@ class PlanService:
             self._thread.start()
 
     def _read(self, request: PlanChains.Request, answer: Answer, began: float) -> _Asked:
-        name = checks.name(request.action_set or DEFAULT_ACTION_SET, "action_set", allowed=self._libraries)
+        name = checks.name(request.action_set or DEFAULT_SET, "action_set", allowed=self._libraries)
         library = self._libraries[name]
         wishes = wishes_from(request.goal, self._goals, self._variables)
         bounds = bounds_of(library.robot)

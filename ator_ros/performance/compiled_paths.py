@@ -146,6 +146,15 @@ def way_round(x: float, y: float, heading: float, distance: float, passing: floa
 
 
 @compiled
+def lead_in(lead: float, speed: float, rates: Rates) -> tuple[float, float, float]:
+    """Return time (s) and length (m) of the straight before the first turn, and the speed (m/s) after it."""
+    if lead < 0.0:
+        return 0.0, 0.0, speed
+    time, way = ramp(speed, lead * rates.v, rates)
+    return time, way, lead * rates.v
+
+
+@compiled
 def way_time(
     end: FloatArray, entry: Entry, last_turn: Exit, rules: PathRules, tables: FloatArray, most: float
 ) -> tuple[float, float]:
@@ -164,11 +173,8 @@ def way_time(
     """
     rates = rules.rates
     backing = Rates(rates.v, rates.w, rates.brake, rates.a, rates.aw)
-    turn, speed = end[2], end[3]
-    spent, ahead = 0.0, 0.0
-    if entry.lead >= 0.0:
-        spent, ahead = ramp(speed, entry.lead * rates.v, rates)
-        speed = entry.lead * rates.v
+    turn = end[2]
+    spent, ahead, speed = lead_in(entry.lead, end[3], rates)
     time, run, arrival = run_up(last_turn.arrival, end[4], rules)
     spent += time
     rate1 = rates.w * (entry.table + 1) / len(tables)

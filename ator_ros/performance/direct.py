@@ -29,7 +29,6 @@ X, Y, YAW, V, W, XG, YG, YAWG, SPEEDG, HOLD = range(len(DIRECT_VARIABLES))
 """Rows of a table of direct variables."""
 
 Direct = Mapping[str, Any]
-Arrays = dict[str, FloatArray]
 
 
 def direct_table(direct: Direct, further: Iterable[str] = ()) -> FloatArray:

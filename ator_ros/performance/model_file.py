@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import UnreadableError, is_name, read_json, write_text
 from ator_ros.formats import Format
 from ator_ros.performance.driving import DrivingStyle
@@ -62,7 +63,7 @@ class RobotMismatchWarning(UserWarning):
     """A model was learned with another robot than the one that it is to predict for."""
 
 
-def model_path(action: str, action_set: str = "default") -> Path:
+def model_path(action: str, action_set: str = DEFAULT_SET) -> Path:
     """Return the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set.
 
     Raises
@@ -73,10 +74,10 @@ def model_path(action: str, action_set: str = "default") -> Path:
     for field, name in (("action", action), ("action_set", action_set)):
         if not is_name(name):
             raise ModelFileError(f"{field}: expected a name of letters, digits and _, got {name!r}")
-    return Path(action_set if action_set != "default" else "", f"{action}.json")
+    return Path(action_set if action_set != DEFAULT_SET else "", f"{action}.json")
 
 
-def models_folder(top: Path, action_set: str = "default") -> Path:
+def models_folder(top: Path, action_set: str = DEFAULT_SET) -> Path:
     """Return the folder below `top` that holds the models of an action set; see `model_path`."""
     return (top / model_path("any", action_set)).parent
 
@@ -95,7 +96,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
     data = {
         **FORMAT.head(),
         "action": model.action,
-        "action_set": model.metadata.get("action_set", "default"),
+        "action_set": model.metadata.get("action_set", DEFAULT_SET),
         "robot_digest": model.metadata.get("robot_digest", model.robot.digest()),
         "features": {name: model.features[name].unit for name in names},
         "training": model.metadata.get("training", {}),
@@ -158,7 +159,7 @@ def load_models(
     robot: Robot,
     features: Mapping[str, Feature],
     *,
-    action_set: str = "default",
+    action_set: str = DEFAULT_SET,
     folder: Path | None = None,
 ) -> dict[str, PerformanceModel]:
     """Read all models of an action set.

@@ -23,7 +23,7 @@ from ator_ros.performance.compiled_paths import (
     Exit,
     PathRules,
     enters,
-    ramp,
+    lead_in,
     run_up,
     turned,
     turned_back,
@@ -73,10 +73,8 @@ def _bound_pairs(
     rates = rules.rates
     backing = Rates(rates.v, rates.w, rates.brake, rates.a, rates.aw)
     sample = _entry(ways.entries[ways.leads[first]])
-    turn, speed, spent, ahead = end[2], end[3], 0.0, 0.0
-    if sample.lead >= 0.0:
-        spent, ahead = ramp(speed, sample.lead * rates.v, rates)
-        speed = sample.lead * rates.v
+    turn = end[2]
+    spent, ahead, speed = lead_in(sample.lead, end[3], rates)
     _, length, _ = run_up(ways.exits[ways.runs[run], 1], end[4], rules)
     cos, sin = math.cos(turn), math.sin(turn)
     goal_x, goal_y = end[0] - ahead - length * cos, end[1] - length * sin

@@ -15,6 +15,9 @@ from ator_ros.refinement.slices import Slices
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
+MOST_ALTERNATIVES = 7
+"""Other chains that a request may have."""
+
 
 @dataclass(frozen=True, slots=True)
 class Judged:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.formats import Format
 from ator_ros.printable import short
@@ -73,7 +74,7 @@ def save_gate(
     path: Path,
     gate: OpenGate | ThresholdGate | TreeGate,
     training: Mapping[str, Any],
-    action_set: str = "default",
+    action_set: str = DEFAULT_SET,
 ) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
     data = {
@@ -85,7 +86,7 @@ def save_gate(
     write_text(path, FORMAT.text(data))
 
 
-def load_gate(path: Path, action_set: str = "default") -> Gate:
+def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
     """Read the gate of an action set.
 
     Raises

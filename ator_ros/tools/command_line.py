@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains import DEFAULT
 from ator_ros.experience.parallel import BACKENDS
 from ator_ros.tools.option_types import jobs, number
@@ -34,7 +35,7 @@ def add_setting(parser: argparse.ArgumentParser, *, robot: bool = True, action_s
     )
     if action_set:
         parser.add_argument(
-            "--action-set", default="default", metavar="NAME", help="of the domain (default: %(default)s)"
+            "--action-set", default=DEFAULT_SET, metavar="NAME", help="of the domain (default: %(default)s)"
         )
 
 

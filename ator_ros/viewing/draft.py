@@ -6,14 +6,13 @@ import dataclasses
 from collections.abc import Callable, Mapping
 
 from ator_ros.geometry import Pose
+from ator_ros.refinement.alternatives import MOST_ALTERNATIVES
 from ator_ros.refinement.objective import Objective
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import followed
 from ator_ros.world.state import ObjectState, RobotState, World
 
-MOST_ALTERNATIVES = 7
-"""As many as the service refine_subgoal takes."""
 _SAME_PLACE = 0.15
 """Distance in m up to which a goal counts as lying at an object that its step follows."""
 

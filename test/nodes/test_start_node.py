@@ -58,6 +58,7 @@ def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
     [
         ("executor", {"odom_timeout": "nan"}, "odom_timeout"),
         ("executor", {"odom_timeout": -1.0}, "odom_timeout"),
+        ("executor", {"odom_timeout": 1}, "; write 5.0 for 5"),
         ("executor", {"frame": 3}, "frame"),
         ("executor", {"domain": "chess"}, "domain: expected an entry point of ator_ros.domains, one of ["),
         ("refinement", {"domain": "chess"}, "got 'chess'"),

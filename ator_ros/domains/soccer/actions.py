@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.soccer import situations
 from ator_ros.domains.soccer.bezier.dribble_ball import BezierDribbleBall
@@ -28,7 +29,7 @@ _SHOOTING = (*names_of(SHOT), "v")
 
 ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
     {
-        "default": (
+        DEFAULT_SET: (
             ActionSpec("goToPose", GoToPose, situations.go_to_pose, _DRIVING),
             ActionSpec("dribbleBall", DribbleBall, situations.dribble_ball, _DRIBBLING),
             ActionSpec("shoot", Shoot, shooting_room.shoot, _SHOOTING),

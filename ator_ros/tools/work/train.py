@@ -12,6 +12,7 @@ from typing import Any
 
 import pandas as pd
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain, installed_domains
 from ator_ros.experience.columns import FARTHEST
 from ator_ros.experience.sources import read_sources
@@ -135,7 +136,7 @@ def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     by_file = options.rules.endswith(".json")
     file = Path(options.rules)
     if not by_file:
-        file = folder / model_path(options.rules, options.action_set or "default")
+        file = folder / model_path(options.rules, options.action_set or DEFAULT_SET)
     if not file.exists():
         there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
         raise ModelFileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import DomainError
 from ator_ros.domains.presentation import Models
@@ -93,7 +94,7 @@ def _situation(axes: Any, robot: Robot, heading: float, name: str, colour: str, 
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw the figure to a file; return the exit code."""
     parser = argparse.ArgumentParser(prog="figure6", description=__doc__)
-    parser.add_argument("--action-set", default="default")
+    parser.add_argument("--action-set", default=DEFAULT_SET)
     parser.add_argument("--models", default="", metavar="DIR", help="folder of models (default: as shipped)")
     parser.add_argument("--out", type=Path, default=Path("docs/figure6.svg"))
     options = parser.parse_args(argv)
