@@ -12,6 +12,7 @@ import pytest
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.gate_learning import (
     GateExamples,
+    better_kind,
     compare_gates,
     decisions,
     fit_threshold,
@@ -210,3 +211,21 @@ class TestPartialResults:
         PartialResults(tmp_path, Settings(seed=1), "d").append(RECORDS[0])
         with pytest.raises(EvaluationError, match="same settings"):
             PartialResults(tmp_path, Settings(seed=seed), digest)
+
+
+@pytest.mark.parametrize(
+    ("threshold", "tree", "taken"),
+    [
+        ((5.0, 10), (6.0, 10), "tree"),
+        ((5.0, 10), (6.0, 11), "threshold"),
+        ((5.0, 12), (6.0, 10), "tree"),
+        ((5.0, 12), (6.0, 13), "threshold"),
+    ],
+)
+def test_the_gate_taken_is_the_more_useful_of_those_with_few_slower_runs(
+    threshold: tuple[float, int], tree: tuple[float, int], taken: str
+) -> None:
+    def judged(utility: float, lower: int) -> dict[str, float]:
+        return {"utility": utility, "higher": 500, "equal": 500 - lower, "lower": lower}
+
+    assert better_kind({"threshold": judged(*threshold), "tree": judged(*tree)}) == taken

@@ -21,6 +21,8 @@ HARM = 3.0
 """Penalty in s for a run that becomes more than 2 % slower, besides the lost time."""
 KEPT = 0.97
 """Least share of the ungated gain that a threshold must keep, with and without refined speeds."""
+MOST_SLOWER = 0.01
+"""Share of runs that a gate may let become more than 2 % slower, by cross-validation (paper: 1 %)."""
 FOLDS = 10
 TREE_DEPTH = 3
 TREE_LEAF = 10
@@ -147,6 +149,23 @@ def compare_gates(examples: GateExamples) -> dict[str, dict[str, float]]:
     results = {name: _judged(examples, rows) for name, rows in {"open": everything, **refine}.items()}
     results["tree"]["accuracy_percent"] = round(100.0 * correct / len(examples.naive), 1)
     return results
+
+
+def better_kind(comparison: Mapping[str, Mapping[str, float]]) -> str:
+    """Return which of both kinds of gate to take, from what `compare_gates` returns.
+
+    It is the more useful of those that let at most `MOST_SLOWER` of the runs become slower. Where neither
+    does, it is the one with fewer of them.
+    """
+    slower = {kind: _share_slower(comparison[kind]) for kind in ("threshold", "tree")}
+    careful = [kind for kind, share in slower.items() if share <= MOST_SLOWER]
+    if not careful:
+        return min(slower, key=slower.__getitem__)
+    return max(careful, key=lambda kind: comparison[kind]["utility"])
+
+
+def _share_slower(judged: Mapping[str, float]) -> float:
+    return judged["lower"] / (judged["higher"] + judged["equal"] + judged["lower"])
 
 
 def predicted_labels(gate: TreeGate, examples: GateExamples) -> NDArray[np.str_]:

@@ -11,6 +11,7 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.gate_from_episodes import CrossFit
 from ator_ros.evaluation.gate_learning import (
     GateExamples,
+    better_kind,
     compare_gates,
     fit_threshold,
     fit_tree,
@@ -63,7 +64,7 @@ def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, com
 def _save(examples: GateExamples, path: Path, options: argparse.Namespace, command: str) -> None:
     comparison = compare_gates(examples)
     tree, threshold = fit_tree(examples), fit_threshold(examples)
-    best = tree if comparison["tree"]["utility"] > comparison["threshold"]["utility"] else threshold
+    best = tree if better_kind(comparison) == "tree" else threshold
     training: dict[str, Any] = {
         "command": command,
         "seed": options.seed,
