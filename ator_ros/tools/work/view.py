@@ -14,6 +14,7 @@ from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.nodes.machine import MachineError, check_machine
 from ator_ros.nodes.network import stay_on_this_machine
+from ator_ros.nodes.parameters import SetupError
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.robot.description import ConfigError, Robot
@@ -30,6 +31,7 @@ _PATIENCE = 60.0
 _EXPECTED = (
     StageError,
     MachineError,
+    SetupError,
     NodeEndedError,
     DomainError,
     ConfigError,
@@ -69,6 +71,7 @@ def _serve(options: argparse.Namespace, words: Sequence[str], not_stopped: Calla
                 own.start()
                 closing.callback(own.close)
             for stage in stages.values():
+                closing.callback(stage.leave)
                 stage.ready(simulated=not options.attach)
             libraries = {name: domain.library(robot, name) for name in domain.action_sets}
             desk = Desk(next(iter(stages.values())), domain, libraries)
