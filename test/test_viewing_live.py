@@ -139,6 +139,7 @@ WISHES: dict[str, Callable[[Desk], object]] = {
     "an unknown chain": lambda desk: desk.situation(chain="chess"),
     "a seed that is no number": lambda desk: desk.situation(seed=int(math.inf)),
     "a seed that is nothing": lambda desk: desk.situation(seed=int(None)),  # type: ignore[arg-type]
+    "a negative number": lambda desk: desk.situation(index=-5),
     "a negative seed": lambda desk: desk.situation(seed=-5),
     "an unknown measure": lambda desk: desk.weigh("fun", 1.0),
     "a weight that is no number": lambda desk: desk.weigh("duration", math.nan),

@@ -21,7 +21,7 @@ from ator_ros.nodes.live_chain import LiveChain
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.robot_source import STATE
-from ator_ros.nodes.seen import Seen
+from ator_ros.nodes.seen import SeenWorld
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.robot.description import Robot
 from ator_ros.viewing.advice import Advice
@@ -63,7 +63,7 @@ class LiveStage:
         node = own.node
         self._heard = Heard(node)
         self.history = self._heard.history
-        self._seen = Seen(node, domain, robot, frame=frame)
+        self._seen = SeenWorld(node, domain, robot, frame=frame)
         self._placing = Placing(own, robot.scene.objects)
         self._refine = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         self._factors = [  # of a simulation of this robot, or of several
@@ -190,14 +190,11 @@ class LiveStage:
                 self._placing.go_on()
 
     def _see(self, world: World) -> None:
-        """Wait until robot and objects are seen at their places, or as exactly as they are seen."""
-        placed = {name: there for name, there in world.objects.items() if self._placing.knows(name)}
-        wanted = World(world.time, world.robot, placed)
+        """Wait until robot and objects are heard of at their places, as the executor then has heard, too."""
+        placed = [name for name in world.objects if self._placing.knows(name)]
         self._seen.anew()
         end = time.monotonic() + _SEEING
-        self._own.until(
-            lambda: self._seen.is_there(wanted) or time.monotonic() > end, "robot and objects at their start"
-        )
+        self._own.until(lambda: self._seen.heard_anew(placed) or time.monotonic() > end, "robot and objects")
 
     def pause(self, *, paused: bool) -> None:
         """Let time stand still, or go on."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from rclpy.node import Node
@@ -18,7 +17,6 @@ from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState, World
 
-_NEAR = 0.02
 _ANEW = 3
 """Messages after which what is heard was sent after the one that was on its way."""
 _FORGOTTEN = 1.0
@@ -26,7 +24,7 @@ _FORGOTTEN = 1.0
 _ROBOT = ""
 
 
-class Seen:
+class SeenWorld:
     """The newest states of a robot and of a domain's objects.
 
     Parameters
@@ -95,19 +93,12 @@ class Seen:
         return World(now, robot, objects)
 
     def anew(self) -> None:
-        """Count from now on what is heard, for `is_there`."""
+        """Count from now on what is heard, for `heard_anew`."""
         self._heard.clear()
 
-    def is_there(self, wanted: World) -> bool:
-        """Return whether robot and objects of `wanted` are seen there, or as exactly as they are seen at all.
+    def heard_anew(self, names: Iterable[str]) -> bool:
+        """Return whether the robot and the objects of these names were surely heard of since `anew`.
 
-        Noise may keep them elsewhere: then what was heard since `anew` counts.
+        Where they are does not matter: noise may keep them off their places.
         """
-        seen = self.world()
-        if seen is None:
-            return False
-        near = {_ROBOT: seen.robot.pose.distance(wanted.robot.pose) < _NEAR}
-        for name, there in wanted.objects.items():
-            found = seen.objects.get(name)
-            near[name] = found is not None and math.hypot(found.x - there.x, found.y - there.y) < _NEAR
-        return all(is_near or self._heard[name] >= _ANEW for name, is_near in near.items())
+        return all(self._heard[name] >= _ANEW for name in (_ROBOT, *names))

@@ -70,23 +70,27 @@ class Desk:
         self._stale, self._displaced = True, True
         self._follows, self._looked = False, -math.inf
         self._absent = 0
-        self.draft = self._drawn()
+        self.draft = self._drawn(self.chain_name, self.seed, self.index)
 
     # Situations
 
-    def _drawn(self) -> Draft:
+    def _drawn(self, chain: str, seed: int, index: int) -> Draft:
+        """Return the draft of a situation, with action set and objective as they are."""
         action_set = self.draft.action_set if hasattr(self, "draft") else next(iter(self.libraries))
-        library = self.libraries[action_set]
-        trial = random_trial(self.domain, self.chain_name, library, seed=self.seed, index=self.index)
+        trial = random_trial(self.domain, chain, self.libraries[action_set], seed=seed, index=index)
         objective = self.draft.objective if hasattr(self, "draft") else expected_time(self.domain.time_limit)
         return Draft(trial.world, open_speeds(trial.chain), action_set, objective)
 
     def situation(self, *, chain: str = "", seed: int | None = None, index: int | None = None) -> None:
         """Go to a situation of a chain of the domain; what is not named stays."""
-        self.chain_name = chain or self.chain_name
-        self.seed = self.seed if seed is None else seed
-        self.index = self.index if index is None else index
-        self.take(self._drawn())
+        wanted = (
+            chain or self.chain_name,
+            self.seed if seed is None else seed,
+            self.index if index is None else index,
+        )
+        draft = self._drawn(*wanted)  # where there is no such situation, nothing is changed
+        self.chain_name, self.seed, self.index = wanted
+        self.take(draft)
 
     def show(self, trial: Trial) -> None:
         """Go to a situation with its plan as it is, such as one of an evaluation."""

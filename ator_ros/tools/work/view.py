@@ -101,7 +101,8 @@ def _nodes(options: argparse.Namespace) -> Iterator[tuple[int | None, Callable[[
         stay_on_this_machine(os.environ)
         yield None, lambda: None
         return
-    with all_nodes(options.real_time_factor, **node_setting(options)) as nodes:
+    # The simulation waits for the executor at any speed, so that a busy machine spoils no chain.
+    with all_nodes(options.real_time_factor, {"lockstep": True}, **node_setting(options)) as nodes:
         print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
         yield nodes.domain, nodes.check
 
