@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -190,6 +191,27 @@ def test_a_view_that_cannot_be_set_up_is_told_in_one_line(
     assert (
         capsys.readouterr().err == "view: cart is to come from tf: expected the package tf2_msgs, got none\n"
     )
+
+
+def test_the_nodes_of_a_view_outlast_a_pause_and_a_busy_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("viser", reason="needs viser: docs/install.md")
+    from ator_ros.tools import processes
+
+    class Nodes:
+        def start(self, name: str, parameters: dict[str, object], folder: object = None) -> None:
+            started[name] = parameters
+
+    @contextlib.contextmanager
+    def own_nodes() -> Iterator[Nodes]:
+        yield Nodes()
+
+    from ator_ros.tools.work import view as work
+
+    started: dict[str, dict[str, object]] = {}
+    monkeypatch.setattr(processes, "own_nodes", own_nodes)
+    with processes.all_nodes(1.0, work._SIMULATED, work._EXECUTED):
+        assert started["simulation"]["lockstep"] is True
+        assert started["executor"]["odom_timeout"] == 60.0
 
 
 def test_a_pointer_that_meets_no_floor_moves_nothing() -> None:

@@ -152,6 +152,7 @@ def node_setting(options: argparse.Namespace) -> dict[str, str]:
 def all_nodes(
     real_time_factor: float,
     simulated: Mapping[str, object] = _NO_SETTINGS,
+    executed: Mapping[str, object] = _NO_SETTINGS,
     /,
     *,
     models: str = "",
@@ -160,7 +161,7 @@ def all_nodes(
 ) -> Iterator[NodeProcesses]:
     """Start simulation, refinement, executor and the domain's programs, with what else is named.
 
-    `simulated` are further parameters of the simulation.
+    `simulated` and `executed` are further parameters of simulation and executor.
     """
     from ament_index_python.packages import get_package_prefix
 
@@ -176,7 +177,7 @@ def all_nodes(
         patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
         # An action may take what it may in a simulation without ROS, and the executor's default at least.
         limits = {"action_timeout": max(_ACTION_TIMEOUT, of_domain.time_limit)}
-        nodes.start("executor", {**named, **patience, **limits})
+        nodes.start("executor", {**named, **patience, **limits, **executed})
         for program in of_domain.programs:
             folder = Path(get_package_prefix(program.package), "lib", program.package)
             nodes.start(program.executable, {}, folder)

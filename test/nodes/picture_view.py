@@ -1,4 +1,4 @@
-"""Make the picture of the view in the documentation: the second half of a race, in a headless Chromium.
+"""Make the picture of the view in the documentation: a race in its last step, in a headless Chromium.
 
 By hand: ``scripts/run python test/nodes/picture_view.py docs/view.png``; look at it before it is committed.
 """
@@ -6,6 +6,7 @@ By hand: ``scripts/run python test/nodes/picture_view.py docs/view.png``; look a
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import tempfile
 import time
@@ -16,15 +17,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from chromium import Chromium
 from measure_view import own_view
 
-_UNDER_WAY = 7.0
-"""Real s after which the refined chain is half driven."""
+_UNDER_WAY = r"refined, driven\s+\d+\.\d"
+"""In the table of times: the first step of the refined chain has ended."""
+_SETTLED = 3.0
 
 
 def main() -> None:
     """Drive a race and write the picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("picture", type=Path)
-    parser.add_argument("--wait", type=float, default=_UNDER_WAY, help="s after the refined chain's begin")
     options = parser.parse_args()
     with (
         own_view() as (_, port, _),
@@ -33,8 +34,12 @@ def main() -> None:
     ):
         browser.until(lambda: "best, predicted" in browser.text(), "the panel")
         browser.press("Race")
-        browser.until(lambda: "refined, driven" in browser.text(), "the second chain")
-        time.sleep(options.wait)
+        browser.until(lambda: re.search(_UNDER_WAY, browser.text()), "the refined chain's second step")
+        browser.press("pause")
+        browser.script(
+            "document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())"
+        )
+        time.sleep(_SETTLED)
         options.picture.write_bytes(browser.picture())
 
 

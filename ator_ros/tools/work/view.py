@@ -28,6 +28,10 @@ from ator_ros.viewing.worst import worst_trials
 
 _PERIOD = 1.0 / 25.0
 _PATIENCE = 60.0
+_SIMULATED = {"lockstep": True}
+"""The simulation waits for the executor at any speed, so that a busy machine spoils no chain."""
+_EXECUTED = {"odom_timeout": 60.0}
+"""As long as it can be: a chain outlasts a pause of so many real s, in which the stamps stand still."""
 _EXPECTED = (
     StageError,
     MachineError,
@@ -101,8 +105,7 @@ def _nodes(options: argparse.Namespace) -> Iterator[tuple[int | None, Callable[[
         stay_on_this_machine(os.environ)
         yield None, lambda: None
         return
-    # The simulation waits for the executor at any speed, so that a busy machine spoils no chain.
-    with all_nodes(options.real_time_factor, {"lockstep": True}, **node_setting(options)) as nodes:
+    with all_nodes(options.real_time_factor, _SIMULATED, _EXECUTED, **node_setting(options)) as nodes:
         print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
         yield nodes.domain, nodes.check
 
