@@ -34,7 +34,7 @@ class InProcessStage:
         self.state = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
         self.asked: list[Draft] = []
         self.calls: list[str] = []
-        self.history, self.learned, self.silence = History(), "", 0.0
+        self.history, self.learned, self.silence, self.refused = History(), "", 0.0, ""
         self.executed: list[TopChain] = []
 
     def way(self) -> FloatArray | None:

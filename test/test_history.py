@@ -29,6 +29,36 @@ def test_the_gain_is_over_the_last_chain_as_planned_from_the_same_start() -> Non
     assert gains(chains) == pytest.approx((math.nan, math.nan, math.nan, 1.5, 2.0), nan_ok=True)
 
 
+def test_the_gain_is_found_however_many_chains_were_driven_elsewhere_in_between() -> None:
+    between = [
+        driven(7.0, refined=False, start=(Pose(0.01 * number, 1.0, 0.0), *START[1:])) for number in range(200)
+    ]
+    chains = (driven(9.0, refined=False), *between, driven(8.0, refined=True))
+    assert gains(chains)[-1] == pytest.approx(1.0)
+    across = (Pose(-0.02, -0.02, 0.0), *START[1:])  # in another square of the floor
+    assert gains((driven(9.0, refined=False), driven(8.0, refined=True, start=across)))[1] == pytest.approx(
+        1.0
+    )
+    assert math.isnan(gains((driven(9.0, refined=False, start=()), driven(8.0, refined=True)))[1])
+
+
+def test_the_comparisons_grow_with_the_number_of_chains_and_not_with_its_square(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    compared = []
+    repeats = Driven.repeats
+    monkeypatch.setattr(
+        Driven, "repeats", lambda self, other: compared.append(1) is None and repeats(self, other)
+    )
+    numbers = []
+    for each in (200, 400):
+        compared.clear()
+        balls = [(START[0], Pose(0.1 * number, 0.0, 0.0), START[2]) for number in range(each)]
+        gains([driven(9.0, refined=refined, start=ball) for refined in (False, True) for ball in balls])
+        numbers.append(len(compared))
+    assert 0 < numbers[1] <= 2.1 * numbers[0]
+
+
 def test_it_tells_error_gain_learned_models_and_the_newest_chains_first() -> None:
     history = History()
     assert told(history.chains) == "no chain was executed yet"

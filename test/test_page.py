@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 
 import pytest
@@ -77,6 +78,21 @@ def test_two_clients_see_the_same_and_one_that_disappears_does_no_harm(shown: Sh
     assert shown.desk.problem == ""
     second.close()
     third.close()
+
+
+def test_what_no_browser_sends_is_told_in_one_line_and_the_page_goes_on(
+    shown: Shown, caplog: pytest.LogCaptureFixture
+) -> None:
+    client = shown.join()
+    client.look()
+    client.set("Seed", [1, 2])
+    client.set("Time", "yesterday")
+    client.set("Number", 2)
+    client.until(lambda: shown.page.inbox.take() != [], "the number")
+    gc.collect()  # asyncio tells of errors of tasks that are gone
+    client.until(lambda: "ignored what a client sent" in caplog.text, "the line")
+    assert all(record.exc_info is None for record in caplog.records)
+    client.close()
 
 
 def test_of_several_robots_all_are_shown_and_one_is_chosen(shown: Shown) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from ator_ros.viewing import panel
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.desk import NAIVE, Desk
 from ator_ros.viewing.draft import Draft
-from ator_ros.viewing.stage import AbsentError
+from ator_ros.viewing.stage import AbsentError, StageError
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = SOCCER.robot()
@@ -89,6 +91,36 @@ def test_it_is_followed_until_something_is_moved_or_played(desk: Desk, stage: Ru
     assert "place" in stage.calls
 
 
+def test_another_robot_is_played_from_where_it_is_also_at_once(desk: Desk, stage: RunningStage) -> None:
+    other = RunningStage()
+    other.see(10.0, Pose(1.0, -1.0, 2.0), (0.5, 0.75))
+    desk.step([lambda: desk.control(other), lambda: desk.play(NAIVE)])
+    [chain] = other.executed
+    assert chain.calls[0].goal.pose[:2] == (0.5, 0.75)
+    assert desk.problem == ""
+
+
+class RefusingStage(RunningStage):
+    """Places nothing."""
+
+    def place(self, world: World) -> None:
+        super().place(world)
+        raise StageError("place_robot: off the floor")
+
+
+def test_a_start_that_is_refused_is_told_and_tried_once() -> None:
+    stage = RefusingStage()
+    desk = Desk(stage, SOCCER, stage.libraries)
+    for _ in range(5):
+        desk.step()
+    assert stage.calls == ["place"]
+    assert desk.problem == "place_robot: off the floor"
+    desk.play(NAIVE)
+    desk.step()
+    assert not desk.playing
+    assert not stage.executed
+
+
 def test_refinement_that_comes_back_is_asked_again(desk: Desk, stage: RunningStage) -> None:
     stage.absent = True
     desk.step([lambda: desk.move_goal(1, Pose(0.5, 0.25, 1.0))])
@@ -108,6 +140,7 @@ WISHES: dict[str, Callable[[Desk], object]] = {
     "an unknown chain": lambda desk: desk.situation(chain="chess"),
     "a seed that is no number": lambda desk: desk.situation(seed=int(math.inf)),
     "a seed that is nothing": lambda desk: desk.situation(seed=int(None)),  # type: ignore[arg-type]
+    "a negative number": lambda desk: desk.situation(index=-5),
     "a negative seed": lambda desk: desk.situation(seed=-5),
     "an unknown measure": lambda desk: desk.weigh("fun", 1.0),
     "a weight that is no number": lambda desk: desk.weigh("duration", math.nan),
@@ -129,9 +162,56 @@ def test_silence_is_told() -> None:
     world = World(3.0, RobotState(Pose(0.0, 0.0, 0.0)))
     assert panel.clock(world, paused=False, status="drives", silence=1.0) == "**3.00 s** · drives"
     assert (
-        panel.clock(world, paused=False, status="drives", silence=7.3) == "**3.00 s** · no odometry for 7 s"
+        panel.clock(world, paused=False, status="drives", silence=7.3)
+        == "**3.00 s** · no word of the robot for 7 s"
     )
     assert panel.clock(world, paused=True, status="waits", silence=7.3) == "**3.00 s** (paused) · waits"
+
+
+def test_why_something_was_not_moved_is_told() -> None:
+    world = World(3.0, RobotState(Pose(0.0, 0.0, 0.0)))
+    told = panel.clock(world, paused=False, status="drives", refused="ball: off [it]")
+    assert told == "**3.00 s** · drives\n\n**not moved:** ball: off \\[it\\]"
+
+
+def test_a_view_that_cannot_be_set_up_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("viser", reason="needs viser: docs/install.md")
+    from ator_ros.nodes.parameters import SetupError
+    from ator_ros.tools import view
+    from ator_ros.tools.work import view as work
+
+    def fail(*_: object) -> None:
+        raise SetupError("cart is to come from tf: expected the package tf2_msgs, got none")
+
+    monkeypatch.setattr(work, "_serve", fail)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # the view takes Ctrl-C from the tests
+    assert view.main(["--attach"]) == 1
+    assert (
+        capsys.readouterr().err == "view: cart is to come from tf: expected the package tf2_msgs, got none\n"
+    )
+
+
+def test_the_nodes_of_a_view_outlast_a_pause_and_a_busy_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("viser", reason="needs viser: docs/install.md")
+    from ator_ros.tools import processes
+
+    class Nodes:
+        def start(self, name: str, parameters: dict[str, object], folder: object = None) -> None:
+            started[name] = parameters
+
+    @contextlib.contextmanager
+    def own_nodes() -> Iterator[Nodes]:
+        yield Nodes()
+
+    from ator_ros.tools.work import view as work
+
+    started: dict[str, dict[str, object]] = {}
+    monkeypatch.setattr(processes, "own_nodes", own_nodes)
+    with processes.all_nodes(1.0, work._SIMULATED, work._EXECUTED):
+        assert started["simulation"]["lockstep"] is True
+        assert started["executor"]["odom_timeout"] == 60.0
 
 
 def test_a_pointer_that_meets_no_floor_moves_nothing() -> None:

@@ -6,6 +6,7 @@ import contextlib
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,8 @@ from websockets.sync.client import connect
 
 _HEADER = 16
 _PATIENCE = 20.0
+_HEIGHT = 1000.0
+"""Of the camera, in m: so far that what it points at does not depend on the height of things."""
 
 
 class ViserClient:
@@ -26,10 +29,20 @@ class ViserClient:
     ----------
     scene : dict
         Position of each node that is there, by name; None until one is sent.
+    drawn : Counter
+        How often each node was sent.
+    fields : dict of str to str
+        Identifiers of the panel's fields, by label.
+    patience : float
+        Seconds that each thing may take.
     """
 
     def __init__(self, port: int) -> None:
         self.scene: dict[str, Any] = {}
+        self.patience = _PATIENCE
+        self.drawn = Counter[str]()
+        self.fields: dict[str, str] = {}
+        self._texts: dict[str, str] = {}
         version = f"viser-v{viser.__version__}"
         self._socket = connect(f"ws://127.0.0.1:{port}", subprotocols=[version], max_size=None)  # type: ignore[list-item]
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -51,14 +64,57 @@ class ViserClient:
                 del self.scene[node]
         elif kind == "SetPositionMessage":
             self.scene[str(name)] = tuple(message["position"])
+        elif kind == "GuiUpdateMessage":
+            self._write(message["uuid"], message["updates"])
+        elif "container_uuid" in message and "props" in message:
+            self.fields[str(message["props"].get("label"))] = message["uuid"]
+            self._write(message["uuid"], message["props"])
         elif name is not None:
             self.scene.setdefault(str(name), None)
+            self.drawn[str(name)] += 1
+
+    def _write(self, field: str, properties: dict[str, Any]) -> None:
+        if "_markdown" in properties:
+            self._texts[field] = properties["_markdown"]
+
+    def text(self) -> str:
+        """Return all texts of the panel."""
+        return "\n".join(tuple(self._texts.values()))
+
+    # What a browser sends
+
+    def send(self, kind: str, **fields: Any) -> None:
+        """Send a message."""
+        self._socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
+
+    def set(self, label: str, value: Any) -> None:
+        """Enter a value into a field, or press a button (True)."""
+        self.until(lambda: label in self.fields, label)
+        self.send("GuiUpdateMessage", uuid=self.fields[label], updates={"value": value})
+
+    def look(self) -> None:
+        """Tell where the camera is, above the floor; before it the server takes no wishes."""
+        size = {"image_height": 800, "image_width": 1200, "fov": 0.9, "near": 0.01, "far": 1000.0}
+        turn, place = (1.0, 0.0, 0.0, 0.0), (0.0, -1e-3, _HEIGHT)
+        up = (0.0, 1.0, 0.0)
+        self.send(
+            "ViewerCameraMessage", wxyz=turn, position=place, look_at=(0.0, 0.0, 0.0), up_direction=up, **size
+        )
+
+    def drag(self, node: str, x: float, y: float, phase: str = "update") -> None:
+        """Point at (x, y) m on the floor while a node is dragged; the phase is start, update or end."""
+        place, pixel = (x, y, 0.0), (0.5, 0.5)
+        self.send(
+            "SceneNodeDragMessage", phase=phase, name=node, instance_index=None, start_position=place,
+            start_screen_pos=pixel, end_position=place, end_screen_pos=pixel, button="left", modifier=None,
+            owner="",
+        )  # fmt: skip
 
     def until(self, happened: Callable[[], Any], what: str) -> None:
         """Wait until something has happened."""
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + self.patience
         while not happened():
-            assert time.monotonic() < end, f"expected {what} within {_PATIENCE:g} s"
+            assert time.monotonic() < end, f"expected {what} within {self.patience:g} s"
             time.sleep(0.02)
 
     def vanish(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from rclpy.task import Future
 from std_srvs.srv import SetBool
@@ -24,25 +25,34 @@ class Placing:
         The node that calls them.
     objects : iterable of str
         The objects that the simulation can place.
+
+    Attributes
+    ----------
+    paused : bool
+        Whether time was last told from here to stand still.
     """
 
     def __init__(self, own: SpunNode, objects: Iterable[str]) -> None:
         self._own, node = own, own.node
+        self.paused = False
         self._robot = node.create_client(PlaceRobot, "place_robot", qos_profile=SERVICES)
         self._pause = node.create_client(SetBool, "pause", qos_profile=SERVICES)
         self._objects = {
             name: node.create_client(PlaceBall, f"place_{name}", qos_profile=SERVICES) for name in objects
         }
 
+    @property
+    def _clients(self) -> tuple[Any, ...]:
+        return (self._robot, self._pause, *self._objects.values())
+
     def ready(self) -> None:
         """Wait until the simulation offers all of them."""
-        for client in (self._robot, self._pause, *self._objects.values()):
+        for client in self._clients:
             self._own.until(client.service_is_ready, f"the service {client.srv_name}")
 
     def offered(self, patience: float) -> bool:
-        """Return whether a simulation offers them within `patience` real s."""
-        there: bool = self._robot.wait_for_service(patience)
-        return there
+        """Return whether a simulation offers them within `patience` real s each."""
+        return all(client.wait_for_service(patience) for client in self._clients)
 
     def knows(self, name: str) -> bool:
         """Return whether the simulation can place an object."""
@@ -58,7 +68,15 @@ class Placing:
 
     def pause(self, *, paused: bool) -> None:
         """Let time stand still, or go on."""
+        self.paused = paused or self.paused  # where no answer comes it may be either
         self._own.call(self._pause, SetBool.Request(data=paused))
+        self.paused = paused
+
+    def go_on(self) -> Future:
+        """Let time go on; not waited for, and without an error where there is no simulation any more."""
+        answer: Future = self._pause.call_async(SetBool.Request(data=False))
+        self.paused = False
+        return answer
 
     def everything(self, world: World) -> None:
         """Let time stand still and put everything to its place; objects that `world` lacks are removed."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import inspect
 import os
+import re
 import signal
 import sys
 import time
@@ -33,6 +34,8 @@ rclpy collects all that it waits for anew each time that it wakes up, whatever c
 together cost one awakening instead of two.
 """
 _LAST_SPINS = 30
+_LIST = re.compile(r"Parameters: see `\w+`")
+"""Where a node's docstring names the list in its source; the help prints that list itself."""
 _EXPECTED = (SetupError, ResourceError, ParameterException, RuntimeError)  # rcl's errors are RuntimeErrors
 
 
@@ -92,7 +95,7 @@ def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> 
     lines = [f"  {p.name:24}{p.description} (default: {p.default!r})" for p in parameters]
     return ArgumentParser(
         usage="%(prog)s [-h] [--ros-args -p PARAMETER:=VALUE ... -r NAME:=OTHER ...]",
-        description=inspect.getdoc(make),
+        description=_LIST.sub("Parameters: below", inspect.getdoc(make) or ""),
         epilog="\n".join(["parameters:", *lines]) if lines else None,
         formatter_class=RawDescriptionHelpFormatter,
     )

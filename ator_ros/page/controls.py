@@ -78,17 +78,24 @@ class Controls:
 
     def _time(self) -> None:
         desk = self._desk
-        buttons = self._gui.add_button_group("Time", ("pause", "go on", "back"))
         wishes: dict[str, Callable[[], None]] = {
             "pause": lambda: desk.pause(paused=True),
             "go on": lambda: desk.pause(paused=False),
             "back": desk.back,
         }
-        buttons.on_click(lambda _: self._inbox.put("time", wishes[buttons.value]))
+        buttons = self._gui.add_button_group("Time", tuple(wishes))
+        buttons.on_click(lambda _: self._put("time", wishes, buttons.value))
         speed = self._gui.add_button_group("Speed", tuple(_SPEEDS))
-        speed.on_click(
-            lambda _: self._inbox.put("speed", lambda: desk.stage.set_factor(_SPEEDS[speed.value]))
-        )
+        speeds = {label: partial(self._set_factor, factor) for label, factor in _SPEEDS.items()}
+        speed.on_click(lambda _: self._put("speed", speeds, speed.value))
+
+    def _put(self, key: str, wishes: Mapping[str, Callable[[], None]], chosen: str) -> None:
+        """Pass on a wish; a client that is no browser may choose one that is none."""
+        if chosen in wishes:
+            self._inbox.put(key, wishes[chosen])
+
+    def _set_factor(self, factor: float) -> None:
+        self._desk.stage.set_factor(factor)
 
     def _situation(self, runs: Sequence[tuple[str, Trial]]) -> None:
         desk, gui = self._desk, self._gui

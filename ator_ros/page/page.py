@@ -166,7 +166,10 @@ class Page:
     def _write(self, world: World | None) -> None:
         desk, controls = self._desk, self._controls
         status = "drag robot, objects or goals" if desk.run is None else desk.run.status
-        told = panel.clock(world, paused=desk.paused, status=status, silence=desk.stage.silence)
+        stage = desk.stage
+        told = panel.clock(
+            world, paused=desk.paused, status=status, silence=stage.silence, refused=stage.refused
+        )
         write(controls.clock, told)
         write(controls.times, panel.times(desk.advice, desk.runs))
         write(controls.gate, panel.gate(desk.advice, desk.problem))

@@ -11,6 +11,7 @@ import viser
 
 from ator_ros.domains.domain import Domain
 from ator_ros.page.drawing import Canvas
+from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
 from ator_ros.viewing.surroundings import surroundings
 
@@ -18,6 +19,20 @@ LOOPBACK = "127.0.0.1"
 _CAMERA_HEIGHT = 0.85
 """Height of the camera as a share of the area's length."""
 _FLOOR = (72, 122, 84)
+
+
+class _OneLine(logging.Filter):
+    """Tells what a client sent that viser could not read in one line instead of a traceback."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Change a record with an error; keep all."""
+        if record.exc_info and record.exc_info[1] is not None:
+            record.msg = f"view: ignored what a client sent: {printable(repr(record.exc_info[1]), 200)}"
+            record.args, record.exc_info = (), None
+        return True
+
+
+_ONE_LINE = _OneLine()
 
 
 def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
@@ -30,6 +45,7 @@ def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, 
 def served(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080) -> viser.ViserServer:
     """Serve a page on one port; by default only this machine can reach it."""
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that goes away is no error
+    logging.getLogger("asyncio").addFilter(_ONE_LINE)  # which adds it once
     with contextlib.redirect_stdout(io.StringIO()):  # viser tells its address in a frame
         server = viser.ViserServer(host=host, port=port, label="ator_ros", verbose=False)
     area, (position, look_at, fov) = robot.scene.area, camera_over(robot)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 
 from ator_ros.domains.domain import DEFAULT, find_domain
 from ator_ros.nodes.machine import check_machine
@@ -21,6 +21,7 @@ from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_thi
 # busy.
 _EXECUTOR_PATIENCE = 2.0
 _ACTION_TIMEOUT = 30.0  # s, the executor's default
+_NO_SETTINGS: Mapping[str, object] = MappingProxyType({})
 _UNHURRIED = 1.0  # s that refinement may take, less than the executor's patience
 
 
@@ -149,15 +150,26 @@ def node_setting(options: argparse.Namespace) -> dict[str, str]:
 
 @contextmanager
 def all_nodes(
-    real_time_factor: float, *, models: str = "", robot: str = "", domain: str = ""
+    real_time_factor: float,
+    simulated: Mapping[str, object] = _NO_SETTINGS,
+    executed: Mapping[str, object] = _NO_SETTINGS,
+    /,
+    *,
+    models: str = "",
+    robot: str = "",
+    domain: str = "",
 ) -> Iterator[NodeProcesses]:
-    """Start simulation, refinement, executor and the domain's programs, with what else is named."""
+    """Start simulation, refinement, executor and the domain's programs, with what else is named.
+
+    `simulated` and `executed` are further parameters of simulation and executor.
+    """
     from ament_index_python.packages import get_package_prefix
 
     whose = {name: value for name, value in (("robot", robot), ("domain", domain)) if value}
     named = {**whose, **({"models": models} if models else {})}
     with own_nodes() as nodes:
-        nodes.start("simulation", {"real_time_factor": real_time_factor, "command_wait": 1.0, **whose})
+        pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
+        nodes.start("simulation", {**pace, **simulated, **whose})
         of_domain = find_domain(domain or DEFAULT)
         # Chains of remote actions are long, and a robot that stands at each station can wait for the answer.
         unhurried = {"deadline": _UNHURRIED} if of_domain.programs else {}
@@ -165,7 +177,7 @@ def all_nodes(
         patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
         # An action may take what it may in a simulation without ROS, and the executor's default at least.
         limits = {"action_timeout": max(_ACTION_TIMEOUT, of_domain.time_limit)}
-        nodes.start("executor", {**named, **patience, **limits})
+        nodes.start("executor", {**named, **patience, **limits, **executed})
         for program in of_domain.programs:
             folder = Path(get_package_prefix(program.package), "lib", program.package)
             nodes.start(program.executable, {}, folder)

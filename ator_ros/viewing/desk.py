@@ -16,7 +16,7 @@ from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Race, Run
 from ator_ros.viewing.stage import AbsentError, StageError, ViewStage
-from ator_ros.world.state import RobotState, World
+from ator_ros.world.state import World
 
 _MOVED = 0.01
 """Distance in m, or difference in rad, by which a robot that is followed must have moved to ask again."""
@@ -70,23 +70,27 @@ class Desk:
         self._stale, self._displaced = True, True
         self._follows, self._looked = False, -math.inf
         self._absent = 0
-        self.draft = self._drawn()
+        self.draft = self._drawn(self.chain_name, self.seed, self.index)
 
     # Situations
 
-    def _drawn(self) -> Draft:
+    def _drawn(self, chain: str, seed: int, index: int) -> Draft:
+        """Return the draft of a situation, with action set and objective as they are."""
         action_set = self.draft.action_set if hasattr(self, "draft") else next(iter(self.libraries))
-        library = self.libraries[action_set]
-        trial = random_trial(self.domain, self.chain_name, library, seed=self.seed, index=self.index)
+        trial = random_trial(self.domain, chain, self.libraries[action_set], seed=seed, index=index)
         objective = self.draft.objective if hasattr(self, "draft") else expected_time(self.domain.time_limit)
         return Draft(trial.world, open_speeds(trial.chain), action_set, objective)
 
     def situation(self, *, chain: str = "", seed: int | None = None, index: int | None = None) -> None:
         """Go to a situation of a chain of the domain; what is not named stays."""
-        self.chain_name = chain or self.chain_name
-        self.seed = self.seed if seed is None else seed
-        self.index = self.index if index is None else index
-        self.take(self._drawn())
+        wanted = (
+            chain or self.chain_name,
+            self.seed if seed is None else seed,
+            self.index if index is None else index,
+        )
+        draft = self._drawn(*wanted)  # where there is no such situation, nothing is changed
+        self.chain_name, self.seed, self.index = wanted
+        self.take(draft)
 
     def show(self, trial: Trial) -> None:
         """Go to a situation with its plan as it is, such as one of an evaluation."""
@@ -144,19 +148,23 @@ class Desk:
             self.race = None
 
     def _restored(self) -> None:
-        """Put everything where the draft has it, if an execution has moved it."""
-        if self._displaced and self.stage.can_place:
+        """Put everything where the draft has it, if an execution has moved it; tried once."""
+        displaced, self._displaced, self._follows = self._displaced, False, False
+        if displaced and self.stage.can_place:
+            self.paused = False
             self.stage.place(self.draft.world)
             self.stage.pause(paused=False)
-            self.paused = False
-        self._displaced = self._follows = False
 
     # Playing
 
     @property
     def playing(self) -> bool:
         """Whether a chain is executed, or one waits for its turn."""
-        return bool(self._waiting) or any(not run.ended for run in self.runs)
+        return bool(self._waiting) or self._executing
+
+    @property
+    def _executing(self) -> bool:
+        return any(not run.ended for run in self.runs)
 
     def play(self, *labels: str) -> None:
         """Execute the chain from the draft's start: `NAIVE`, `REFINED`, or one after the other, a race."""
@@ -173,7 +181,7 @@ class Desk:
         self.stage = stage
         self._waiting.clear()
         self.runs.clear()
-        self.race = None
+        self.race = self.advice = None  # both told of another robot
         self._stale, self._follows, self._looked = True, True, -math.inf
         self._displaced, self.paused = False, False
 
@@ -191,9 +199,9 @@ class Desk:
         self.paused = paused
 
     def _stop(self) -> None:
-        if any(not run.ended for run in self.runs):
-            self.stage.stop()
         self._waiting.clear()
+        if self._executing:
+            self.stage.stop()
 
     @property
     def run(self) -> Run | None:
@@ -215,7 +223,7 @@ class Desk:
         world = self.stage.world()
         if world is None:
             return
-        if not self.playing and (self._follows or not self.stage.can_place):
+        if (self._follows and not self._executing) or not (self.playing or self.stage.can_place):
             self._follow(world)
         if self._stale:
             self._stale = False
@@ -249,18 +257,11 @@ class Desk:
         if abs(world.time - self._looked) < _LOOK_AGAIN:
             return
         self._looked = world.time
-        draft, former = self._here(world), self.draft.world
+        draft, former = self.draft.at(world), self.draft.world
         x, y, yaw = former.robot.pose.relative(draft.world.robot.pose)
         moved = max(math.hypot(x, y), abs(yaw)) > _MOVED or set(draft.world.objects) != set(former.objects)
         if moved or draft.chain != self.draft.chain:
             self.draft, self._stale = draft, True
-
-    def _here(self, world: World) -> Draft:
-        """Return the draft with robot and objects where they are."""
-        here, draft = dataclasses.replace(world, robot=RobotState(world.robot.pose)), self.draft
-        for name, there in here.objects.items():
-            draft = draft.with_object(name, there.x, there.y)
-        return dataclasses.replace(draft, world=here)
 
     def _ask(self) -> None:
         try:

@@ -59,6 +59,13 @@ class Draft:
         )
         return dataclasses.replace(moved, world=self.world.with_object(name, ObjectState(x, y)))
 
+    def at(self, world: World) -> Draft:
+        """Return the draft with robot and objects where they are in `world`, at rest."""
+        here, draft = dataclasses.replace(world, robot=RobotState(world.robot.pose)), self
+        for name, there in here.objects.items():
+            draft = draft.with_object(name, there.x, there.y)
+        return dataclasses.replace(draft, world=here)
+
     def with_goal(self, step: int, pose: Pose) -> Draft:
         """Return the draft with the goal of a step (from 0) at `pose`."""
         goal = dataclasses.replace(self.chain.calls[step].goal, pose=pose)

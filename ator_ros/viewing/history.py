@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections import deque
-from collections.abc import Sequence
+import operator
+from collections import defaultdict, deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +19,8 @@ _SHOWN = 12
 _RECENT = 20
 _SAME = 0.05
 """Distance in m, and difference in rad, up to which two starts or goals count as the same."""
+_LOOKED_AT = 50
+"""Chains with the robot in about the same place of which one is looked for that a chain repeats."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,16 +96,56 @@ class History:
         return numbers, predicted, actual
 
 
+class _AsPlanned:
+    """Finds the last unrefined chain that another one repeats.
+
+    They are kept by TOPs and the square in which the robot started, so that the time for each does not grow
+    with their number.
+    """
+
+    def __init__(self) -> None:
+        self._kept = defaultdict[tuple[object, ...], deque[tuple[int, Driven]]](
+            lambda: deque(maxlen=_LOOKED_AT)
+        )
+
+    def add(self, number: int, chain: Driven) -> None:
+        """Add an unrefined chain; `number` grows."""
+        self._kept[(chain.tops, *_square(chain))].append((number, chain))
+
+    def last_like(self, chain: Driven) -> Driven | None:
+        """Return the last one that `chain` repeats; None if there is none."""
+        alike = (kept for square in _squares_around(chain) for kept in self._kept.get(square, ()))
+        _, found = max(
+            ((number, other) for number, other in alike if chain.repeats(other)),
+            key=lambda kept: kept[0],
+            default=(0, None),
+        )
+        return found
+
+
+def _square(chain: Driven) -> tuple[int, ...]:
+    """Return in which square of the floor the robot started; empty where that is not known."""
+    return tuple(math.floor(at / _SAME) for at in chain.start[0][:2]) if chain.start else ()
+
+
+def _squares_around(chain: Driven) -> Iterator[tuple[object, ...]]:
+    """Yield the keys of all chains that `chain` might repeat."""
+    square = _square(chain)
+    for off in itertools.product((-1, 0, 1), repeat=len(square)):
+        yield (chain.tops, *map(operator.add, square, off))
+
+
 def gains(chains: Sequence[Driven]) -> tuple[float, ...]:
     """Return, chain by chain, by how many s a refined one was faster than the last unrefined one like it.
 
     NaN where it was not refined, or nothing like it was driven before.
     """
-    found = []
+    found, planned = [], _AsPlanned()
     for number, chain in enumerate(chains):
-        before = reversed(chains[:number]) if chain.refined else ()
-        like = next((other for other in before if not other.refined and chain.repeats(other)), None)
+        like = planned.last_like(chain) if chain.refined else None
         found.append(math.nan if like is None else like.actual - chain.actual)
+        if not chain.refined:
+            planned.add(number, chain)
     return tuple(found)
 
 

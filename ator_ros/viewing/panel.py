@@ -17,13 +17,28 @@ from ator_ros.world.state import World
 _SILENCE = 2.0
 
 
-def clock(world: World | None, *, paused: bool, status: str, silence: float = 0.0) -> str:
-    """Return the simulated time, and what is going on; `silence`: real s since the last odometry."""
+def clock(world: World | None, *, paused: bool, status: str, silence: float = 0.0, refused: str = "") -> str:
+    """Return the simulated time, and what is going on.
+
+    Parameters
+    ----------
+    world : World or None
+        The newest state.
+    paused : bool
+        Whether time stands still.
+    status : str
+        What is going on.
+    silence : float
+        Real s since the robot was last heard of.
+    refused : str
+        Why something was not put where it was dragged to; empty where it was.
+    """
     if world is None:
-        return "waits for odometry"
+        return "waits for word of the robot, from odom or tf"
     if silence > _SILENCE and not paused:
-        status = f"no odometry for {silence:.0f} s"
-    return f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {plain(status)}"
+        status = f"no word of the robot for {silence:.0f} s"
+    told = f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {plain(status)}"
+    return f"{told}\n\n**not moved:** {plain(refused)}" if refused else told
 
 
 def times(advice: Advice | None, runs: Sequence[Run]) -> str:

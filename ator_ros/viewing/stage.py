@@ -41,6 +41,10 @@ class ViewStage(Protocol):
     def silence(self) -> float:
         """Real s since the last state was heard."""
 
+    @property
+    def refused(self) -> str:
+        """Why robot or objects are not where they were put last; empty where they are."""
+
     def way(self) -> FloatArray | None:
         """Return the planned way of the action under way, shape (n, 2): x and y in m; None without one."""
 
@@ -59,11 +63,14 @@ class ViewStage(Protocol):
     def place(self, world: World) -> None:
         """Put robot and objects to their places, and take other objects away; wait until they are seen there.
 
-        Time stands still afterwards.
+        Time may stand still afterwards, but not where this fails.
         """
 
     def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
-        """Start to execute the chain of a draft, and let time go on; `run` is told how it goes."""
+        """Start to execute the chain of a draft, and let time go on, also where this fails.
+
+        `run` is told how it goes.
+        """
 
     def stop(self) -> None:
         """Cancel what is executed."""

@@ -89,6 +89,8 @@ def test_two_robots_of_one_simulation_are_shown_moved_and_played(stages: dict[st
 
     desk.control(bob)
     steps(desk, lambda: desk.advice is not None and not desk.problem, "advice for bob")
+    # Ann stands where her chain ended: bob drives elsewhere.
+    desk.step([lambda: desk.move_object("ball", 0.5, -1.0), lambda: desk.move_goal(1, Pose(2.0, -0.5, 0.3))])
     desk.play(NAIVE)
     steps(desk, lambda: bool(desk.runs) and desk.runs[-1].ended, "bob's chain")
     assert desk.runs[-1].duration > 0.0, desk.runs[-1].status

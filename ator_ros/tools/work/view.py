@@ -14,6 +14,7 @@ from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.nodes.machine import MachineError, check_machine
 from ator_ros.nodes.network import stay_on_this_machine
+from ator_ros.nodes.parameters import SetupError
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.robot.description import ConfigError, Robot
@@ -27,9 +28,14 @@ from ator_ros.viewing.worst import worst_trials
 
 _PERIOD = 1.0 / 25.0
 _PATIENCE = 60.0
+_SIMULATED = {"lockstep": True}
+"""The simulation waits for the executor at any speed, so that a busy machine spoils no chain."""
+_EXECUTED = {"odom_timeout": 60.0}
+"""As long as it can be: a chain outlasts a pause of so many real s, in which the stamps stand still."""
 _EXPECTED = (
     StageError,
     MachineError,
+    SetupError,
     NodeEndedError,
     DomainError,
     ConfigError,
@@ -69,6 +75,7 @@ def _serve(options: argparse.Namespace, words: Sequence[str], not_stopped: Calla
                 own.start()
                 closing.callback(own.close)
             for stage in stages.values():
+                closing.callback(stage.leave)
                 stage.ready(simulated=not options.attach)
             libraries = {name: domain.library(robot, name) for name in domain.action_sets}
             desk = Desk(next(iter(stages.values())), domain, libraries)
@@ -98,7 +105,7 @@ def _nodes(options: argparse.Namespace) -> Iterator[tuple[int | None, Callable[[
         stay_on_this_machine(os.environ)
         yield None, lambda: None
         return
-    with all_nodes(options.real_time_factor, **node_setting(options)) as nodes:
+    with all_nodes(options.real_time_factor, _SIMULATED, _EXECUTED, **node_setting(options)) as nodes:
         print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
         yield nodes.domain, nodes.check
 

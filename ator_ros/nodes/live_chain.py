@@ -1,0 +1,93 @@
+"""The chain that a view lets an executor execute."""
+
+from __future__ import annotations
+
+import math
+import threading
+from functools import partial
+from typing import Any
+
+from rclpy.action import ActionClient
+from rclpy.task import Future
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ActionPerformance, Outcome
+from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.spun_node import SpunNode
+from ator_ros.viewing.runs import Run
+from ator_ros.viewing.stage import StageError
+
+
+class LiveChain:
+    """Sends chains to the executor, one at a time, and tells a run how its chain goes.
+
+    Parameters
+    ----------
+    own : SpunNode
+        Not started yet.
+    """
+
+    def __init__(self, own: SpunNode) -> None:
+        self._own = own
+        self._run: Run | None = None
+        self._goal: Any = None
+        self._server = ActionClient(own.node, ExecuteChain, "execute_chain")
+        own.node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
+
+    def ready(self) -> None:
+        """Wait until the executor answers; raises StageError if it does not in time."""
+        self._own.until(self._server.server_is_ready, "the action execute_chain")
+        self._own.meet("execute_chain")
+
+    def _take_action(self, message: ActionPerformance) -> None:
+        run = self._run
+        if run is not None and not run.ended and message.outcome.code == Outcome.SUCCEEDED:
+            run.actual.append(message.actual.duration)
+
+    def execute(self, run: Run, goal: ExecuteChain.Goal) -> None:
+        """Send a chain, and wait until the executor steers; raises StageError if it does not."""
+        if not self._server.server_is_ready():
+            raise StageError("expected the action execute_chain, it is not there")
+        self._run = run
+        told = threading.Event()
+
+        def hear(feedback: Any) -> None:
+            run.status = f"{feedback.feedback.top}: {feedback.feedback.status}"
+            told.set()
+
+        future = self._own.within(lambda: self._server.send_goal_async(goal, feedback_callback=hear))
+        self._goal = handle = self._own.answer(future, "execute_chain")
+        if not handle.accepted:
+            raise StageError("the executor accepts no goal")
+        ended = self._own.within(handle.get_result_async)
+        ended.add_done_callback(partial(_finish, run))
+        self._own.until(lambda: told.is_set() or ended.done(), "feedback of execute_chain")
+
+    @property
+    def under_way(self) -> bool:
+        """Whether there is a chain that could be cancelled."""
+        return self._run is not None and not self._run.ended and self._goal is not None
+
+    def cancel(self) -> None:
+        """Cancel the chain under way; wait until it has ended. Raises StageError where nobody answers."""
+        run, handle = self._run, self._goal
+        assert run is not None
+        try:
+            self._own.within(handle.cancel_goal_async)
+            self._own.until(lambda: run.ended, "the end of the chain")
+        finally:
+            if not run.ended:  # whoever executed it is gone; nothing will end it any more
+                run.ended, run.status = True, "lost: the executor does not answer"
+
+
+def _finish(run: Run, future: Future) -> None:
+    answer = future.result()
+    if answer is None:
+        run.status = "no result"
+    else:
+        record = answer.result.record
+        is_done = answer.result.outcome.code == Outcome.SUCCEEDED
+        run.actual[:] = [action.actual.duration for action in record.actions]
+        run.duration = record.actual.duration if is_done else math.nan
+        run.status = f"{'done' if is_done else answer.result.outcome.reason} ({record.refinement})"
+    run.ended = True

@@ -1,0 +1,98 @@
+"""What a view talks to, played in the test's process: each answers as a test wants it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nav_msgs.msg import Odometry
+from rclpy.action import ActionServer, GoalResponse
+from std_srvs.srv import SetBool
+from tf2_msgs.msg import TFMessage
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.srv import PlaceBall, PlaceRobot, RefineSubgoal
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import object_odometry_of, odometry_of
+from ator_ros.nodes.embodiment import transform_of
+from ator_ros.nodes.qos import RESULTS, SERVICES, STATES
+from ator_ros.nodes.spun_node import SpunNode
+from ator_ros.world.state import ObjectState, RobotState
+
+_PERIOD = 0.05
+_FLOOR = 4.0
+_OFF = 0.1
+
+
+class PlayedNodes:
+    """A simulation of robot and ball, refinement, and an executor that accepts no goal.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain.
+    from_tf : bool
+        Whether the robot's state comes from tf alone, and the executor says so.
+
+    Attributes
+    ----------
+    paused : bool
+        Whether time stands still.
+    robot : Pose
+        Where the robot is.
+    """
+
+    def __init__(self, domain: int, *, from_tf: bool = False) -> None:
+        self.paused, self.robot = False, Pose(0.5, 0.25, 1.0)
+        self._ball: tuple[float, float] | None = None
+        self._time, self._from_tf, self._sign = 0.0, from_tf, 1.0
+        self._own = SpunNode("executor", domain=domain)
+        node = self._own.node
+        node.declare_parameter("robot_from", "tf" if from_tf else "odom")
+        node.declare_parameter("robot_frame", "base")
+        for kind, name, answer in (
+            (PlaceRobot, "place_robot", self._place_robot),
+            (PlaceBall, "place_ball", self._place_ball),
+            (SetBool, "pause", self._pause),
+            (RefineSubgoal, "refine_subgoal", lambda _, response: response),
+        ):
+            node.create_service(kind, name, answer, qos_profile=SERVICES)
+        goals = {"goal_callback": lambda _: GoalResponse.REJECT}
+        self._server = ActionServer(node, ExecuteChain, "execute_chain", lambda _: None, **goals)
+        self._odom = node.create_publisher(Odometry, "odom", STATES)
+        self._balls = node.create_publisher(Odometry, "ball", STATES)
+        self._tf = node.create_publisher(TFMessage, "/tf", RESULTS)
+        node.create_timer(_PERIOD, self._publish)
+        self._own.start()
+        self.close = self._own.close
+
+    def _publish(self) -> None:
+        self._time += 0.0 if self.paused else _PERIOD
+        if self._from_tf:
+            transform = transform_of(self._time, self.robot, frame="odom", child="base")
+            self._tf.publish(TFMessage(transforms=[transform]))
+        else:
+            message = odometry_of(self._time, RobotState(self.robot), frame="odom", child="base")
+            self._odom.publish(message)
+        if self._ball is not None:
+            self._sign = -self._sign  # a noise that never tells the truth
+            seen = ObjectState(self._ball[0] + self._sign * _OFF, self._ball[1])
+            self._balls.publish(object_odometry_of(self._time, seen, frame="odom", height=0.1))
+
+    def _place_robot(self, request: PlaceRobot.Request, response: Any) -> Any:
+        at = request.pose.pose.position
+        response.success, response.message = abs(at.x) < _FLOOR, "off the floor"
+        if response.success:
+            self.robot = Pose(at.x, at.y, 0.0)
+        return response
+
+    def _place_ball(self, request: PlaceBall.Request, response: Any) -> Any:
+        at = request.position.point
+        response.success, response.message = abs(at.x) < _FLOOR, "off the floor"
+        if response.success:
+            self._ball = None if request.remove else (at.x, at.y)
+        return response
+
+    def _pause(self, request: SetBool.Request, response: Any) -> Any:
+        self.paused = request.data
+        response.success = True
+        return response

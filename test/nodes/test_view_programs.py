@@ -1,0 +1,37 @@
+"""The programs beside the tests that measure the view, ill-treat it, and make its picture."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from chromium import need_browser
+from documentation import ROOT
+
+pytestmark = [pytest.mark.node, pytest.mark.long]
+
+
+def run(*words: str) -> str:
+    command = ["scripts/run", "python", *words]
+    return subprocess.run(
+        command, cwd=ROOT, check=True, timeout=900, stdout=subprocess.PIPE, text=True
+    ).stdout
+
+
+def test_a_drag_is_followed_and_the_page_takes_little_of_a_core() -> None:
+    told = run("test/nodes/measure_view.py", "--seconds", "5")
+    followed = re.search(r"followed (\d+\.\d) times/s", told)
+    assert followed
+    assert float(followed[1]) > 2.0  # also where other tests run; docs/view.md has what it is otherwise
+
+
+def test_a_view_that_is_ill_treated_goes_on() -> None:
+    assert run("test/nodes/attack_view.py", "--seconds", "1").count("went on") == 4
+
+
+def test_a_picture_of_a_race_is_made(request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    need_browser(request)
+    run("test/nodes/picture_view.py", str(tmp_path / "view.png"))
+    assert (tmp_path / "view.png").read_bytes().startswith(b"\x89PNG")
