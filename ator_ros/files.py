@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 import resource
@@ -77,6 +78,42 @@ def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
             needed = f"{size / 1e6:.1f} MB"
             raise OSError(f"{place}: expected room for {needed} of results: {error.strerror}") from error
         yield ballast.close
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path | str) -> Iterator[None]:
+    """Keep other processes that ask for the same out of `folder`, made when missing, during the block.
+
+    The end of this process, however it dies, frees it. On a file system without locks nobody is kept out.
+
+    Raises
+    ------
+    OSError
+        Another process is in it, or there is no such folder and it cannot be made.
+    """
+    place = Path(folder)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        handle = os.open(place, os.O_RDONLY)
+    except OSError as error:
+        raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
+    try:
+        if _is_locked_elsewhere(handle):
+            raise OSError(f"{place}: expected a folder of its own, another command is writing there")
+        yield
+    finally:
+        os.close(handle)
+
+
+def _is_locked_elsewhere(handle: int) -> bool:
+    """Lock what is open as `handle`; return whether somebody else has locked it."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # no locks here
+        return False
+    return False
 
 
 @contextlib.contextmanager

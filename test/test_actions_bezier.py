@@ -20,7 +20,8 @@ from scenarios import (
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import BALL, ball_of
-from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to
+from ator_ros.domains.soccer.bezier import curve as curve_module
+from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to, shortest_way
 from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
 from ator_ros.domains.soccer.bezier.driver import Driver, Style
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
@@ -28,6 +29,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.quality.action_quality import Task, execute, execute_situation, tasks
 from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, RobotState, World
 
@@ -266,6 +268,22 @@ def test_duration_of_a_dribble_hardly_depends_on_the_signs_of_its_angles(robot: 
         assert outcome.success
         durations.append(outcome.duration)
     assert abs(durations[0] - durations[1]) < 0.6
+
+
+@pytest.mark.parametrize("kind", ["pose", "approach", "dribble"])
+def test_a_base_with_weak_accelerations_does_not_circle_round_its_goal(kind: str) -> None:
+    robot = str(resource_path("config", "pioneer_lx.yaml"))
+    assert all(execute(task).success for task in tasks(kind, "bezier", 77, 4, robot=robot))
+
+
+def test_a_long_way_is_sampled_in_one_go_where_it_is_straight(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls, ahead = [], curve_module._ahead
+    curve = curve_to(Pose(-1000.0, 0.7, 0.4), 0.3, SHAPE, 1.0)
+    monkeypatch.setattr(curve_module, "_ahead", lambda *way: calls.append(way) or ahead(*way))
+    places = shortest_way(curve, SHAPE, Pose(0.0, 0.0, 0.0))
+    assert len(places) > 19_000
+    assert len(calls) < 50
+    assert np.ptp(np.hypot(*np.diff(places, axis=0).T)) < 1e-3
 
 
 def test_ramp_changes_no_faster_than_the_limits(robot: Robot) -> None:

@@ -210,6 +210,22 @@ def test_a_write_that_fails_loses_no_situation(
     assert records == [outcome((settings, index)) for index in range(5)]
 
 
+def test_two_evaluations_do_not_share_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first to end takes away the partial results that the other one appends to."""
+    monkeypatch.setattr(running, "run_tasks", at_once)
+    settings, told = Settings(seed=1), []
+
+    def progress(records: Iterable[Record], done: int, total: int) -> Iterable[Record]:
+        with pytest.raises(OSError, match="another command is writing there") as error:
+            run_situations(settings, situations=2, folder=tmp_path)
+        told.append(error.value)
+        return records
+
+    assert len(run_situations(settings, situations=2, folder=tmp_path, progress=progress)) == 2
+    assert len(told) == 1
+    assert len(run_situations(settings, situations=3, folder=tmp_path)) == 3
+
+
 def test_collect_keeps_its_table_elsewhere_when_the_disk_fills(
     small_disk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,7 +15,7 @@ from ator_ros.evaluation.statistics import outcomes, prediction_errors, summaris
 from ator_ros.evaluation.storage import PartialResults
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import library_versions
-from ator_ros.files import reserved
+from ator_ros.files import alone_in, reserved
 
 RESUMES = "the same command goes on from here"
 _RECORD_BYTES = 5000  # of a situation with every policy and 24 headings of the oracle; most have a fifth
@@ -53,7 +53,7 @@ def run_situations(
     EvaluationError
         The folder contains results of other settings, or the disk is full; finished situations are kept.
     OSError
-        The folder cannot be written, or has no room for the results.
+        The folder cannot be written, has no room for the results, or another process writes there.
     BackendError
         The parallel backend cannot be used.
     """
@@ -61,12 +61,19 @@ def run_situations(
         there = next(parent for parent in folder.absolute().parents if parent.exists())
         with reserved(there, _room_for(situations)):
             pass
-    partial = PartialResults(folder, settings, settings.source.digest(settings.policies, settings.chain))
-    tasks = [(settings, index) for index in range(situations) if index not in partial.records]
-    results: Iterable[Record] = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
-    if progress is not None:
-        results = progress(results, situations - len(tasks), situations)
-    with reserved(folder, _room_for(len(tasks))) as release:
+    with alone_in(folder):
+        partial = PartialResults(folder, settings, settings.source.digest(settings.policies, settings.chain))
+        tasks = [(settings, index) for index in range(situations) if index not in partial.records]
+        results: Iterable[Record] = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
+        if progress is not None:
+            results = progress(results, situations - len(tasks), situations)
+        _keep(results, partial, folder, situations)
+    return [partial.records[index] for index in range(situations)]
+
+
+def _keep(results: Iterable[Record], partial: PartialResults, folder: Path, situations: int) -> None:
+    """Keep each record as it comes; raises EvaluationError where the disk is full."""
+    with reserved(folder, _room_for(situations - len(partial.records))) as release:
         for record in results:
             try:
                 partial.append(record)
@@ -76,7 +83,6 @@ def run_situations(
                     partial.append(record)
                 kept = f"{len(partial.records)} of {situations} situations are kept"
                 raise EvaluationError(f"{partial.path}: {error.strerror}; {kept}, {RESUMES}") from error
-    return [partial.records[index] for index in range(situations)]
 
 
 def _room_for(situations: int) -> int:

@@ -155,10 +155,13 @@ def passing_distance(curve: Curve, x: float, y: float) -> float:
 def shortest_way(curve: Curve, shape: CurveShape, goal: Pose) -> FloatArray:
     """Return places on the shortest way that a curve to `goal` approximates, shape (n, 2), in m."""
     x, y = curve.points[0]
+    count = math.ceil(curve.left / _STEP)
+    ahead = _STEP * np.arange(min(count, math.floor(curve.straight / _STEP) + 1))
+    straight = np.column_stack([ahead * math.cos(curve.heading), ahead * math.sin(curve.heading)])
     parts = curve.straight, curve.heading, curve.turn, shape.radius
-    steps = (_ahead(*parts, _STEP * step) for step in range(math.ceil(curve.left / _STEP)))
-    local = np.array([(x + dx, y + curve.side * dy) for dx, dy in steps]).reshape(-1, 2)
-    return _placed(local, goal)
+    rest = [_ahead(*parts, _STEP * step) for step in range(len(ahead), count)]
+    places = np.vstack([straight, np.reshape(rest, (-1, 2))])
+    return _placed(places * (1.0, curve.side) + (x, y), goal)
 
 
 def sampled(curve: Curve, goal: Pose) -> FloatArray:

@@ -31,6 +31,7 @@ _PER_DEPTH = 20.0  # s per m of a wall in the way: any way round it is quicker t
 _HANDLES = (1.0, 0.25, 2.0)  # lengths of handles over that of the style's, by preference
 _BESIDE = 0.03  # m between the robot's side and a ball that it passes
 _RESERVE = 1.2  # greatest deceleration over the planned one
+_TO_ROTATE = 0.6  # s in which the greatest rotational velocity is reached
 _SLIGHT = 0.3  # rad on the circle up to which it may be driven faster, as rotation needs time to build up
 
 
@@ -75,7 +76,8 @@ class Driver:
         self, limits: Limits, style: Style, robot: Robot | None = None, ball: ObjectState | None = None
     ) -> None:
         self._limits, self._style, self._robot, self._ball = limits, style, robot, ball
-        self._rotation = min(style.rotation, limits.w)  # rad/s
+        self._rotation = min(style.rotation, limits.w, _TO_ROTATE * limits.aw)  # rad/s
+        self._braking = min(style.braking, limits.brake / _RESERVE)  # m/s^2
         self.reset(Command())
 
     def reset(self, last: Command) -> None:
@@ -153,18 +155,17 @@ class Driver:
 
     def _speed(self, curve: Curve, bend: float, v: float, end_speed: float) -> float:
         """Return the greatest speed in m/s here, from which the rest of the curve can be driven, too."""
-        style = self._style
         left = max(curve.left - v * CONTROL_PERIOD, 0.0)
         here = self._rotation / max(abs(bend), 1e-6)
         circle = self._rotation * self._shape.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
-        before_end = math.sqrt(end_speed**2 + 2.0 * style.braking * left)
-        before_circle = math.sqrt(circle**2 + 2.0 * style.braking * curve.straight)
+        before_end = math.sqrt(end_speed**2 + 2.0 * self._braking * left)
+        before_circle = math.sqrt(circle**2 + 2.0 * self._braking * curve.straight)
         return min(self._limits.v, here, before_end, before_circle)
 
     def command(self, v: float, bend: float) -> Command:
         """Return the command nearest to v (m/s) on a curve (1/m) that the base can follow."""
         last, most = self._last, self._rotation
-        braking = min(_RESERVE * self._style.braking, self._limits.brake)
+        braking = _RESERVE * self._braking
         v = max(last.v - braking * CONTROL_PERIOD, min(last.v + self._limits.a * CONTROL_PERIOD, v))
         return self.send(v, max(-most, min(most, max(v, 0.0) * bend)))
 
