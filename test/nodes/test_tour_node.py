@@ -18,6 +18,9 @@ from ator_ros.experience.episode import run_episode
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.table import episode_frame, read_experience
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.tools import collect as collect_tool
+from ator_ros.tools.command_line import settled
+from ator_ros.tools.work import collect as collecting
 from ator_ros.tools.work.collect_over_ros import Finished, drives
 from ator_ros.tops.outcome import top_of
 
@@ -84,8 +87,31 @@ def test_finished_drives_are_kept_and_come_first(tmp_path: Path) -> None:
     options = argparse.Namespace(actions=["drive_to"], episodes=2)
     again = list(drives(options, TOUR, TOUR.robot(), finished(file)))  # starts no node
     assert [frame.iloc[0].to_dict() for frame in again] == [frame.iloc[0].to_dict() for frame in frames]
-    finished(file).remove()
+    Finished.remove(file)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = tmp_path / "drives.parquet"
+    words = ["--domain", "tour", "--actions", "drive_to", "--over-ros", "--episodes", "1"]
+    words += ["--seed", str(SEED), "--out", str(table)]
+    options, domain = settled(collect_tool.arguments(), words)
+    identity = {"seed": SEED, "robot_digest": TOUR.robot().digest(), "domain": "tour"}
+    kept = Finished(table, {**identity, "action_set": options.action_set})
+    for frame in collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=1, seed=SEED):
+        kept.add(frame)
+
+    def fail(*_: object) -> None:
+        raise OSError("no space left")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(collecting, "write_experience", fail)
+        with pytest.raises(OSError, match="no space left"):
+            collecting.run(options, domain, "collect of a test")
+    assert kept.path.exists()
+    assert collecting.run(options, domain, "collect of a test") == 0
+    assert not kept.path.exists()
+    assert len(read_experience(table).frame) == 1
 
 
 def test_finished_drives_keep_the_values_of_declared_goal_variables(tmp_path: Path) -> None:

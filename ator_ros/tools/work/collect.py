@@ -62,6 +62,8 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         frame = join(frames)
         file = _kept(Experience(frame, metadata), options.out)
         _report(frame, file, stopped)
+        if options.over_ros and stopped is None and file == options.out:
+            _forget_drives(file)
     if isinstance(stopped, KeyboardInterrupt):
         return INTERRUPTED
     return 0 if stopped is None and file == options.out else 1
@@ -93,9 +95,14 @@ def _over_ros(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iter
         "domain": domain.name,
         "action_set": options.action_set,
     }
-    finished = Finished(options.out, identity)
-    yield from drives(options, domain, robot, finished)
-    finished.remove()
+    yield from drives(options, domain, robot, Finished(options.out, identity))
+
+
+def _forget_drives(table: Path) -> None:
+    """Delete the drives that were kept one by one, now that the whole table is written."""
+    from ator_ros.tools.work.collect_over_ros import Finished
+
+    Finished.remove(table)
 
 
 def _kept(experience: Experience, file: Path) -> Path:

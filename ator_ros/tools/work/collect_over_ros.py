@@ -49,7 +49,7 @@ class Finished:
     """
 
     def __init__(self, table: Path, identity: dict[str, Any]) -> None:
-        self.path = table.with_suffix(".drives.jsonl")
+        self.path = _beside(table)
         head = json.dumps(identity, sort_keys=True)
         self.rows: dict[tuple[str, int], dict[str, Any]] = {}
         lines = [head]
@@ -75,9 +75,15 @@ class Finished:
             file.write(json.dumps(plain) + "\n")
         self.rows[plain["action"], plain["episode"]] = plain
 
-    def remove(self) -> None:
-        """Delete the file, once the table is written."""
-        self.path.unlink(missing_ok=True)
+    @staticmethod
+    def remove(table: Path) -> None:
+        """Delete the drives of a table, once that is written."""
+        _beside(table).unlink(missing_ok=True)
+
+
+def _beside(table: Path) -> Path:
+    """Return the file of the drives of a table to be."""
+    return table.with_suffix(".drives.jsonl")
 
 
 def _row_in(line: str) -> dict[str, Any]:
