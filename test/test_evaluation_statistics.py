@@ -216,16 +216,18 @@ class TestPartialResults:
 @pytest.mark.parametrize(
     ("threshold", "tree", "taken"),
     [
-        ((5.0, 10), (6.0, 10), "tree"),
-        ((5.0, 10), (6.0, 11), "threshold"),
-        ((5.0, 12), (6.0, 10), "tree"),
-        ((5.0, 12), (6.0, 13), "threshold"),
+        ((5.0, 10, 98), (6.0, 10, 98), "tree"),
+        ((5.0, 10, 98), (6.0, 11, 98), "threshold"),
+        ((5.0, 12, 98), (4.0, 10, 98), "tree"),
+        ((5.0, 12, 98), (6.0, 13, 98), "tree"),
+        ((5.0, 12, 98), (0.0, 0, 0), "threshold"),
     ],
 )
 def test_the_gate_taken_is_the_more_useful_of_those_with_few_slower_runs(
-    threshold: tuple[float, int], tree: tuple[float, int], taken: str
+    threshold: tuple[float, int, int], tree: tuple[float, int, int], taken: str
 ) -> None:
-    def judged(utility: float, lower: int) -> dict[str, float]:
-        return {"utility": utility, "higher": 500, "equal": 500 - lower, "lower": lower}
+    def judged(utility: float, lower: int, kept: int) -> dict[str, float]:
+        counts = {"higher": 500, "equal": 500 - lower, "lower": lower}
+        return {"utility": utility, "kept_gain_percent": float(kept), **counts}
 
     assert better_kind({"threshold": judged(*threshold), "tree": judged(*tree)}) == taken

@@ -169,7 +169,7 @@ def test_the_shipped_one_belongs_to_the_shipped_models() -> None:
     assert set(calibration.shortfalls) == set(LEARNED)
     assert calibration.matching(LEARNED) == calibration
     training = json.loads((resource_path("models") / CALIBRATION).read_text())["training"]
-    assert "3108" not in {str(row["seed"]) for row in training["chains"]}  # what it is measured on
+    assert "3111" not in {str(row["seed"]) for row in training["chains"]}  # what it is measured on
     for row in training["cross_validation"].values():
         assert abs(row["corrected_s"]) < abs(row["raw_s"])
         assert abs(row["corrected_s"]) <= 0.05

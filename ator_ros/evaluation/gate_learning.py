@@ -154,18 +154,17 @@ def compare_gates(examples: GateExamples) -> dict[str, dict[str, float]]:
 def better_kind(comparison: Mapping[str, Mapping[str, float]]) -> str:
     """Return which of both kinds of gate to take, from what `compare_gates` returns.
 
-    It is the more useful of those that let at most `MOST_SLOWER` of the runs become slower. Where neither
-    does, it is the one with fewer of them.
+    It is the more useful of those that let at most `MOST_SLOWER` of the runs become slower and keep `KEPT` of
+    the gain. Where neither does, it is the more useful of both.
     """
-    slower = {kind: _share_slower(comparison[kind]) for kind in ("threshold", "tree")}
-    careful = [kind for kind, share in slower.items() if share <= MOST_SLOWER]
-    if not careful:
-        return min(slower, key=slower.__getitem__)
-    return max(careful, key=lambda kind: comparison[kind]["utility"])
+    kinds = ("threshold", "tree")
+    careful = [kind for kind in kinds if _is_careful(comparison[kind])]
+    return max(careful or kinds, key=lambda kind: comparison[kind]["utility"])
 
 
-def _share_slower(judged: Mapping[str, float]) -> float:
-    return judged["lower"] / (judged["higher"] + judged["equal"] + judged["lower"])
+def _is_careful(judged: Mapping[str, float]) -> bool:
+    runs = judged["higher"] + judged["equal"] + judged["lower"]
+    return judged["lower"] <= MOST_SLOWER * runs and judged["kept_gain_percent"] >= 100.0 * KEPT
 
 
 def predicted_labels(gate: TreeGate, examples: GateExamples) -> NDArray[np.str_]:

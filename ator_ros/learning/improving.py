@@ -87,7 +87,11 @@ def improved(
             former=_trees(measure, former, now),
         )
     better = {measure: verdict.tree for measure, verdict in verdicts.items() if verdict.tree is not None}
-    if not better or (now is None and "duration" not in better):
+    if now is None and "duration" not in better:
+        # Without durations there is no model, so that nothing else is taken up either.
+        kept = {name: dataclasses.replace(found, kind="", tree=None) for name, found in verdicts.items()}
+        return ActionVerdict(kept, None)
+    if not better:
         return ActionVerdict(verdicts, None)
     if "duration" in better:
         better["duration"] = with_honest_spread(

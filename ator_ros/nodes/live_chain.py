@@ -61,7 +61,11 @@ class LiveChain:
             raise StageError("the executor accepts no goal")
         ended = self._own.within(handle.get_result_async)
         ended.add_done_callback(partial(_finish, run))
-        self._own.until(lambda: told.is_set() or ended.done(), "feedback of execute_chain")
+        try:
+            self._own.until(lambda: told.is_set() or ended.done(), "feedback of execute_chain")
+        except StageError:
+            self._own.within(handle.cancel_goal_async)  # it may have begun, and nobody would watch it
+            raise
 
     @property
     def under_way(self) -> bool:

@@ -212,11 +212,17 @@ def _declared(node: Node, parameter: Parameter) -> Any:
             node.declare_parameter(name, parameter.default, parameter.descriptor())
     except ParameterException as error:
         whole = name in (given := _given(node)) and given[name].type_ in _WHOLE
-        point = "; write 5.0 for 5" if whole else ""
+        point = "; write 5.0 for 5" if whole and _holds_decimals(parameter.default) else ""
         raise SetupError(f"parameter {name} ({parameter.description}): {error}{point}") from error
     value = node.get_parameter(name).value
     parameter.check(value)
     return value
+
+
+def _holds_decimals(default: Any) -> bool:
+    """Return whether a default is a number with decimals, or several of them."""
+    values = default if isinstance(default, list | tuple) else [default]
+    return any(isinstance(value, float) for value in values)
 
 
 def _given(node: Node) -> Mapping[str, RosParameter[Any]]:

@@ -20,7 +20,7 @@ the second, before the first turn, in which it would slip out."""
 _TAKING = 0.3
 """Speed in m/s at which the ball is taken in."""
 
-_STRAIGHTENING = 0.3
+STRAIGHTENING = 0.3
 """Angle in rad that the robot may turn on the spot with the ball, once it is at the goal."""
 
 HANDLE = 0.1
@@ -91,7 +91,7 @@ class BezierDribbleBall(Action):
         self._takes = self._takes and self._room(world) > _TAKEN
         if self._takes:
             return Step(self._driver.command(_TAKING, 0.0), Status.RUNNING, "taking the ball in")
-        if speed == 0.0 and standing_place(rel) and abs(rel.yaw) <= _STRAIGHTENING:
+        if speed == 0.0 and standing_place(rel) and abs(rel.yaw) <= STRAIGHTENING:
             return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
         return Step(
             self._driver.follow(state, self._target, speed),
