@@ -53,7 +53,7 @@ BY_TEST = {
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
     r"scripts/run COMMAND …": "test_documentation.py::test_a_command_keeps_its_exit_code",
     r"scripts/run python test/nodes/fuzz_refinement\.py .*": "test_documentation.py::test_the_fuzz_runs",
-    r"(scripts/run )?python benchmarks/learning_curve\.py .*": "test_learning_curve.py::test_a_curve_goes_on_",
+    r"(scripts/run )?python benchmarks/learning_curve\.py .*": "test_learning_curve.py::test_a_curve_goes_",
     r"(scripts/run )?python benchmarks/over_ball_ruler\.py .*": "test_benchmarks.py::test_our_actions_are",
     r"python benchmarks/choice_among_alternatives\.py .*": "test_benchmarks.py::test_the_choice_among_",
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
