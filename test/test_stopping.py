@@ -19,14 +19,16 @@ from experience_rows import made_up_experience
 
 from ator_ros.evaluation import running
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.running import run_situations
+from ator_ros.evaluation.running import results_in, run_situations
 from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.evaluation.storage import PARTIAL, PartialResults
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import reserved
-from ator_ros.tools import collect
+from ator_ros.report.evaluation_page import write_report
+from ator_ros.tools import collect, evaluate
 from ator_ros.tools.guard import INTERRUPTED, guarded, undisturbed
 from ator_ros.tools.work import collect as collect_work
+from ator_ros.tools.work import evaluate as evaluate_work
 
 
 @pytest.fixture
@@ -152,8 +154,9 @@ def test_a_full_disk_is_told_before_the_situations_are_executed(
 
 def test_a_place_without_room_gets_no_folder(limit_files: Callable[[int], None], tmp_path: Path) -> None:
     limit_files(100_000)
-    with pytest.raises(OSError, match="expected room for"):
-        run_situations(Settings(seed=1), situations=5, folder=tmp_path / "new" / "results")
+    folder = tmp_path / "new" / "results"
+    with pytest.raises(OSError, match="expected room for"), results_in(folder, situations=5):
+        pytest.fail("it began")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -210,20 +213,23 @@ def test_a_write_that_fails_loses_no_situation(
     assert records == [outcome((settings, index)) for index in range(5)]
 
 
-def test_two_evaluations_do_not_share_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first to end takes away the partial results that the other one appends to."""
-    monkeypatch.setattr(running, "run_tasks", at_once)
-    settings, told = Settings(seed=1), []
+def test_two_evaluations_do_not_share_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first takes away the partial results at its very end, to which the other one would append."""
+    words = ["--situations", "2", "--seed", "1", "--policies", "naive", "--oracle", "0", "--jobs", "1"]
+    codes = []
 
-    def progress(records: Iterable[Record], done: int, total: int) -> Iterable[Record]:
-        with pytest.raises(OSError, match="another command is writing there") as error:
-            run_situations(settings, situations=2, folder=tmp_path)
-        told.append(error.value)
-        return records
+    def report(*args: Any) -> Path:
+        codes.append(evaluate.main([*words, "--out", str(tmp_path)]))
+        return write_report(*args)
 
-    assert len(run_situations(settings, situations=2, folder=tmp_path, progress=progress)) == 2
-    assert len(told) == 1
-    assert len(run_situations(settings, situations=3, folder=tmp_path)) == 3
+    monkeypatch.setattr(evaluate_work, "write_report", report)
+    assert evaluate.main([*words, "--out", str(tmp_path)]) == 0
+    assert codes == [1]
+    assert "another command is writing there" in capsys.readouterr().err
+    with results_in(tmp_path, 2):
+        pass
 
 
 def test_collect_keeps_its_table_elsewhere_when_the_disk_fills(

@@ -20,7 +20,7 @@ SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
 HARM = 3.0
 """Penalty in s for a run that becomes more than 2 % slower, besides the lost time."""
 KEPT = 0.97
-"""Least share of the ungated gain that a threshold must keep, with and without refined speeds."""
+"""Least share of the ungated gain that a gate must keep, with and without refined speeds."""
 MOST_SLOWER = 0.01
 """Share of runs that a gate may let become more than 2 % slower, by cross-validation (paper: 1 %)."""
 FOLDS = 10

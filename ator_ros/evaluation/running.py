@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ def run_situations(
     situations : int
         Number of situations.
     folder : Path
-        Folder of partial results.
+        Folder of partial results, which should be this process's alone; see `results_in`.
     jobs, backend
         As for `ator_ros.experience.parallel.run_tasks`.
     progress : callable
@@ -53,22 +53,34 @@ def run_situations(
     EvaluationError
         The folder contains results of other settings, or the disk is full; finished situations are kept.
     OSError
-        The folder cannot be written, has no room for the results, or another process writes there.
+        The folder cannot be written, or has no room for the results.
     BackendError
         The parallel backend cannot be used.
     """
-    if not folder.exists():  # check the room before the folder is made
+    partial = PartialResults(folder, settings, settings.source.digest(settings.policies, settings.chain))
+    tasks = [(settings, index) for index in range(situations) if index not in partial.records]
+    results: Iterable[Record] = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
+    if progress is not None:
+        results = progress(results, situations - len(tasks), situations)
+    _keep(results, partial, folder, situations)
+    return [partial.records[index] for index in range(situations)]
+
+
+@contextlib.contextmanager
+def results_in(folder: Path, situations: int) -> Iterator[None]:
+    """Keep a folder of results, made when missing, from other processes; check its room before it is made.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written, has no room for the results, or another process writes there.
+    """
+    if not folder.exists():
         there = next(parent for parent in folder.absolute().parents if parent.exists())
         with reserved(there, _room_for(situations)):
             pass
     with alone_in(folder):
-        partial = PartialResults(folder, settings, settings.source.digest(settings.policies, settings.chain))
-        tasks = [(settings, index) for index in range(situations) if index not in partial.records]
-        results: Iterable[Record] = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
-        if progress is not None:
-            results = progress(results, situations - len(tasks), situations)
-        _keep(results, partial, folder, situations)
-    return [partial.records[index] for index in range(situations)]
+        yield
 
 
 def _keep(results: Iterable[Record], partial: PartialResults, folder: Path, situations: int) -> None:

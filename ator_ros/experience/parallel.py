@@ -59,7 +59,7 @@ def run_tasks(
         return
     import joblib  # takes a second
 
-    # loky ends workers that were idle, between two steps of a study, say, and starts others; nothing is lost.
+    # loky ends workers that were idle or have grown, and starts others; each task is still done.
     warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
     # joblib 1.3's dask backend gives its results all at once only.
     streams = backend == "loky" or _version_of(joblib) >= (1, 4)

@@ -17,11 +17,14 @@ WINDOWS = (100, 300, 1000)
 """Newest records from which a tree is learned; a change of the robot shows in the records after it."""
 BACK = "back to "
 """How the name of a candidate begins that was in use before."""
-_RECENT = (30, 100)  # newest records from which corrections are estimated
-_FEWEST = 12
-_FEWEST_LEARNED = 20
+_RECENT = (30, 100)
+"""Newest records from which corrections are estimated."""
+_FEWEST, _FEWEST_LEARNED = 12, 20
+"""Records from which a tree can be corrected, and learned."""
 _LEAST_LEAF = 8
+"""Records in a leaf."""
 _LARGE = 2000
+"""Records from which learning takes so long that a tree is tested without being learned again."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +38,13 @@ class TreeCandidate:
     learn : callable
         Returns the tree that comes of the records with these positions (oldest first); None where they are
         too few.
-    once : bool
+    slow : bool
         Whether learning it again for each part of the test records, and for good, would take too long.
     """
 
     name: str
     learn: Callable[[IntArray], ModelTree | None]
-    once: bool = False
+    slow: bool = False
 
 
 def candidates(
@@ -70,10 +73,8 @@ def candidates(
         for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
             yield TreeCandidate(f"the rate of {size} episodes", partial(_rate, lessons, size))
     for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
-        once = size > _LARGE
-        yield TreeCandidate(
-            f"learned from {size} episodes", partial(_learned, lessons, list(names), size), once
-        )
+        learn = partial(_learned, lessons, list(names), size)
+        yield TreeCandidate(f"learned from {size} episodes", learn, slow=size > _LARGE)
     if lessons.measure != "duration":
         return
     for name, tree in {**known, **former}.items():

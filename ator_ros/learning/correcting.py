@@ -20,7 +20,7 @@ _LEAST_ERROR = 0.02  # s; smaller errors weigh no more
 def scaled_to(lessons: Lessons, tree: ModelTree, which: IntArray) -> ModelTree:
     """Return the tree with its times scaled and shifted to those of some records, by least absolute error."""
     x, y = lessons.predicted(tree, which), lessons.values[which]
-    slope, _ = _robust(x[:, None], y, np.ones(1), np.array([_AS_PREDICTED]))
+    slope = _robust(x[:, None], y, np.ones(1), np.array([_AS_PREDICTED]))
     return _shifted(lessons, scaled(tree, float(np.clip(slope[0], *_SLOPES)), 0.0), which)
 
 
@@ -35,7 +35,7 @@ def corrected(lessons: Lessons, tree: ModelTree, which: IntArray) -> ModelTree:
     strength[0] = _AS_PREDICTED
     expected = np.zeros(table.shape[1])
     expected[0] = 1.0
-    weights, _ = _robust(table, y, expected, strength)
+    weights = _robust(table, y, expected, strength)
     slopes = np.zeros(len(varies))
     slopes[varies] = weights[1:]
     bent = scaled(tree, float(np.clip(weights[0], *_SLOPES)), 0.0)
@@ -52,10 +52,8 @@ def corrected(lessons: Lessons, tree: ModelTree, which: IntArray) -> ModelTree:
     return _shifted(lessons, bent, which)
 
 
-def _robust(
-    table: FloatArray, values: FloatArray, expected: FloatArray, strength: FloatArray
-) -> tuple[FloatArray, float]:
-    """Return slopes (k,) and shift that fit `values` (n,) with the least absolute errors.
+def _robust(table: FloatArray, values: FloatArray, expected: FloatArray, strength: FloatArray) -> FloatArray:
+    """Return the slopes (k,) that, with a shift, fit `values` (n,) with the least absolute errors.
 
     `strength` (k,) is how many records the expected slopes count for. The fit is reweighted, so that single
     chains that went wrong do not count.
@@ -64,16 +62,16 @@ def _robust(
     prior = np.column_stack([np.diag(np.sqrt(strength) * spread), np.zeros(len(spread))])
     weights: FloatArray = np.ones(len(values))
     slopes: FloatArray = expected.copy()
-    shift, scale = 0.0, 1.0
+    scale = 1.0
     for _ in range(_ROUNDS):
         left = np.vstack([np.column_stack([table, np.ones(len(values))]) * weights[:, None], scale * prior])
         right = np.append(values * weights, scale * (prior[:, :-1] @ expected))
         solved = np.linalg.lstsq(left, right, rcond=None)[0].astype(np.float64)
-        slopes, shift = solved[:-1], float(solved[-1])
-        errors = np.abs(values - table @ slopes - shift)
+        slopes = solved[:-1]
+        errors = np.abs(values - table @ slopes - float(solved[-1]))
         weights = 1.0 / np.sqrt(np.maximum(errors, _LEAST_ERROR))
         scale = float(np.sqrt(np.mean(np.square(weights))))
-    return slopes, shift
+    return slopes
 
 
 def _shifted(lessons: Lessons, tree: ModelTree, which: IntArray) -> ModelTree:

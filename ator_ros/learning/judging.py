@@ -128,7 +128,7 @@ def _predictions(
     predictions = []
     for candidate in tried:
         predicted = np.full(len(test), np.nan)
-        folds = 1 if candidate.once else _FOLDS
+        folds = 1 if candidate.slow else _FOLDS
         for fold in range(folds):
             part = slice(fold, None, folds)
             tree = candidate.learn(np.setdiff1d(everything, test[part], assume_unique=True))
@@ -181,7 +181,7 @@ def _verdict(
 
 def _learned_again(lessons: Lessons, candidate: TreeCandidate, test: IntArray) -> ModelTree:
     which = np.arange(len(lessons.values))
-    tree = candidate.learn(np.setdiff1d(which, test) if candidate.once else which)
+    tree = candidate.learn(np.setdiff1d(which, test) if candidate.slow else which)
     assert tree is not None  # it was learned from fewer records
     return tree
 

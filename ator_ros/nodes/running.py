@@ -52,7 +52,7 @@ def run_node(
     """
     words = list(sys.argv if args is None else args)
     stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM):  # for good: a second one must not disturb the end
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
         _command_line(make, parameters).parse_args(remove_ros_args(words)[1:])

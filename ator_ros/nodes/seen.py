@@ -18,7 +18,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _ANEW = 3
-"""Messages after which what is heard was sent after the one that was on its way."""
+"""Messages that must come before one of them was surely sent later: the first may have been on its way."""
 _FORGOTTEN = 1.0
 """Seconds by the stamps after which an object that nobody sees is taken for gone."""
 _ROBOT = ""

@@ -6,6 +6,8 @@ import contextlib
 import io
 import logging
 import math
+import traceback
+from pathlib import Path
 
 import viser
 
@@ -19,17 +21,24 @@ LOOPBACK = "127.0.0.1"
 _CAMERA_HEIGHT = 0.85
 """Height of the camera as a share of the area's length."""
 _FLOOR = (72, 122, 84)
+_PACKAGE = Path(__file__).parents[1]
 
 
 class _OneLine(logging.Filter):
-    """Tells what a client sent that viser could not read in one line instead of a traceback."""
+    """Tells what a client sent that viser could not read in one line; errors of ours keep their traceback."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Change a record with an error; keep all."""
-        if record.exc_info and record.exc_info[1] is not None:
-            record.msg = f"view: ignored what a client sent: {printable(repr(record.exc_info[1]), 200)}"
+        """Change a record with an error of viser's; keep all."""
+        error = record.exc_info[1] if record.exc_info else None
+        if error is not None and not _passed_through_ours(error):
+            record.msg = f"view: ignored what a client sent: {printable(repr(error), 200)}"
             record.args, record.exc_info = (), None
         return True
+
+
+def _passed_through_ours(error: BaseException) -> bool:
+    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
+    return any(Path(frame.f_code.co_filename).is_relative_to(_PACKAGE) for frame in frames)
 
 
 _ONE_LINE = _OneLine()
@@ -45,7 +54,7 @@ def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, 
 def served(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080) -> viser.ViserServer:
     """Serve a page on one port; by default only this machine can reach it."""
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that goes away is no error
-    logging.getLogger("asyncio").addFilter(_ONE_LINE)  # which adds it once
+    logging.getLogger("asyncio").addFilter(_ONE_LINE)  # ignored where it is there already
     with contextlib.redirect_stdout(io.StringIO()):  # viser tells its address in a frame
         server = viser.ViserServer(host=host, port=port, label="ator_ros", verbose=False)
     area, (position, look_at, fov) = robot.scene.area, camera_over(robot)

@@ -1,8 +1,7 @@
 """What the variables of the state are after a TOP, as symbols with tolerances.
 
 A symbol is a number, the present value of a state variable ("object.x" where it was before the TOP), or a
-place
-that is chosen later. Two variables with the same symbol have the same value, whatever it is.
+place that is chosen later. Two variables with the same symbol have the same value, whatever it is.
 """
 
 from __future__ import annotations

@@ -83,20 +83,21 @@ def told_once(program: str) -> Iterator[None]:
 def stopped_by_signals() -> Iterator[None]:
     """Make SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does; what nohup ignores stays ignored."""
     numbers = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_DFL]
-    with _handled(dict.fromkeys(numbers, signal.default_int_handler)):
+    with handled(dict.fromkeys(numbers, signal.default_int_handler)):
         yield
 
 
 @contextlib.contextmanager
 def undisturbed() -> Iterator[None]:
     """Ignore further Ctrl-C and SIGTERM during the short time in which results are written."""
-    with _handled(dict.fromkeys((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), signal.SIG_IGN)):
+    with handled(dict.fromkeys((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), signal.SIG_IGN)):
         yield
 
 
 @contextlib.contextmanager
-def _handled(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
+def handled(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
+    """Handle signals in this way; do nothing outside the main thread, to which they belong."""
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}

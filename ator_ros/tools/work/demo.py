@@ -12,7 +12,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.nodes.machine import MachineError
 from ator_ros.robot.description import Robot
-from ator_ros.tools.guard import INTERRUPTED, write_plainly
+from ator_ros.tools.guard import INTERRUPTED, handled, write_plainly
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
 from ator_ros.tools.work.demo_report import DemoSituation, save_picture, table
 
@@ -22,8 +22,6 @@ _FRAME = "odom"
 def run(options: argparse.Namespace, domain: Domain) -> int:
     """Do what the command line asks for; return the exit code."""
     write_plainly()
-    for number in (signal.SIGINT, signal.SIGTERM):  # also as a background job
-        signal.signal(number, signal.default_int_handler)
     try:
         from ator_ros.tools.work.demo_client import DemoError
     except ImportError as error:
@@ -33,7 +31,8 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
     played: list[DemoSituation] = []
     code = 0
     try:
-        played.extend(_play(options, domain, robot))
+        with handled(dict.fromkeys((signal.SIGINT, signal.SIGTERM), signal.default_int_handler)):
+            played.extend(_play(options, domain, robot))  # also a background job can be stopped
     except KeyboardInterrupt:
         print("interrupted")
         code = INTERRUPTED

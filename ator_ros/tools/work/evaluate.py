@@ -7,7 +7,7 @@ import sys
 
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.policies import POLICIES
-from ator_ros.evaluation.running import describe, prediction_text, table_text
+from ator_ros.evaluation.running import describe, prediction_text, results_in, table_text
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.storage import PartialResults, write_result
 from ator_ros.evaluation.toolset import available_policies, make_toolset
@@ -40,12 +40,13 @@ def run(options: argparse.Namespace, command: str) -> int:
         source=source,
         joint_oracle=options.oracle_jointly,
     )
-    records = executed(settings, options, options.out)
-    result = describe(settings, records, command)
-    path = write_result(options.out, result, records)
-    print(table_text(result["summary"]))
-    print(prediction_text(result["summary"]))
-    report = write_report(options.out, result, records, settings, tools)
-    PartialResults.remove(options.out)
+    with results_in(options.out, options.situations):
+        records = executed(settings, options, options.out)
+        result = describe(settings, records, command)
+        path = write_result(options.out, result, records)
+        print(table_text(result["summary"]))
+        print(prediction_text(result["summary"]))
+        report = write_report(options.out, result, records, settings, tools)
+        PartialResults.remove(options.out)
     print(f"wrote {path} and {report}")
     return 0

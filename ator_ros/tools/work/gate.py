@@ -18,6 +18,7 @@ from ator_ros.evaluation.gate_learning import (
     gate_examples,
 )
 from ator_ros.evaluation.heuristics import save_baselines
+from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, make_library, read_rows
 from ator_ros.evaluation.trials import random_trial
@@ -40,7 +41,7 @@ def run(options: argparse.Namespace, command: str) -> int:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, chain=options.chain, policies=POLICIES, source=source)
     source.digests(options.chain)  # before anything is executed: a missing model shall be told at once
-    with reserved(source.folder(), _GATE_BYTES):
+    with reserved(source.folder(), _GATE_BYTES), results_in(options.work, options.situations):
         records = executed(settings, options, options.work)
     _save(gate_examples(records), source.folder() / GATE, options, command)
     return 0

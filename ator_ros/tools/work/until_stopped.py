@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Callable
 
-from ator_ros.tools.guard import write_plainly
+from ator_ros.tools.guard import handled, write_plainly
 
 
 class _Stopped(Exception):  # noqa: N818 (no error)
@@ -29,15 +29,16 @@ def until_stopped(
     """
     write_plainly()
     stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: stopped.append(received))
 
     def going_on() -> None:
         if stopped:
             raise _Stopped
 
     try:
-        serve(going_on)
+        with handled(
+            dict.fromkeys((signal.SIGINT, signal.SIGTERM), lambda number, _: stopped.append(number))
+        ):
+            serve(going_on)
     except ImportError as error:
         print(f"{program}: {error}: docs/install.md says how to install it", file=sys.stderr)
         return 1

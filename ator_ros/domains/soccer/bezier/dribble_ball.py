@@ -7,7 +7,7 @@ from typing import ClassVar
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.bezier.curve import CurveShape
-from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
+from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, straightens
 from ator_ros.domains.soccer.thresholds import lost_beyond
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
@@ -91,7 +91,7 @@ class BezierDribbleBall(Action):
         self._takes = self._takes and self._room(world) > _TAKEN
         if self._takes:
             return Step(self._driver.command(_TAKING, 0.0), Status.RUNNING, "taking the ball in")
-        if speed == 0.0 and standing_place(rel) and abs(rel.yaw) <= STRAIGHTENING:
+        if straightens(rel, speed, STRAIGHTENING):
             return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
         return Step(
             self._driver.follow(state, self._target, speed),

@@ -201,6 +201,11 @@ def standing_place(rel: Pose) -> bool:
     return abs(rel.y) < LATERAL and -_SHORT < rel.x < _PAST
 
 
+def straightens(rel: Pose, end_speed: float, most: float) -> bool:
+    """Return whether a robot at `rel` has only to turn, by at most `most` rad, to stand in the goal."""
+    return end_speed == 0.0 and standing_place(rel) and abs(rel.yaw) <= most
+
+
 def check_goal(goal: Goal, most: float, name: str) -> None:
     """Check a goal.
 

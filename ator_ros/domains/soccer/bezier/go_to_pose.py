@@ -8,7 +8,7 @@ from typing import ClassVar
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.bezier.curve import CurveShape
-from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, standing_place
+from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, straightens
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, ObjectState, World
@@ -54,8 +54,7 @@ class BezierGoToPose(Action):
         if reached(rel, state.v, speed):
             command = self._driver.send(speed, 0.0) if speed > 0.0 else Command()
             return finished(Status.SUCCEEDED, "arrived at the goal", command)
-        straightening = _STRAIGHTENING if self._to_ball else math.pi
-        if speed == 0.0 and standing_place(rel) and abs(rel.yaw) <= straightening:
+        if straightens(rel, speed, _STRAIGHTENING if self._to_ball else math.pi):
             return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
         return Step(
             self._driver.follow(state, self._target, speed), Status.RUNNING, "following the curve to the goal"
