@@ -15,14 +15,13 @@ from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, ObjectState, Standstill, World
 
-_POST_ROOM = 0.2
-_ROLL_RESERVE = 0.25
-_SLOWEST_SHOT = 0.5
+_POST_ROOM = 0.2  # m between a goalpost and the ball on its way
+_ROLL_RESERVE = 0.25  # m that the ball could roll on behind the line
 _HANDLE, _ROTATION = 0.12, 0.6  # m, rad/s
 _SLANT = 0.9  # rad
-_BEFORE_LINE = 0.35
+_BEFORE_LINE = 0.35  # m between ball and line where the curve ends
 _LINE = 0.02
-_BEND = 4.0
+_BEND = 4.0  # 1/m
 _OVER = Standstill(0.05)
 
 
@@ -107,7 +106,7 @@ class BezierShoot(Action):
         state = world.robot
         way = max(short, 0.0) / max(abs(math.cos(state.pose.yaw)), 0.3) + _ROLL_RESERVE
         roll = state.v**2 / (2.0 * self.robot.scene.objects[BALL].rolling_deceleration)
-        if roll > way and abs(state.w) < 0.3 and state.v > _SLOWEST_SHOT:
+        if roll > way and abs(state.w) < 0.3:
             self._released = True
             return Step(STOP, Status.RUNNING, "braking: the ball rolls on into the goal")
         # Steer mildly from the posts toward the middle of the mouth.
