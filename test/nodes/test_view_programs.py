@@ -27,6 +27,13 @@ def test_a_drag_is_followed_and_the_page_takes_little_of_a_core() -> None:
     assert float(followed[1]) > 2.0  # also where other tests run; docs/view.md has what it is otherwise
 
 
+def test_a_view_does_not_slow_the_nodes() -> None:
+    told = run("test/nodes/measure_nodes.py", "--seconds", "3", "--chains", "1")
+    middle = [float(ms) for ms in re.findall(r"(\d+\.\d) ms, 99 %", told)]
+    alone, seen, again = middle
+    assert seen < 2.0 * max(alone, again)  # 1.0 on an idle machine, docs/view.md
+
+
 def test_a_view_that_is_ill_treated_goes_on() -> None:
     assert run("test/nodes/attack_view.py", "--seconds", "1").count("went on") == 4
 

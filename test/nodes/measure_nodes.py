@@ -1,0 +1,142 @@
+"""Measure the nodes: how soon they start and help, what they take when idle, and whether a view slows them.
+
+By hand, on an idle machine: ``scripts/run python test/nodes/measure_nodes.py``; see docs/experiments.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import GetParameters
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from chain_client import ChainClient, chain_of_the_paper
+from free_port import free_port
+from geometry_msgs.msg import Twist
+from measure_view import share
+from process import Process, Processes
+from ros_client import Client
+from viser_client import ViserClient
+
+from ator_interfaces.msg import Outcome
+from ator_ros.geometry import Pose
+from ator_ros.nodes.network import free_domain
+from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
+
+_NODES = ("simulation", "refinement", "executor", "learning", "goal_pose")
+_START = Pose(-2.0, 0.0, 0.0)
+_SETTLED = 3.0
+"""Real s after which a node that has started is idle."""
+
+
+def helped(name: str) -> tuple[float, float]:
+    """Return the real and the processor time in s that ``--help`` of a node takes."""
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    command = [Path(os.environ["ATOR_ROS_ROOT"], "install", "lib", "ator_ros", name), "--help"]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return time.monotonic() - began, spent
+
+
+def started(processes: Processes, client: Client, name: str, folder: str) -> tuple[Process, float]:
+    """Start a node; return it, and the real s until it has answered a request."""
+    began = time.monotonic()
+    process = processes.start(name, **({"folder": folder} if name == "learning" else {}))
+    asked = GetParameters.Request(names=["use_sim_time"])
+    client.call(GetParameters, f"{name}/get_parameters", asked)
+    return process, time.monotonic() - began
+
+
+class Reactions:
+    """The times in real s from odometry to the command that answers it, as heard here."""
+
+    def __init__(self, client: Client) -> None:
+        self.heard: list[tuple[float, bool]] = []
+        client.node.create_subscription(Odometry, "odom", lambda _: self._hear(command=False), SENSOR_DATA)
+        client.node.create_subscription(Twist, "cmd_vel", lambda _: self._hear(command=True), COMMANDS)
+
+    def _hear(self, *, command: bool) -> None:
+        self.heard.append((time.monotonic(), command))
+
+    def of(self, chains: ChainClient, count: int) -> np.ndarray:
+        """Execute chains one after another; return the times."""
+        self.heard.clear()
+        for _ in range(count):
+            chains.ros.place(robot=_START, ball=(0.0, 0.0))
+            assert chains.send(chain_of_the_paper(), refine=True).outcome().code == Outcome.SUCCEEDED
+        return np.array([b[0] - a[0] for a, b in pairwise(self.heard) if b[1] and not a[1]])
+
+
+@contextmanager
+def watched(domain: int) -> Iterator[None]:
+    """Show the nodes of a domain to one client that looks on."""
+    port = free_port()
+    command = [sys.executable, "-m", "ator_ros.tools.view", "--attach", "--port", str(port)]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"}
+    view = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+    assert view.stdout is not None
+    try:
+        assert any("http" in line for line in view.stdout)
+        client = ViserClient(port)
+        client.look()
+        client.until(lambda: "/robot" in client.scene, "the robot")
+        yield
+        client.close()
+    finally:
+        view.terminate()
+        view.wait()
+
+
+def tell(name: str, times: np.ndarray) -> None:
+    """Print quantiles of reaction times."""
+    middle, late = 1e3 * np.quantile(times, [0.5, 0.99])
+    print(f"{name}: {middle:.1f} ms, 99 % within {late:.1f} ms ({len(times)} ticks)", flush=True)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each idle node (default: 20)")
+    parser.add_argument("--chains", type=int, default=5, help="with and without a view (default: 5)")
+    options = parser.parse_args()
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores", flush=True)
+    for name in _NODES:
+        real, spent = min(helped(name) for _ in range(3))
+        print(f"{name} --help: {real:.2f} s, {spent:.2f} s of processor", flush=True)
+    with free_domain() as domain, tempfile.TemporaryDirectory() as folder:
+        processes, client = Processes(domain, Path(folder)), Client(domain)
+        try:
+            running = {}
+            for name in _NODES:
+                running[name], took = started(processes, client, name, folder)
+                print(f"{name}: answers after {took:.2f} s", flush=True)
+            time.sleep(_SETTLED)
+            for name, process in running.items():
+                print(f"{name}, idle: {share(process.pid, options.seconds):.1f} % of a core", flush=True)
+            reactions, chains = Reactions(client), ChainClient(client)
+            reactions.of(chains, 1)
+            tell("odom to cmd_vel", reactions.of(chains, options.chains))
+            with watched(domain):
+                tell("with a view   ", reactions.of(chains, options.chains))
+            tell("without again ", reactions.of(chains, options.chains))
+        finally:
+            client.close()
+            processes.kill()
+
+
+if __name__ == "__main__":
+    main()
