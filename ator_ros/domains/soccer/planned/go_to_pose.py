@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from ator_ros.actions.base import Goal, Point, Status, Step
+from ator_ros.actions.base import Goal, Point
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
@@ -76,16 +76,10 @@ class GoToPose(PlannedAction):
         """Return whether it drives to the ball; one that others play elsewhere is no reason to give up."""
         return self._approach
 
-    def arrive(self, world: World) -> Step:
-        """Return the last step of the plan; an approach succeeds only if it has caught the ball."""
-        step = super().arrive(world)
-        if (
-            self._approach
-            and step.status is Status.SUCCEEDED
-            and self.robot.hold_offset(world, BALL) > caught_within(self.robot)
-        ):
-            return self.replan(world, "the ball is not in front")
-        return step
+    def missed(self, world: World) -> str | None:
+        """Return why the robot is not at the goal; an approach gets there only if it has caught the ball."""
+        caught = not self._approach or self.robot.hold_offset(world, BALL) <= caught_within(self.robot)
+        return super().missed(world) or (None if caught else "the ball is not in front")
 
     def _rest(self, world: World) -> ObjectState | None:
         """Return the ball where it will come to rest."""

@@ -17,7 +17,7 @@ from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import Planning, Search
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Limits, Robot
-from ator_ros.world.state import Command, World
+from ator_ros.world.state import STOP, Command, World
 
 # Share of the base's limits that plans use; the rest is for feedback.
 PLAN_SHARE = 0.97
@@ -92,13 +92,22 @@ class PlannedAction(Action):
 
     def arrive(self, world: World) -> Step:
         """Return the step at the end of the plan."""
-        pose, goal = world.robot.pose, self.goal.robot_pose(self.robot)
-        error = pose.relative(goal)
-        distance, heading = pose.distance(goal), abs(error.yaw)
-        told = f"{100 * distance:.1f} cm and {heading:.3f} rad from the goal"
-        if distance <= POSITION_TOLERANCE and heading <= HEADING_TOLERANCE:
-            return finished(Status.SUCCEEDED, f"arrived, {told}", Command(self.goal.speed, 0.0))
-        return self.replan(world, f"missed: {told}")
+        why = self.missed(world)
+        return self.replan(world, why) if why else self._arrived(world, Command(self.goal.speed, 0.0))
+
+    def missed(self, world: World) -> str | None:
+        """Return why the robot is not at the goal, None if it is."""
+        distance, heading = self._off(world)
+        near = distance <= POSITION_TOLERANCE and heading <= HEADING_TOLERANCE
+        return None if near else f"missed: {_told(distance, heading)}"
+
+    def _off(self, world: World) -> tuple[float, float]:
+        """Return the distance to the goal in m, and the angle to its heading in rad."""
+        pose, goal = world.robot.pose, self.target()
+        return pose.distance(goal), abs(pose.relative(goal).yaw)
+
+    def _arrived(self, world: World, command: Command) -> Step:
+        return finished(Status.SUCCEEDED, f"arrived, {_told(*self._off(world))}", command)
 
     def step(self, world: World) -> Step:
         """Follow the plan for one tick, or plan on; see `Action.step`."""
@@ -216,5 +225,11 @@ class PlannedAction(Action):
                 if self._commit(world, search, waits=True):
                     return self._following(world, "planned")
             except ActionError as error:
-                return finished(Status.FAILED, str(error))
+                # After a miss it may stand at the goal nevertheless, with no way to arrive there once more.
+                stands = self._replans > 0 and self.missed(world) is None
+                return self._arrived(world, STOP) if stands else finished(Status.FAILED, str(error))
         return Step(self._pause.command(world), Status.RUNNING, "planning")
+
+
+def _told(distance: float, heading: float) -> str:
+    return f"{100 * distance:.1f} cm and {heading:.3f} rad from the goal"

@@ -88,6 +88,10 @@ class Shoot(HoldingAction):
             return self.replan(world, why)
         return finished(Status.RUNNING, "the ball is rolling")
 
+    def missed(self, world: World) -> str | None:  # noqa: ARG002
+        """Return what is missing: where the ball is released the goal is not reached yet."""
+        return "the ball is not released"
+
     def arrive(self, world: World) -> Step:
         """Release the ball by braking as hard as the base can."""
         self._released = world.time
