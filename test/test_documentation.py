@@ -131,7 +131,7 @@ def runnable() -> list[str]:
     """Return the commands of our tools that are to be executed as they are printed, with `SMALL` words."""
     found = set()
     for printed in commands():
-        named = " " not in printed.text and printed.page != "README.md"  # elsewhere a name in a sentence
+        named = " " not in printed.text  # a name in a sentence
         named |= re.fullmatch(r"\w+( --[\w-]+)+", printed.text) is not None
         other = any(re.fullmatch(key, printed.text) for key in BY_TEST)
         if tool_words(printed.text) and not (named or other or "…" in printed.text):
