@@ -17,7 +17,7 @@ from documentation import PAGES, ROOT, TOOLS, Printed, commands
 
 BIN = ROOT / "install" / "lib" / "ator_ros"
 SMALL = {
-    "collect": "--episodes 30 --jobs 1",
+    "collect": "--episodes 50 --jobs 1",
     "gate": "--situations 10 --work work --jobs 1",
     "evaluate": "--situations 2 --oracle 2 --out results --jobs 1",
     "qualify": "--situations 4 --turned 4 --pairs 2 --out actions.json --jobs 1",
@@ -202,7 +202,12 @@ def test_a_printed_tool_runs(text: str, workshop: Path) -> None:
 def make(*words: str, cwd: Path = ROOT, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run make."""
     return subprocess.run(
-        ["make", *words], cwd=cwd, env=os.environ | variables, capture_output=True, text=True, check=False
+        ["make", "--no-print-directory", *words],
+        cwd=cwd,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 

@@ -157,6 +157,15 @@ def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
     assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()
 
 
+def test_a_gain_that_was_not_predicted_leaves_a_threshold_to_choose() -> None:
+    features = np.zeros((20, len(FEATURES)))  # no gain is predicted, so that every threshold keeps none
+    durations = np.full(20, 10.0)
+    gate = fit_threshold(GateExamples(features, durations, durations - 1.0, np.arange(20), np.arange(20) % 2))
+    assert not decisions(
+        gate, GateExamples(features, durations, durations, np.arange(20), np.arange(20))
+    ).any()
+
+
 def test_examples_of_records_hold_both_kinds_of_refinement() -> None:
     features = dict.fromkeys(FEATURES, 0.5)
     rows = [record(0, 10.0, 9.0, 8.0, features=features), record(1, 10.0, 9.0, 8.0)]

@@ -68,7 +68,7 @@ class Domain:
     name : str
         Name of the domain.
     tops : tuple of Top
-        The TOPs that plans consist of.
+        The TOPs that plans consist of, with the tolerances for a usual robot; see `tops_for`.
     action_sets : mapping of str to tuple of ActionSpec
         Sets of actions by name, each with every action that `tops` name; one is called "default".
     objects : tuple of str
@@ -102,6 +102,8 @@ class Domain:
         targets are numbers or state variables. By default none.
     measurements : Measurements
         What only the domain can measure of its actions, for the tools that do so; by default nothing.
+    fitted : callable, optional
+        Returns the same TOPs with the tolerances and regions of a robot and its scene; by default `tops`.
 
     Raises
     ------
@@ -127,6 +129,7 @@ class Domain:
     time_limit: float = TIME_LIMIT
     goals: Callable[[Robot], Mapping[str, Condition]] = no_goals
     measurements: Measurements = field(default_factory=Measurements)
+    fitted: Callable[[Robot], tuple[Top, ...]] | None = None
 
     def __post_init__(self) -> None:
         """Check that its parts agree."""
@@ -180,8 +183,7 @@ class Domain:
     def equip(self, robot: Robot) -> Robot:
         """Return `robot` in this domain's scene.
 
-        Its area is that of the description. In it are the domain's objects, as the description has them, or
-        else as the domain has them, and the domain's bays.
+        The area is the description's, and so are objects that it describes; the bays are the domain's.
         """
         known = {**self.bodies, **robot.scene.objects}
         objects = {name: known[name] for name in self.objects if name in known}
@@ -226,6 +228,10 @@ class Domain:
         given = (source for source in self.sources if source.name == name)
         return next(given, ObjectSource(name, optional=True))
 
+    def tops_for(self, robot: Robot) -> tuple[Top, ...]:
+        """Return the TOPs with the tolerances and regions of a robot in its scene."""
+        return self.fitted(robot) if self.fitted else self.tops
+
     def library(
         self, robot: Robot, action_set: str = DEFAULT_SET, factories: Mapping[str, ActionFactory] = NO_OTHERS
     ) -> TopLibrary:
@@ -249,7 +255,7 @@ class Domain:
         return TopLibrary(
             robot,
             action_set,
-            tops=self.tops,
+            tops=self.tops_for(robot),
             actions={name: factories.get(name, spec.factory) for name, spec in specs.items()},
             ranges=self.ranges,
             goal_variables={name: spec.goal_variables for name, spec in specs.items()},

@@ -73,11 +73,15 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
 
 
 def fit_threshold(examples: GateExamples) -> ThresholdGate:
-    """Return the threshold with the fewest slower runs among those that keep `KEPT` of the gain."""
+    """Return the threshold with the fewest slower runs among those that keep `KEPT` of the gain.
+
+    Where a few gained what was not predicted, no threshold may keep so much; then it is one that keeps most.
+    """
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
     refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
-    allowed = [index for index, rows in enumerate(refine) if _kept(examples, rows) >= KEPT]
+    kept = [_kept(examples, rows) for rows in refine]
+    allowed = [index for index, share in enumerate(kept) if share >= min(KEPT, max(kept))]
     harm = [_worse(examples, rows) for rows in refine]
     return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
 

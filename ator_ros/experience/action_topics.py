@@ -120,7 +120,7 @@ class ActionTopics:
     ) -> Episode | None:
         """Return the episode; None where it was broken off, is not known enough, or is in another frame."""
         action, call = self._action_of(server, execution.goal)
-        top = next((top for top in self._domain.tops if top.action == action), None)
+        top = next((top for top in self._domain.tops_for(robot) if top.action == action), None)
         if call is None or top is None or not _told(call, execution):
             return None
         known = _frame_of(call, execution.goal) in ("", frame)

@@ -8,6 +8,7 @@ from typing import Protocol
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.remote import RemoteCall
+from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import held_first, held_last
 from ator_ros.tops.top import Top
 
@@ -25,7 +26,10 @@ class Vocabulary(Protocol):
 
     @property
     def tops(self) -> tuple[Top, ...]:
-        """Its TOPs."""
+        """Its TOPs, for a usual robot."""
+
+    def tops_for(self, robot: Robot) -> tuple[Top, ...]:
+        """Return its TOPs with the tolerances and regions of a robot in its scene."""
 
     @property
     def goal_variables(self) -> Mapping[str, GoalVariable]:

@@ -258,7 +258,7 @@ class Stream:
             action = self._domain.actions(settings.source.action_set)[name]
             for number in range(settings.offline):
                 situation = action.sample(robot, episode_generator(name, settings.seed, number))
-                top = top_of(situation, self._domain.tops, robot)
+                top = top_of(situation, self._domain.tops_for(robot), robot)
                 with Simulation(self._actual, wheels=self._changed.wheels) as simulation:
                     yield run_episode(simulation, action.factory(robot), situation, top=top)
 

@@ -19,10 +19,8 @@ _TOUCHING = 0.08
 """Distance in m from the hold, beyond the length of the holder, within which an object counts as touched."""
 _ROOM = 0.06
 """Clearance in m between the robot and an object that it can pass."""
-_HELD = 0.10
-"""Distance in m from the hold up to which an object counts as held."""
-_LOST = 0.12
-"""Distance in m from the hold beyond which an object that was held counts as lost."""
+_SLACK = 1.2
+"""How much farther from the hold than one that is held an object is lost, so that neither flickers."""
 
 
 def objects_in(top: Top) -> list[str]:
@@ -104,14 +102,24 @@ def at_object(goal: Goal, world: World, name: str) -> Goal:
     return goal if there is None else dataclasses.replace(goal, pose=goal.pose._replace(x=there.x, y=there.y))
 
 
+def held_within(robot: Robot) -> float:
+    """Return the distance in m from the hold up to which an object counts as held; 0 without a holder."""
+    return lost_beyond(robot) / _SLACK
+
+
+def lost_beyond(robot: Robot) -> float:
+    """Return the distance in m from the hold beyond which an object is lost: the length of the holder."""
+    return robot.holder_length
+
+
 def is_held(world: World, robot: Robot, name: str) -> bool:
-    """Return whether an object is known and lies at the hold."""
-    return robot.hold_offset(world, name) <= _HELD
+    """Return whether the robot has a holder, and a known object lies in it."""
+    return robot.holder is not None and robot.hold_offset(world, name) <= held_within(robot)
 
 
 def is_lost(world: World, robot: Robot, name: str) -> bool:
     """Return whether the position of an object that should be held is known, and not at the hold."""
-    return name in world.objects and robot.hold_offset(world, name) > _LOST
+    return name in world.objects and robot.hold_offset(world, name) > lost_beyond(robot)
 
 
 def is_at_front(world: World, robot: Robot, name: str) -> bool:

@@ -11,7 +11,7 @@ from ator_ros.domains.soccer.field import field_in
 from ator_ros.domains.soccer.measurements import MEASUREMENTS
 from ator_ros.domains.soccer.presentation import PRESENTATION
 from ator_ros.domains.soccer.ranges import RANGES
-from ator_ros.domains.soccer.tops import TOPS
+from ator_ros.domains.soccer.tops import TOPS, tops_for
 from ator_ros.domains.soccer.wanted import goals
 
 SOCCER = Domain(
@@ -26,4 +26,5 @@ SOCCER = Domain(
     features=(*MOTIONS, *SHOT),
     goals=goals,
     measurements=MEASUREMENTS,
+    fitted=tops_for,
 )

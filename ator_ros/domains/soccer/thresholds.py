@@ -9,6 +9,7 @@ from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.ranges import ARRIVAL_SPEED
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.simulation.run import TIME_LIMIT
+from ator_ros.tops.objects import lost_beyond
 
 _BODY_ROOM = 0.1  # m between a robot and what it must not touch
 _LEAST_END_MARGIN = 0.9
@@ -35,9 +36,9 @@ def caught_within(robot: Robot) -> float:
     return 0.5 * robot.holder_length
 
 
-def lost_beyond(robot: Robot) -> float:
-    """Return the distance in m from the hold beyond which a ball is lost: it is out of the fins by then."""
-    return 1.25 * robot.holder_length
+def gone_beyond(robot: Robot) -> float:
+    """Return the distance in m from the hold beyond which an action gives the ball up: it is out."""
+    return 1.25 * lost_beyond(robot)
 
 
 def ball_clearance(robot: Robot) -> float:

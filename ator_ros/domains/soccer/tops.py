@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 
 from ator_ros.actions.base import Point
+from ator_ros.domains.soccer.field import Field, field_of
+from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Condition, Region, Term
+from ator_ros.tops.objects import held_within, lost_beyond
 from ator_ros.tops.relations import Bearing, Distance
 from ator_ros.tops.top import Top
 
-_HELD = Condition((Term("hold.x", "ball.x", 0.12), Term("hold.y", "ball.y", 0.12)))
+_NET = 0.1
+"""Distance in m by which the net gives way behind the depth of the goal."""
+_USUAL_FIELD = Field(8.0, 5.0, goal_width=2.0, goal_depth=0.6)
 
 GO_TO_POSE = Top(
     "goToPose",
@@ -23,44 +28,81 @@ GO_TO_POSE = Top(
         )
     ),
 )
-# The paper's goToBall: the same action, its goal the ball. How the robot stands there is left open.
-GO_TO_BALL = Top(
-    "goToBall",
-    "goToPose",
-    Condition((Term("ball.x", "goal.x", 0.1), Term("ball.y", "goal.y", 0.1))),
-    Condition((Term("hold.x", "ball.x", 0.1), Term("hold.y", "ball.y", 0.1))),
-    Point.HOLD,
-)
-DRIBBLE_BALL = Top(
-    "dribbleBall",
-    "dribbleBall",
-    _HELD,
-    Condition(
-        (
-            Term("hold.x", "goal.x", 0.06),
-            Term("hold.y", "goal.y", 0.06),
-            Term("ball.x", "hold.x", 0.1),
-            Term("ball.y", "hold.y", 0.1),
-        )
-    ),
-    Point.HOLD,
-)
-# The goal's position is the middle of the goal's mouth; the net stops the ball 0.7 m behind the line at most.
-# A dribble ends up to 0.16 m beside its goal, and refinement keeps so far inside: it puts the ball 0.9 to
-# 2.5 m before the mouth, and at 0.9 m within 50 degrees of the middle.
-SHOOT = Top(
-    "shoot",
-    "shoot",
-    Condition(
-        _HELD.terms,
-        (
-            Distance("ball", "goal", 0.74, 2.66),
-            Bearing("ball", "goal", math.radians(60.0), math.pi, mirrored=True),
-        ),
-    ),
-    Condition((Region("ball.x", "goal.x", 0.0, 0.7, outward=True), Term("ball.y", "goal.y", 1.0))),
-    Point.HOLD,
-    settles=6.0,
-)
 
+
+def go_to_ball(held: float = 0.1) -> Top:
+    """Return the paper's goToBall, the same action with the ball as its goal; how the robot stands is open.
+
+    Parameters
+    ----------
+    held : float
+        Distance in m from the hold, along x and y, up to which the ball is held.
+    """
+    return Top(
+        "goToBall",
+        "goToPose",
+        Condition((Term("ball.x", "goal.x", 0.1), Term("ball.y", "goal.y", 0.1))),
+        Condition((Term("hold.x", "ball.x", held), Term("hold.y", "ball.y", held))),
+        Point.HOLD,
+    )
+
+
+def dribble_ball(held: float = 0.1, lost: float = 0.12) -> Top:
+    """Return dribbleBall; `held` as for `go_to_ball`, and from `lost` (m) on it cannot start."""
+    return Top(
+        "dribbleBall",
+        "dribbleBall",
+        _holding(lost),
+        Condition(
+            (
+                Term("hold.x", "goal.x", 0.06),
+                Term("hold.y", "goal.y", 0.06),
+                Term("ball.x", "hold.x", held),
+                Term("ball.y", "hold.y", held),
+            )
+        ),
+        Point.HOLD,
+    )
+
+
+def shoot(field: Field = _USUAL_FIELD, lost: float = 0.12) -> Top:
+    """Return shoot, whose goal is the middle of a goal's mouth.
+
+    A dribble ends up to 0.16 m beside its goal, and refinement keeps so far inside: it puts the ball 0.9 to
+    2.5 m before the mouth, and at 0.9 m within 50 degrees of the middle.
+
+    Parameters
+    ----------
+    field : Field
+        The sizes of the goals.
+    lost : float
+        As for `dribble_ball`.
+    """
+    region = (
+        Distance("ball", "goal", 0.74, 2.66),
+        Bearing("ball", "goal", math.radians(60.0), math.pi, mirrored=True),
+    )
+    behind_line = Region("ball.x", "goal.x", 0.0, field.goal_depth + _NET, outward=True)
+    inside = Condition((behind_line, Term("ball.y", "goal.y", field.goal_width / 2)))
+    return Top("shoot", "shoot", Condition(_holding(lost).terms, region), inside, Point.HOLD, settles=6.0)
+
+
+def _holding(most: float) -> Condition:
+    return Condition((Term("hold.x", "ball.x", most), Term("hold.y", "ball.y", most)))
+
+
+GO_TO_BALL, DRIBBLE_BALL, SHOOT = go_to_ball(), dribble_ball(), shoot()
 TOPS = (GO_TO_POSE, GO_TO_BALL, DRIBBLE_BALL, SHOOT)
+"""With the fins and the goals of the shipped description."""
+
+
+def tops_for(robot: Robot) -> tuple[Top, ...]:
+    """Return the TOPs with the fins of a robot and the goals of its field.
+
+    Those that it cannot execute, for want of fins or goals, are as with the shipped description.
+    """
+    if robot.holder is None:
+        return TOPS
+    held, lost, field = held_within(robot), lost_beyond(robot), field_of(robot)
+    shot = shoot(field if field.goal_depth else _USUAL_FIELD, lost)
+    return GO_TO_POSE, go_to_ball(held), dribble_ball(held, lost), shot

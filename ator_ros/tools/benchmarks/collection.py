@@ -61,7 +61,8 @@ def _seconds(episodes: int, divisor: int, workers: int, seed: int) -> float:
     """Return the wall time in s that `episodes` of each action take, divided by `divisor`."""
     actions = [DOMAIN.actions()[name] for name in ACTIONS]
     began = time.perf_counter()
-    robot, tops, objects = DOMAIN.robot(), DOMAIN.tops, DOMAIN.objects
+    robot, objects = DOMAIN.robot(), DOMAIN.objects
+    tops = DOMAIN.tops_for(robot)
     run = collect(actions, tops, robot, objects=objects, episodes=episodes, seed=seed, jobs=workers)
     for _ in run:
         pass

@@ -72,7 +72,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 def _simulated(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator[pd.DataFrame]:
     return collect(
         [domain.actions(options.action_set)[name] for name in options.actions],
-        domain.tops,
+        domain.tops_for(robot),
         robot,
         objects=domain.objects,
         episodes=options.episodes,

@@ -8,7 +8,7 @@ from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, straightens
-from ator_ros.domains.soccer.thresholds import lost_beyond
+from ator_ros.domains.soccer.thresholds import gone_beyond
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import Command, World
@@ -43,7 +43,7 @@ def check_held(world: World, robot: Robot, name: str) -> None:
     ActionError
         It doesn't.
     """
-    distance, most = robot.hold_offset(world, BALL), lost_beyond(robot)
+    distance, most = robot.hold_offset(world, BALL), gone_beyond(robot)
     if distance > most:
         raise ActionError(
             f"{name}: expected the ball within {most:g} m of the hold, it is {distance:.2f} m away"
@@ -81,7 +81,7 @@ class BezierDribbleBall(Action):
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
         distance = self.robot.hold_offset(world, BALL)
-        if distance > lost_beyond(self.robot):
+        if distance > gone_beyond(self.robot):
             return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
         state, speed = world.robot, self._goal.speed
         rel = self._target.relative(state.pose)

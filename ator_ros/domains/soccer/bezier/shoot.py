@@ -10,7 +10,7 @@ from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.dribble_ball import check_held, dribbling
 from ator_ros.domains.soccer.bezier.driver import Driver, check_goal
 from ator_ros.domains.soccer.field import behind_line, field_of, is_in_goal
-from ator_ros.domains.soccer.thresholds import lost_beyond
+from ator_ros.domains.soccer.thresholds import gone_beyond
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, ObjectState, Standstill, World
@@ -74,7 +74,7 @@ class BezierShoot(Action):
         if self._released:
             return self._watch(world, ball)
         distance = self.robot.hold_offset(world, BALL)
-        if distance > lost_beyond(self.robot):
+        if distance > gone_beyond(self.robot):
             return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
         crossing = self._crossing(world.robot.pose)
         if crossing is None or abs(crossing) > self._half_mouth():

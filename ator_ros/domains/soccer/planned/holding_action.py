@@ -6,7 +6,7 @@ from ator_ros.actions.base import ActionError, Goal
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.planned.holding import held_limits
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.domains.soccer.thresholds import lost_beyond
+from ator_ros.domains.soccer.thresholds import gone_beyond
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import World
 
@@ -20,12 +20,12 @@ class HoldingAction(PlannedAction):
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
         offset = self.robot.hold_offset(world, BALL)
-        if offset > lost_beyond(self.robot):
+        if offset > gone_beyond(self.robot):
             raise ActionError(f"{self.name}: expected the ball in front, it is {offset:.2f} m from there")
         super().start(world, goal)
 
     def check(self, world: World) -> str | None:
         """Return whether the ball is lost."""
         offset = self.robot.hold_offset(world, BALL)
-        lost = offset > lost_beyond(self.robot)
+        lost = offset > gone_beyond(self.robot)
         return f"lost the ball, it is {offset:.2f} m from the front" if lost else None

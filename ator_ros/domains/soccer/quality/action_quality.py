@@ -99,7 +99,7 @@ def execute_situation(situation: Situation, task: Task) -> Outcome:
 
 def _execute(simulation: Simulation, situation: Situation, task: Task) -> Outcome:
     robot, goal = simulation.robot, situation.goal
-    top = top_of(situation, SOCCER.tops, robot)
+    top = top_of(situation, SOCCER.tops_for(robot), robot)
     place(simulation, World(0.0, situation.robot, situation.objects))
     watch = _Watch(robot)
     poses = (situation.robot.pose, goal.robot_pose(robot))

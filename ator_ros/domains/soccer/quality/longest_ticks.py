@@ -20,6 +20,7 @@ from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import SLICE, Search
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.robot.ramp import ramped
+from ator_ros.tops.objects import is_lost
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
 
 LIMIT_MS = 40.0
@@ -145,7 +146,7 @@ def _after(robot: Robot, world: World, command: Command) -> World:
     speeds = ramped(Command(before.v, before.w), command, CONTROL_PERIOD, robot.limits)
     moved = before.pose.ahead(speeds.v * CONTROL_PERIOD)
     pose = moved._replace(yaw=moved.yaw + speeds.w * CONTROL_PERIOD)
-    if ball is not None and robot.hold_offset(world, BALL) < robot.holder_length:
+    if ball is not None and not is_lost(world, robot, BALL):
         hold = robot.hold_point(pose)
         ball = ObjectState(hold.x, hold.y)
     elif ball is not None:

@@ -48,7 +48,8 @@ def episodes_at_rest(action: str, action_set: str, count: int, seed: int, jobs: 
     """Return the examples of `count` episodes at rest of one action."""
     spec = SOCCER.actions(action_set)[action]
     spec = dataclasses.replace(spec, sample=functools.partial(at_rest, spec.sample))
-    robot, tops, objects = load_robot(), SOCCER.tops, SOCCER.objects
+    robot, objects = load_robot(), SOCCER.objects
+    tops = SOCCER.tops_for(robot)
     return join(collect([spec], tops, robot, objects=objects, episodes=count, seed=seed, jobs=jobs))
 
 
