@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
@@ -22,7 +24,9 @@ from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import TopCall, TopChain, projected
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import is_held, is_lost
 from ator_ros.tops.outcome import NoTopError, shortfall, top_of, unmet
+from ator_ros.tops.state import state_of
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
@@ -90,6 +94,31 @@ class TestShot:
         assert shortfall(SHOOT, with_ball(3.5, 1.75), MOUTH, ROBOT) == 0.75
         assert shortfall(SHOOT, with_ball(4.1), MOUTH, ROBOT) == 0.0
         assert shortfall(SHOOT, World(0.0, HERE), MOUTH, ROBOT) == math.inf
+
+
+class TestFittedTops:
+    def test_with_the_shipped_robot_they_are_the_usual_ones(self) -> None:
+        assert SOCCER.tops_for(ROBOT) == SOCCER.tops
+
+    def test_a_ball_is_scored_in_the_goals_that_there_are(self) -> None:
+        bays = tuple(dataclasses.replace(bay, width=1.0, depth=1.2) for bay in ROBOT.scene.bays)
+        robot = dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, bays=bays))
+        shot = SOCCER.library(robot)["shoot"]
+        assert unmet(shot, with_ball(5.0, 0.4), MOUTH, robot) == []
+        assert unmet(shot, with_ball(4.05, 0.6), MOUTH, robot)
+
+    @pytest.mark.parametrize("length", [0.05, 0.3])
+    def test_a_ball_is_held_between_the_fins_that_there_are(self, length: float) -> None:
+        holder = dataclasses.replace(ROBOT.holder_for("a test"), length=length)
+        robot = dataclasses.replace(ROBOT, holder=holder)
+        dribble = SOCCER.library(robot)["dribbleBall"]
+        hold = robot.hold_point(HERE.pose)
+        for share, lost in ((0.95, False), (1.05, True)):
+            world = World(0.0, HERE, {"ball": ObjectState(hold.x + share * length, hold.y)})
+            goal = Goal(Pose(1.0, 0.0, 0.0), 0.0, Point.HOLD)
+            assert bool(dribble.pre.violations(state_of(world, robot), goal_values(goal))) is lost
+            assert is_lost(world, robot, "ball") is lost
+            assert is_held(world, robot, "ball") is False
 
 
 class TestWhichTop:
