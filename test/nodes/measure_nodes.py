@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
+from rclpy.task import Future
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -27,7 +28,7 @@ from chain_client import ChainClient, chain_of_the_paper
 from free_port import free_port
 from geometry_msgs.msg import Twist
 from measure_view import share
-from process import Process, Processes
+from process import PATIENCE, Process, Processes
 from ros_client import Client
 from viser_client import ViserClient
 
@@ -38,6 +39,8 @@ from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 
 _NODES = ("simulation", "refinement", "executor", "learning", "goal_pose")
 _START = Pose(-2.0, 0.0, 0.0)
+_PATIENCE = 0.2
+"""Real s after which a request is sent again."""
 _SETTLED = 3.0
 """Real s after which a node that has started is idle."""
 
@@ -56,8 +59,16 @@ def started(processes: Processes, client: Client, name: str, folder: str) -> tup
     """Start a node; return it, and the real s until it has answered a request."""
     began = time.monotonic()
     process = processes.start(name, **({"folder": folder} if name == "learning" else {}))
-    asked = GetParameters.Request(names=["use_sim_time"])
-    client.call(GetParameters, f"{name}/get_parameters", asked)
+    asked = client.node.create_client(GetParameters, f"{name}/get_parameters")
+    assert asked.wait_for_service(PATIENCE)
+    answers: list[Future] = []
+
+    def answered() -> bool:  # a server drops the answer to a client that it does not know yet
+        if time.monotonic() > began + _PATIENCE * len(answers):
+            answers.append(asked.call_async(GetParameters.Request(names=["use_sim_time"])))
+        return any(answer.done() for answer in answers)
+
+    client.eventually(answered, f"an answer of {name}")
     return process, time.monotonic() - began
 
 
