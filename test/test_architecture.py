@@ -128,8 +128,6 @@ DOMAIN_WORDS = re.compile(
 """Words of soccer and of one robot. "Field" is also one of a message, a file or a dataclass."""
 SAID = {
     "domains/__init__.py": ('DEFAULT = "soccer"',),  # the default of `find_domain`
-    "nodes/placing.py": ("PlaceBall",),
-    "nodes/simulation.py": ("PlaceBall",),  # an interface whose name is in use
     "robot/description.py": ('"pioneer.yaml"',),  # the default description
     "examples/refine_and_execute.py": ("goToBall", "dribbleBall", '"ball"'),
     "evaluation/heuristics.py": ("RoboCup teams", "Booster's RoboCup demo"),  # where these models come from
@@ -138,7 +136,6 @@ SAID = {
 """What modules may say; None: anything."""
 ROOT = PACKAGE.parent
 EXAMPLES = {
-    "ator_interfaces/srv/PlaceBall.srv": None,  # an interface whose name is in use
     "ator_interfaces/msg/ObjectState.msg": ('for example "ball" in soccer',),
     "ator_interfaces/msg/GoalValue.msg": ("kick",),
     "ator_interfaces/msg/TopChain.msg": ('soccer has "default" and "bezier"',),

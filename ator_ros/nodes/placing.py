@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
-from ator_interfaces.srv import PlaceBall, PlaceRobot
+from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.qos import SERVICES
@@ -38,7 +38,7 @@ class Placing:
         self._robot = node.create_client(PlaceRobot, "place_robot", qos_profile=SERVICES)
         self._pause = node.create_client(SetBool, "pause", qos_profile=SERVICES)
         self._objects = {
-            name: node.create_client(PlaceBall, f"place_{name}", qos_profile=SERVICES) for name in objects
+            name: node.create_client(PlaceObject, f"place_{name}", qos_profile=SERVICES) for name in objects
         }
 
     @property
@@ -82,7 +82,7 @@ class Placing:
         """Let time stand still and put everything to its place; objects that `world` lacks are removed."""
         self.pause(paused=True)
         for client in self._objects.values():
-            self._own.call(client, PlaceBall.Request(remove=True))
+            self._own.call(client, PlaceObject.Request(remove=True))
         self._own.call(self._robot, _at_pose(world.robot.pose))
         for name, there in world.objects.items():
             if self.knows(name):
@@ -95,7 +95,7 @@ def _at_pose(pose: Pose) -> PlaceRobot.Request:
     return request
 
 
-def _at_point(x: float, y: float) -> PlaceBall.Request:
-    request = PlaceBall.Request()
+def _at_point(x: float, y: float) -> PlaceObject.Request:
+    request = PlaceObject.Request()
     request.position.point.x, request.position.point.y = x, y
     return request

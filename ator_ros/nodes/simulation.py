@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
-from ator_interfaces.srv import PlaceBall, PlaceRobot
+from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
@@ -100,7 +100,7 @@ class SimulationNode(Node):
             "pause": (SetBool, self._pause),
         }
         for name in topics.objects:
-            services[f"place_{name}"] = PlaceBall, partial(self._place_object, number, name)
+            services[f"place_{name}"] = PlaceObject, partial(self._place_object, number, name)
         for name, (kind, handle) in services.items():
             self.create_service(kind, topics.resolved(name), self._guarded(handle), qos_profile=SERVICES)
         return topics
@@ -191,7 +191,7 @@ class SimulationNode(Node):
         who = self._names[number] or "robot"
         return f"{who} at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
 
-    def _place_object(self, number: int, name: str, request: PlaceBall.Request) -> str:
+    def _place_object(self, number: int, name: str, request: PlaceObject.Request) -> str:
         if request.remove:
             self._world.remove_object(name)
             return f"{name} removed"

@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.srv import PlaceBall, PlaceRobot, RefineSubgoal
+from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import object_odometry_of, odometry_of
 from ator_ros.nodes.embodiment import transform_of
@@ -51,7 +51,7 @@ class PlayedNodes:
         node.declare_parameter("robot_frame", "base")
         for kind, name, answer in (
             (PlaceRobot, "place_robot", self._place_robot),
-            (PlaceBall, "place_ball", self._place_ball),
+            (PlaceObject, "place_ball", self._place_ball),
             (SetBool, "pause", self._pause),
             (RefineSubgoal, "refine_subgoal", lambda _, response: response),
         ):
@@ -85,7 +85,7 @@ class PlayedNodes:
             self.robot = Pose(at.x, at.y, 0.0)
         return response
 
-    def _place_ball(self, request: PlaceBall.Request, response: Any) -> Any:
+    def _place_ball(self, request: PlaceObject.Request, response: Any) -> Any:
         at = request.position.point
         response.success, response.message = abs(at.x) < _FLOOR, "off the floor"
         if response.success:

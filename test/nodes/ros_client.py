@@ -15,7 +15,7 @@ from process import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from ator_interfaces.srv import PlaceBall, PlaceRobot
+from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import object_from, pose_of, robot_from, seconds_from
 from ator_ros.nodes.meeting import nobodys_goal
@@ -133,9 +133,9 @@ class Client:
             request.pose.pose = pose_of(robot)
             assert self.call(PlaceRobot, "place_robot", request).success
         if ball is not None:
-            request = PlaceBall.Request()
+            request = PlaceObject.Request()
             request.position.point.x, request.position.point.y = ball
-            assert self.call(PlaceBall, "place_ball", request).success
+            assert self.call(PlaceObject, "place_ball", request).success
 
     def within(self, do: Callable[[], Any]) -> Any:
         """Do something in the thread that spins: rclpy's action client loses answers that outrun a caller."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from arena import Arena, Visit
 from chain_client import Sent, call
 
-from ator_interfaces.srv import PlaceBall
+from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 
 CHAIN = [
@@ -25,7 +25,7 @@ Stage = Callable[[Arena, Visit], Sent]
 
 def waiting(arena: Arena, visit: Visit) -> Sent:
     """Let a goal wait for a ball."""
-    assert visit.ros.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
+    assert visit.ros.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
     heard = len(visit.ros.robots)
     visit.ros.eventually(
         lambda: len(visit.ros.robots) > heard + 50, "no ball for longer than any timeout here"

@@ -15,7 +15,7 @@ from process import Processes
 from ros_client import Client
 
 from ator_interfaces.msg import Outcome, TopChain
-from ator_interfaces.srv import PlaceBall
+from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_from
 from ator_ros.nodes.network import free_domain
@@ -100,7 +100,7 @@ def test_a_lost_ball_is_fetched_again_when_the_goal_asks_for_it(chains: ChainCli
 def test_a_ball_that_vanishes_while_it_is_dribbled_is_missing_not_lost(chains: ChainClient) -> None:
     sent = chains.send(chain_of_the_paper(), fetches=2)
     until(chains, sent, "dribbleBall")
-    assert chains.ros.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
+    assert chains.ros.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
     outcome = sent.result(LONG).outcome
     assert outcome.code == Outcome.INPUT_LOST
     assert "ball is missing" in outcome.reason

@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_interfaces.msg import Outcome
-from ator_interfaces.srv import PlaceBall
+from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.network import free_domain
@@ -267,7 +267,7 @@ def test_a_reset_ends_the_goal(chains: ChainClient) -> None:
 def test_a_ball_that_vanishes_is_named(chains: ChainClient) -> None:
     sent = chains.send([*PATROL[:6], call("goToBall", Pose(0.0, 0.0, 0.5))])
     chains.until_moving()
-    assert chains.ros.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
+    assert chains.ros.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
     outcome = sent.outcome()
     assert outcome.code == Outcome.INPUT_LOST
     assert "ball is missing: goToBall needs it" in outcome.reason

@@ -11,7 +11,7 @@ from ros_client import Client
 from selection import few
 
 from ator_interfaces.msg import Outcome
-from ator_interfaces.srv import PlaceBall
+from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 
 LONG = 60.0
@@ -41,7 +41,7 @@ def test_a_goal_before_the_simulation_can_be_canceled_and_the_next_is_executed(
 def test_a_goal_waits_for_the_ball_standing(start: Start, host: Host, client: Client) -> None:
     start("simulation", real_time_factor=2.0)
     client.ball()
-    assert client.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
+    assert client.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
     host("executor", **GENEROUS)
     chains = ChainClient(client)
     sent = chains.send(chain_of_the_paper()[:1])

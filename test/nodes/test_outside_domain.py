@@ -17,7 +17,7 @@ from nav_msgs.msg import Odometry
 from ros_client import Client
 
 from ator_interfaces.msg import Outcome, TopCall
-from ator_interfaces.srv import PlaceBall
+from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import SENSOR_DATA
 
@@ -66,10 +66,10 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     start("simulation", domain="delivery", real_time_factor=10.0, command_wait=2.0, parcel_start="[3.4, 1.0]")
     first = client.eventually(lambda: parcels and parcels[0].pose.pose.position, "a parcel")
     assert (first.x, first.y, first.z) == pytest.approx((3.4, 1.0, 0.25), abs=1e-3)
-    request = PlaceBall.Request(velocity=Vector3(x=0.3))
-    assert client.call(PlaceBall, "place_parcel", request).message == "parcel at x 0.000 m, y 0.000 m"
+    request = PlaceObject.Request(velocity=Vector3(x=0.3))
+    assert client.call(PlaceObject, "place_parcel", request).message == "parcel at x 0.000 m, y 0.000 m"
     client.eventually(lambda: parcels[-1].pose.pose.position.x > 0.01, "the parcel rolls")
-    assert client.call(PlaceBall, "place_parcel", PlaceBall.Request(remove=True)).success
+    assert client.call(PlaceObject, "place_parcel", PlaceObject.Request(remove=True)).success
     start("refinement", domain="delivery", models=models, gate=False, deadline=5.0)
     start("executor", domain="delivery", models=models, odom_timeout=5.0, refinement_timeout=20.0)
     chains = ChainClient(client)

@@ -24,7 +24,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from tf2_msgs.msg import TFMessage
 
-from ator_interfaces.srv import PlaceBall, PlaceRobot
+from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.conversions import pose_of, robot_from
 from ator_ros.nodes.network import free_domain
@@ -113,11 +113,11 @@ def test_robot_and_ball_are_placed_and_the_world_is_reset(world: Client) -> None
 
 def test_a_ball_rolls_and_is_removed(world: Client) -> None:
     client = world
-    request = PlaceBall.Request()
+    request = PlaceObject.Request()
     request.velocity.x = 1.0
-    assert client.call(PlaceBall, "place_ball", request).success
+    assert client.call(PlaceObject, "place_ball", request).success
     client.eventually(lambda: client.ball().x > 0.2, "the ball rolls")
-    assert client.call(PlaceBall, "place_ball", PlaceBall.Request(remove=True)).success
+    assert client.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
     time = client.time()
     client.eventually(lambda: client.time() > time + 1.0, "a second passes")
     assert client.balls[-1][0] < time + 0.5
@@ -136,7 +136,7 @@ NONSENSE = [
     ("place_ball", "velocity.x", math.nan, "velocity.x: expected a finite number"),
     ("place_ball", "velocity.y", 99.0, "velocity.y: expected a finite number"),
 ]
-KINDS = {"place_robot": PlaceRobot, "place_ball": PlaceBall}
+KINDS = {"place_robot": PlaceRobot, "place_ball": PlaceObject}
 
 
 @pytest.mark.parametrize(("service", "where", "value", "expected"), NONSENSE)
