@@ -6,6 +6,8 @@ import importlib
 import json
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -22,17 +24,15 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import SENSOR_DATA
 
 pytestmark = pytest.mark.node
-SOURCE = Path(__file__).resolve().parents[1] / "outside" / "delivery.py"
+SOURCE = Path(__file__).resolve().parents[1] / "outside"
 
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Install the package `delivery` as pip would, in a folder of its own; return the folder."""
-    shutil.copy(SOURCE, tmp_path)
-    metadata = tmp_path / "delivery-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: delivery\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text("[ator_ros.domains]\ndelivery = delivery:DELIVERY\n")
+    """Install the package `delivery` with pip in a folder of its own; return the folder."""
+    shutil.copytree(SOURCE, tmp_path / "source")
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation"]
+    subprocess.run([*command, "--target", str(tmp_path), str(tmp_path / "source")], check=True)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
     return tmp_path
@@ -46,6 +46,12 @@ def run(command: str, *words: object) -> None:
 
 def cruises(calls: Iterable[TopCall]) -> list[float]:
     return [item.value for call in calls for item in call.values if item.name == "cruise"]
+
+
+def place(client: Client, x: float, y: float) -> None:
+    request = PlaceObject.Request()
+    request.position.point.x, request.position.point.y = x, y
+    assert client.call(PlaceObject, "place_parcel", request).success
 
 
 def test_a_domain_from_another_package_is_learned_and_executed(
@@ -77,6 +83,14 @@ def test_a_domain_from_another_package_is_learned_and_executed(
         call("visit", Pose(1.0, 0.5, 3.0), opened=("yaw", "cruise"), cruise=0.3),
         call("pass", Pose(2.0, -1.0, 0.0), opened=("cruise",), cruise=0.6),
     ]
+    assert "parcel is missing: pass needs it" in chains.send(visits).outcome().reason
+    place(client, 1.1, 0.9)
+    chains.until_newer()
+    outcome = chains.send(visits).outcome()
+    assert outcome.code == Outcome.REFUSED
+    assert "distance from robot to parcel 0.5 to inf m" in outcome.reason
+    place(client, 3.4, 1.0)
+    chains.until_newer()
     result = chains.send(visits, refine=True).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert result.record.refined, result.record.refinement

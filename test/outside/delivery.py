@@ -21,6 +21,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.relations import Distance
 from ator_ros.tops.top import Top
 from ator_ros.world.scene import RoundObject
 from ator_ros.world.state import Command, ObjectState, RobotState, World
@@ -59,7 +60,8 @@ VISIT = Top("visit", "turnDriveTurn", Condition(), _THERE)
 PASS = Top(
     "pass",
     "turnDriveTurn",
-    Condition((Region("robot.v", "goal.cruise", high=0.0),)),  # it starts no faster than it goes on
+    # It starts no faster than it goes on, and clear of the parcel.
+    Condition((Region("robot.v", "goal.cruise", high=0.0),), (Distance("robot", "parcel", low=0.5),)),
     _THERE,
 )
 
