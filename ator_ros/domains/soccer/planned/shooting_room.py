@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ator_ros.actions.base import ActionError, Status
+from ator_ros.actions.base import ActionError, Status, started
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer import situations
 from ator_ros.domains.soccer.ball import objects_of
@@ -37,11 +37,17 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
 
 def has_room(robot: Robot, situation: Situation) -> bool:
     """Return whether a run-up is found: at once, or where a robot in motion stands after braking."""
-    action, start = Shoot(robot), situation.robot
+    action, world = Shoot(robot), World(0.0, situation.robot, situation.objects)
     try:
-        action.start(World(0.0, start, situation.objects), situation.goal)
+        with started(action, world, situation.goal, "looked for room"):
+            return _finds_run_up(action, situation.robot)
     except ActionError:
         return False
+
+
+def _finds_run_up(action: Shoot, start: RobotState) -> bool:
+    """Return whether an action that has started at `start` finds its way."""
+    robot = action.robot
     brakes = start.v * (start.v / (2.0 * action.plan_limits.brake) + robot.motor_time_constant)
     way = np.array([start.pose.ahead(at) for at in np.arange(0.0, brakes, _SEEN)])
     if action.planning and len(way) and touches_goals(way, robot):
