@@ -147,7 +147,6 @@ EXAMPLES = {
         "The actions of soccer declare none",
     ),
     "launch/ator.launch.xml": (
-        'default="soccer"',
         "odom, ball and cmd_vel",
         "pioneer.yaml",
         "the simulated Pioneer",

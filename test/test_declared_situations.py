@@ -12,13 +12,14 @@ import pytest
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GoalVariable, wrong_values
+from ator_ros.actions.situation import NoPlaceError
 from ator_ros.domains.declared_situations import (
+    ChainsOf,
     DeclaredChain,
     DeclaredDrives,
     DeclaredPlace,
     DeclaredStep,
     DrivesOf,
-    NoPlaceError,
 )
 from ator_ros.domains.domain import find_domain
 
@@ -59,8 +60,37 @@ def test_declared_goal_variables_are_drawn_from_their_range_and_the_point_is_tha
 
 def test_places_that_are_too_near_are_told() -> None:
     sample = DrivesOf("drive_to", DeclaredDrives((DOCK,), (DOCK,), apart=0.1))
-    with pytest.raises(NoPlaceError, match=r"apart: expected places 0.1 m from the one before"):
+    with pytest.raises(
+        NoPlaceError, match=r"^drives of drive_to: apart: expected places 0.1 m from the one before: none of"
+    ):
         sample(ROBOT, np.random.default_rng(0))
+
+
+def test_no_way_is_drawn_that_takes_longer_than_the_time_limit() -> None:
+    most = 4.0 * ROBOT.limits.v
+    rng = np.random.default_rng(0)
+    drive = DrivesOf("drive_to", DeclaredDrives(HALL, HALL), time_limit=4.0)
+    drawn = [drive(ROBOT, rng) for _ in range(200)]
+    assert max(one.robot.pose.distance(one.goal.pose) for one in drawn) <= most
+    steps = (DeclaredStep("visit", HALL, times=(2,)),)
+    for _ in range(50):
+        world, chain = ChainsOf(DeclaredChain("legs", HALL, steps), 4.0)(ROBOT, LIBRARY, rng)
+        places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
+        assert sum(a.distance(b) for a, b in itertools.pairwise(places)) <= most
+
+
+def test_a_time_limit_in_which_nothing_can_be_reached_is_told() -> None:
+    far = (DeclaredPlace((9.0,), (0.0,)),)
+    for sample in (
+        lambda rng: DrivesOf("drive_to", DeclaredDrives((DOCK,), far), time_limit=2.0)(ROBOT, rng),
+        lambda rng: ChainsOf(DeclaredChain("far", (DOCK,), (DeclaredStep("visit", far),)), 2.0)(
+            ROBOT, LIBRARY, rng
+        ),
+    ):
+        with pytest.raises(
+            NoPlaceError, match=r"^(drives of drive_to|chain far): expected a way of 1.50 m at most, "
+        ):
+            sample(np.random.default_rng(0))
 
 
 def test_a_tour_has_four_to_six_stations_of_which_two_are_bound() -> None:

@@ -135,3 +135,14 @@ def test_an_action_on_a_server_declares_goal_variables(tmp_path: Path) -> None:
     _, chain = domain.chains["walk"](robot, library, rng)
     assert chain.calls[0].goal.values == {"height": 0.2}
     assert not library.goal_variables(library["fetch"])
+
+
+def test_a_top_whose_action_is_not_declared_is_left_out(tmp_path: Path) -> None:
+    data = copy.deepcopy(TOUR)
+    data["tops"][0]["action"] = "fly"
+    data["tops"][0]["post"].append({"variable": "robot.x", "target": "goal.height", "tolerance": 1.0})
+    library = find_domain(str(file_of(tmp_path, data))).library(load_robot())
+    assert list(library) == ["fetch"]
+    assert library.left_out == {
+        "visit": "visit needs the action fly; action set default has none of that name"
+    }

@@ -7,12 +7,22 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
+from in_process_stage import InProcessStage
 
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError, find_domain
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.experience.table import read_experience
+from ator_ros.geometry import Pose
 from ator_ros.performance.features import CANDIDATES, GENERAL, names_of
-from ator_ros.robot.description import load_robot
+from ator_ros.planning.planner import task_for
+from ator_ros.robot.description import ConfigError, load_robot
+from ator_ros.tools import collect
+from ator_ros.tools.work.study import possible_actions, possible_chain
+from ator_ros.viewing.desk import Desk
+from ator_ros.world.state import ObjectState, RobotState, World
 
 
 def install(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
@@ -65,10 +75,58 @@ def test_every_action_set_executes_every_top() -> None:
         assert all(library.action(top).name == top.action for top in library.values())
 
 
-def test_an_incomplete_action_set_is_refused() -> None:
-    some = {**SOCCER.action_sets, "small": SOCCER.action_sets["default"][:1]}
-    with pytest.raises(DomainError, match=r"'small': expected the actions \['dribbleBall', 'shoot'\]"):
-        dataclasses.replace(SOCCER, action_sets=some)
+SMALL = dataclasses.replace(
+    SOCCER, action_sets={**SOCCER.action_sets, "small": SOCCER.action_sets["default"][:1]}
+)
+"""With a set of actions that can drive, and nothing else."""
+LACKS = "dribbleBall needs the action dribbleBall; action set small has none of that name"
+
+
+def test_an_incomplete_action_set_leaves_out_what_needs_the_others() -> None:
+    robot = load_robot()
+    assert SMALL.library(robot).incomplete == ""
+    assert dict(SMALL.library(robot)) == dict(SOCCER.library(robot))
+    library = SMALL.library(robot, "small")
+    assert list(library) == ["goToPose", "goToBall"]
+    assert library.incomplete == (
+        "action set small: without dribbleBall, shoot: expected the actions that they need, it has goToPose"
+    )
+    assert "dribbleBall" not in library
+    with pytest.raises(ConfigError) as refused:
+        library["dribbleBall"]
+    assert str(refused.value) == LACKS
+
+
+def test_a_chain_that_needs_what_is_left_out_is_refused_by_name_and_others_are_drawn() -> None:
+    robot = SMALL.robot()
+    library = SMALL.library(robot, "small")
+    assert len(random_trial(SMALL, "drive", library, seed=1, index=0).chain) == 2
+    with pytest.raises(ConfigError, match=f"^chain dribble of soccer: {LACKS}$"):
+        random_trial(SMALL, "dribble", library, seed=1, index=0)
+    actions, left_out = possible_actions(SMALL, "small", robot)
+    assert actions == ["goToPose"]
+    assert left_out == {"dribbleBall": LACKS, "shoot": LACKS.replace("dribbleBall", "shoot")}
+    assert possible_chain(SMALL, library, "dribble", actions) == "drive"
+    desk = Desk(InProcessStage(SMALL, robot), SMALL, {"small": library})
+    assert desk.chain_name == "drive"
+
+
+def test_a_plan_says_which_tops_are_left_out() -> None:
+    library = SMALL.library(SMALL.robot(), "small")
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
+    task = task_for(next(iter(SMALL.goals(library.robot).values())).terms, world, library, SMALL.objects)
+    assert LACKS in task.left_out
+
+
+def test_collect_takes_the_actions_that_the_set_has(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    install(monkeypatch, f"{__name__}:SMALL")
+    table = tmp_path / "table.parquet"
+    words = ["--domain", "other", "--action-set", "small", "--episodes", "1", "--jobs", "1"]
+    assert collect.main([*words, "--out", str(table)]) == 0
+    assert set(read_experience(table).frame["action"]) == {"goToPose"}
+
+
+def test_a_domain_needs_a_default_set() -> None:
     with pytest.raises(DomainError, match=r"expected an action set 'default', got \['bezier'\]"):
         dataclasses.replace(SOCCER, action_sets={"bezier": SOCCER.action_sets["bezier"]})
 

@@ -39,6 +39,14 @@ PARAMETERS = {
 }
 
 
+def command_of(value: str, **given: Path) -> list[str]:
+    """Return the words of a command that the launch file runs, with the arguments that are given."""
+    command = value.removeprefix("$(command '").removesuffix("')")
+    for name, path in given.items():
+        command = command.replace(f"$(var {name})", str(path))
+    return [sys.executable, *shlex.split(command)[1:]]
+
+
 def test_it_starts_the_nodes_in_one_namespace() -> None:
     assert set(OURS) == set(PARAMETERS)
     assert set(OURS) <= {script.name for script in entry_points(group="console_scripts")}
@@ -57,15 +65,13 @@ def test_its_files_hold_parameters_that_the_nodes_have(name: str) -> None:
     assert set(settings) == set(known)
     named = {param.get("name") for param in OURS[name].iter("param") if param.get("name")}
     assert named <= set(known)
-    (robot,) = [param.get("value") for param in OURS[name].iter("param") if param.get("name") == "robot"]
-    assert robot == "$(var config)/pioneer.yaml"  # a copy of the folder brings its own robot
 
 
 def test_the_view_attaches_to_the_nodes_of_its_namespace() -> None:
     assert "view" in {script.name for script in entry_points(group="console_scripts")}
     (group,) = LAUNCH.findall("group")
     assert VIEW in list(group)
-    given = {"domain": "tour", "frame": "map", "config": str(CONFIG)}
+    given = {"domain": "tour", "frame": "map", "robot": str(CONFIG / "pioneer.yaml")}
     words = re.sub(r"\$\(var (\w+)\)", lambda found: given[found[1]], VIEW.get("args", ""))
     options = arguments().parse_args(words.split())
     assert (options.attach, options.domain, options.frame) == (True, "tour", "map")
@@ -90,8 +96,7 @@ def test_rviz_has_what_makes_goals_of_its_poses() -> None:
 def test_robot_state_publisher_gets_the_description_of_the_robot_that_is_named() -> None:
     (publisher,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"]
     (value,) = [param.get("value", "") for param in publisher.iter("param")]
-    command = value.removeprefix("$(command '").removesuffix("')").replace("$(var config)", str(CONFIG))
-    words = [sys.executable, *shlex.split(command)[1:]]
+    words = command_of(value, robot=CONFIG / "pioneer.yaml")
     printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     assert printed.strip() == robot_urdf(load_robot(CONFIG / "pioneer.yaml")).strip()
 
@@ -101,3 +106,52 @@ def test_what_it_names_is_declared() -> None:
     text = ET.tostring(LAUNCH, encoding="unicode")
     assert {part.partition(")")[0] for part in text.split("$(var ")[1:]} == declared
     assert (share_folder() / "rviz" / "ator.rviz").is_file()
+
+
+def value_of(node: ET.Element, name: str) -> str:
+    (value,) = [param.get("value", "") for param in node.iter("param") if param.get("name") == name]
+    return value
+
+
+def default_of(argument: str) -> str:
+    (entry,) = [entry for entry in LAUNCH.findall("arg") if entry.get("name") == argument]
+    return entry.get("default", "")
+
+
+def test_robot_and_domain_reach_every_node() -> None:
+    for node in (*OURS.values(), GOAL_POSE):
+        assert value_of(node, "domain") == "$(var domain)", node.get("exec")
+        assert value_of(node, "robot") == "$(var robot)", node.get("exec")
+    assert {"$(var domain)", "$(var robot)"} <= set(re.findall(r"\$\(var \w+\)", VIEW.get("args", "")))
+    (publisher,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"]
+    assert "$(var robot)" in value_of(publisher, "robot_description")
+
+
+@pytest.mark.parametrize(
+    ("content", "domain"),
+    [
+        (None, "soccer"),  # the shipped one
+        ("/**/executor:\n  ros__parameters:\n    domain: tour\n", "tour"),
+        ("/**/executor:\n  ros__parameters:\n    domain: /there/own.yaml\n", "/there/own.yaml"),
+        ("/**/executor:\n  ros__parameters:\n    robot: ''\n", "soccer"),
+        ("- no parameters", "soccer"),
+        ("{", "soccer"),
+    ],
+)
+def test_robot_and_domain_are_by_default_what_the_configuration_says(
+    tmp_path: Path, content: str | None, domain: str
+) -> None:
+    assert default_of("robot") == "$(var config)/pioneer.yaml"  # a copy of the folder brings its own robot
+    folder = CONFIG if content is None else tmp_path
+    if content is not None:
+        (tmp_path / "executor.yaml").write_text(content, encoding="utf-8")
+    done = subprocess.run(command_of(default_of("domain"), config=folder), capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, domain, "")  # of anything else launch fails
+
+
+def test_the_document_lists_the_arguments() -> None:
+    text = (Path(__file__).resolve().parents[1] / "docs" / "install.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"\| argument \|.*?\n\n", text, flags=re.DOTALL)
+    cells = [row.split("|")[1] for row in table.strip().splitlines()[2:]]
+    listed = set(re.findall(r"`(\w+)`", " ".join(cells)))
+    assert listed == {entry.get("name") for entry in LAUNCH.findall("arg")}

@@ -131,9 +131,11 @@ def test_a_new_action_joins_from_outside() -> None:
     assert executor.step(later).status is Status.SUCCEEDED
 
 
-def test_a_library_without_an_action_is_refused() -> None:
-    with pytest.raises(KeyError, match="expected the actions"):
-        TopLibrary(ROBOT, "empty", tops=(Top("fly", "fly", Condition(), Condition()),), actions={})
+def test_what_a_library_lacks_is_told() -> None:
+    empty = TopLibrary(ROBOT, "empty", tops=(Top("soar", "fly", Condition(), Condition()),), actions={})
+    assert (dict(empty), empty.get("soar")) == ({}, None)
+    with pytest.raises(KeyError, match=r"^soar needs the action fly; action set empty has none of"):
+        empty["soar"]
     with pytest.raises(DomainError, match="expected one of"):
         SOCCER.library(ROBOT, "none")
     with pytest.raises(KeyError, match="goToBall"):

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -150,6 +151,42 @@ class Action(ABC):
         reason : str
             A sentence on why it ended.
         """
+
+
+@dataclass(slots=True)
+class Use:
+    """An action between its start and its end, and the reason for which it will be ended."""
+
+    reason: str
+
+
+@contextmanager
+def started(action: Action, world: World, goal: Goal, reason: str = "broken off") -> Iterator[Use]:
+    """Start an action for a block of code, and end it however that is left.
+
+    Whoever starts an action in a function and ends it there does so with this; what lives on from tick to
+    tick (`StepRun`) has stages for it.
+
+    Parameters
+    ----------
+    action : Action
+        Set up, where it needs that.
+    world, goal
+        As for `Action.start`.
+    reason : str
+        Why it ends, unless the block gives another reason.
+
+    Raises
+    ------
+    ActionError
+        The action cannot start; then nothing is ended.
+    """
+    action.start(world, goal)
+    use = Use(reason)
+    try:
+        yield use
+    finally:
+        action.end(use.reason)
 
 
 def finished(status: Status, message: str, command: Command | None = STOP) -> Step:

@@ -31,10 +31,6 @@ def inconsistencies(domain: Domain) -> Iterator[str]:
     yield from _of_features(domain, features)
     for action_set, specs in domain.action_sets.items():
         where = f"action set {action_set!r}"
-        names = {spec.name for spec in specs}
-        missing = sorted({top.action for top in domain.tops} - names)
-        if missing:
-            yield f"{where}: expected the actions {missing} of its TOPs, it has {sorted(names)}"
         for spec in specs:
             own = [direct_name(variable.name) for variable in spec.goal_variables]
             if unknown := [name for name in spec.features if name not in (*features, *own)]:

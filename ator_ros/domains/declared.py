@@ -47,15 +47,19 @@ class DeclaredTop:
         require(bool(self.post), "post", "at least one term: success is the post-condition", list(self.post))
         require(0.0 <= self.settles <= 60.0, "settles", "a time in s from 0 to 60", self.settles)
 
-    def check(self, objects: tuple[str, ...], action: DeclaredAction) -> None:
-        """Check that all terms name known variables, those of goals of `action` too; ValueError otherwise."""
+    def check(self, objects: tuple[str, ...], action: DeclaredAction | None) -> None:
+        """Check that all terms name known variables, those of goals of `action` too; ValueError otherwise.
+
+        Where there is no such action, nobody knows the variables of its goals, and the TOP is left out.
+        """
         variables = (*_ROBOT, *(f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy")))
         for part in ("pre", "post"):
             for number, term in enumerate(getattr(self, part)):
                 where, target = f"{part}[{number}]", term.target
                 _check_variable(f"{where}.variable", term.variable, variables)
-                if isinstance(target, str) and not action.leaves_open(target):
-                    _check_variable(f"{where}.target", target, (*variables, *_GOAL, *action.targets))
+                if isinstance(target, str) and not _is_open(target, action):
+                    known = () if action is None else action.targets
+                    _check_variable(f"{where}.target", target, (*variables, *_GOAL, *known))
                 if isinstance(term, Term):
                     good, least = term.tolerance >= 0.0, "a number that is not negative"
                     require(good, f"{where}.tolerance", least, term.tolerance)
@@ -64,6 +68,11 @@ class DeclaredTop:
         """Return the TOP."""
         pre, post = Condition(self.pre), Condition(self.post)
         return Top(self.name, self.action, pre, post, Point(self.point), self.settles)
+
+
+def _is_open(target: str, action: DeclaredAction | None) -> bool:
+    """Return whether a target is a variable of goals that nobody here can know."""
+    return target.startswith("goal.") if action is None else action.leaves_open(target)
 
 
 def _check_variable(field: str, name: str, known: tuple[str, ...]) -> None:
@@ -174,7 +183,7 @@ class DeclaredDomain:
     time_limit: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
-        """Check that names come once, and that TOPs name actions and objects that there are."""
+        """Check that names come once, and that TOPs name objects that there are."""
         _check_name(self.name)
         require(0.0 < self.time_limit <= 3600.0, "time_limit", "a time in s from 0 to 3600", self.time_limit)
         for part in ("tops", "actions", "objects", "variables", "chains"):
@@ -186,9 +195,8 @@ class DeclaredDomain:
         objects = tuple(item.name for item in self.objects)
         for number, top in enumerate(self.tops):
             where = f"tops[{number}]"
-            require(top.action in actions, f"{where}.action", f"one of {', '.join(actions)}", top.action)
             try:
-                top.check(objects, actions[top.action])
+                top.check(objects, actions.get(top.action))
             except ValueError as error:
                 raise ValueError(f"{where}.{error}") from error
         for number, chain in enumerate(self.chains):

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
-from ator_ros.actions.situation import Situation
+from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
+from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import RobotState, World
 
 _MOST_STEPS = 32
-_MOST_DRAWS = 10_000
 _FARTHEST = 1000.0
 _ALL_ROUND = (-math.pi, math.pi)
-
-
-class NoPlaceError(ValueError):
-    """Places of which none lies as far from the one before as was declared."""
 
 
 def _check_spread(name: str, spread: tuple[float, ...], most: float) -> None:
@@ -67,11 +66,29 @@ def _drawn(
     places: Places, rng: np.random.Generator, *, apart: float = 0.0, before: Pose | None = None
 ) -> Pose:
     """Draw a pose of one of the places, at least `apart` m from the pose `before`; raises NoPlaceError."""
-    for _ in range(_MOST_DRAWS):
-        pose = places[int(rng.integers(len(places)))].drawn(rng)
-        if before is None or pose.distance(before) >= apart:
-            return pose
-    raise NoPlaceError(f"apart: expected places {apart:g} m from the one before, found none")
+    return drawn_until(
+        lambda: places[int(rng.integers(len(places)))].drawn(rng),
+        lambda pose: before is None or pose.distance(before) >= apart,
+        lambda: f"apart: expected places {apart:g} m from the one before",
+    )
+
+
+@contextmanager
+def _told_of(where: str) -> Iterator[None]:
+    """Say of which entry of the file it was that a place was missing."""
+    try:
+        yield
+    except NoPlaceError as error:
+        raise NoPlaceError(f"{where}: {error}") from None
+
+
+def _too_far(robot: Robot, time_limit: float) -> str:
+    """Return in words what a way was expected to be that is driven in time."""
+    most = robot.limits.v * time_limit
+    return (
+        f"expected a way of {most:.2f} m at most, which robot {robot.name} drives at {robot.limits.v:g} m/s "
+        f"in the {time_limit:g} s of time_limit"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,16 +125,25 @@ class DrivesOf:
         Reference point of the robot that comes to the destination.
     variables : tuple of GoalVariable
         Goal variables that the action declares; each is drawn evenly from its range.
+    time_limit : float
+        Time in s that a drive may take: none is drawn that takes longer straight ahead at full speed.
     """
 
     action: str
     drives: DeclaredDrives
     point: Point = Point.AXLE
     variables: tuple[GoalVariable, ...] = ()
+    time_limit: float = TIME_LIMIT
 
-    def __call__(self, robot: Robot, rng: np.random.Generator) -> Situation:  # noqa: ARG002
-        """Draw a drive."""
-        start, destination = self.drives.drawn(rng)
+    def __call__(self, robot: Robot, rng: np.random.Generator) -> Situation:
+        """Draw a drive; raises NoPlaceError."""
+        most = robot.limits.v * self.time_limit
+        with _told_of(f"drives of {self.action}"):
+            start, destination = drawn_until(
+                lambda: self.drives.drawn(rng),
+                lambda way: way[0].distance(way[1]) <= most,
+                lambda: _too_far(robot, self.time_limit),
+            )
         values = {item.name: float(rng.uniform(item.low, item.high)) for item in self.variables}
         return Situation(self.action, RobotState(start), {}, Goal(destination, 0.0, self.point, values))
 
@@ -173,13 +199,8 @@ class DeclaredChain:
         for number, step in enumerate(self.steps):
             require(step.top in tops, f"steps[{number}].top", f"one of {', '.join(tops)}", step.top)
 
-    def __call__(
-        self,
-        robot: Robot,  # noqa: ARG002
-        library: TopLibrary,
-        rng: np.random.Generator,
-    ) -> tuple[World, TopChain]:
-        """Draw a situation and a chain, as a `ChainSampler` does."""
+    def drawn(self, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+        """Draw a situation and a chain; raises NoPlaceError."""
         before = start = _drawn(self.start, rng)
         calls: list[TopCall] = []
         for step in self.steps:
@@ -188,3 +209,35 @@ class DeclaredChain:
                 top = library[step.top]
                 calls.append(TopCall(top, library.goal(top, before), frozenset(step.open)))
         return World(0.0, RobotState(start)), TopChain(tuple(calls))
+
+
+@dataclass(frozen=True, slots=True)
+class ChainsOf:
+    """The sampler of a declared chain, a `ChainSampler`.
+
+    Attributes
+    ----------
+    chain : DeclaredChain
+        What is drawn.
+    time_limit : float
+        Time in s that a chain may take: none is drawn whose straight ways take longer at full speed.
+    """
+
+    chain: DeclaredChain
+    time_limit: float = TIME_LIMIT
+
+    def __call__(self, robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+        """Draw a situation and a chain; raises NoPlaceError."""
+        most = robot.limits.v * self.time_limit
+        with _told_of(f"chain {self.chain.name}"):
+            return drawn_until(
+                lambda: self.chain.drawn(library, rng),
+                lambda drawn: _way(*drawn) <= most,
+                lambda: _too_far(robot, self.time_limit),
+            )
+
+
+def _way(world: World, chain: TopChain) -> float:
+    """Return the length in m of the straight ways from step to step."""
+    places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
+    return sum(one.distance(other) for one, other in itertools.pairwise(places))

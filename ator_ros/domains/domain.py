@@ -70,7 +70,7 @@ class Domain:
     tops : tuple of Top
         The TOPs that plans consist of, with the tolerances for a usual robot; see `tops_for`.
     action_sets : mapping of str to tuple of ActionSpec
-        Sets of actions by name, each with every action that `tops` name; one is called "default".
+        Sets of actions by name; one is called "default". TOPs whose action a set lacks are left out with it.
     objects : tuple of str
         Names of the objects that conditions speak of; each has a topic of that name.
     chains : mapping of str to callable
@@ -108,9 +108,9 @@ class Domain:
     Raises
     ------
     DomainError
-        There is no default set of actions, a set lacks an action that a TOP names, a condition or a source
-        names an object that `objects` lacks, a condition names a goal variable that the TOP's action lacks,
-        an action names a feature that there is not, or two actions declare one goal variable differently.
+        There is no default set of actions, a condition or a source names an object that `objects` lacks, a
+        condition names a goal variable that the TOP's action lacks, an action names a feature that there is
+        not, or two actions declare one goal variable differently.
     """
 
     name: str
@@ -235,7 +235,7 @@ class Domain:
     def library(
         self, robot: Robot, action_set: str = DEFAULT_SET, factories: Mapping[str, ActionFactory] = NO_OTHERS
     ) -> TopLibrary:
-        """Return the TOPs of the domain with the actions of one set.
+        """Return the TOPs of the domain with the actions of one set; those without are left out.
 
         Parameters
         ----------

@@ -12,7 +12,7 @@ from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain
-from ator_ros.domains.declared_situations import DrivesOf
+from ator_ros.domains.declared_situations import ChainsOf, DrivesOf
 from ator_ros.domains.domain import Domain, DomainError, find_domain, installed_domains, no_bays
 from ator_ros.domains.programs import NoStandInError, stand_in
 from ator_ros.performance.features import Feature, names_of
@@ -55,7 +55,7 @@ def declared_domain(path: Path) -> Domain:
     variables = declared.variables
     points = {top.action: Point(top.point) for top in reversed(declared.tops)}
     actions = [
-        _spec(action, points.get(action.name, Point.AXLE), f"{path}: actions[{number}]")
+        _spec(action, points.get(action.name, Point.AXLE), declared.time_limit, f"{path}: actions[{number}]")
         for number, action in enumerate(declared.actions)
     ]
     return Domain(
@@ -63,7 +63,7 @@ def declared_domain(path: Path) -> Domain:
         tops=tuple(top.made() for top in declared.tops),
         action_sets={DEFAULT_SET: tuple(spec for spec, _ in actions)},
         objects=tuple(item.name for item in declared.objects),
-        chains={chain.name: chain for chain in declared.chains},
+        chains={chain.name: ChainsOf(chain, declared.time_limit) for chain in declared.chains},
         sources=declared.objects,
         variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
         features=tuple(dict.fromkeys(feature for _, features in actions for feature in features)),
@@ -78,10 +78,12 @@ def _those_described(scene: Scene) -> tuple[Bay, ...]:
     return scene.bays
 
 
-def _spec(action: DeclaredAction, point: Point, where: str) -> tuple[ActionSpec, tuple[Feature, ...]]:
+def _spec(
+    action: DeclaredAction, point: Point, time_limit: float, where: str
+) -> tuple[ActionSpec, tuple[Feature, ...]]:
     """Return the specification of an action, and the features that its own domain adds for it."""
     if action.local is None:
-        return _remote_spec(action, point, where), ()
+        return _remote_spec(action, point, time_limit, where), ()
     try:
         domain = find_domain(action.local.domain)
         found = domain.actions(action.local.action_set)
@@ -93,7 +95,7 @@ def _spec(action: DeclaredAction, point: Point, where: str) -> tuple[ActionSpec,
     return spec, tuple(feature for feature in domain.features if feature.name in spec.features)
 
 
-def _remote_spec(action: DeclaredAction, point: Point, where: str) -> ActionSpec:
+def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where: str) -> ActionSpec:
     try:
         factory = UnreachableAction if action.stand_in is None else stand_in(action.stand_in)
     except NoStandInError as error:
@@ -101,7 +103,7 @@ def _remote_spec(action: DeclaredAction, point: Point, where: str) -> ActionSpec
     sample = (
         _never_driven
         if action.drives is None
-        else DrivesOf(action.name, action.drives, point, action.goal_variables)
+        else DrivesOf(action.name, action.drives, point, action.goal_variables, time_limit)
     )
     return ActionSpec(
         action.name,

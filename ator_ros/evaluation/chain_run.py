@@ -127,12 +127,14 @@ def run_chain(
     worlds: list[World] = []
     with Simulation(robot, wheels=wheels) as simulation:
         place(simulation, start)
-        ticks = round(time_limit * CONTROL_RATE) + 1
-        done = run(simulation, steered, ticks=ticks, watch=worlds.append, observe=observe)
-        status = Status.RUNNING if done is None else done.status
-        message = f"not done after {time_limit:g} s" if done is None else done.message
-        ended, ended_actions, last = simulation.time, tuple(executor.records), chain.calls[-1]
-        executor.break_off(simulation.world(), Ending.CANCELED, message)
+        ticks, message = round(time_limit * CONTROL_RATE) + 1, "broken off"
+        try:
+            done = run(simulation, steered, ticks=ticks, watch=worlds.append, observe=observe)
+            status = Status.RUNNING if done is None else done.status
+            message = f"not done after {time_limit:g} s" if done is None else done.message
+            ended, ended_actions, last = simulation.time, tuple(executor.records), chain.calls[-1]
+        finally:  # an error must not leave the action under way without its end
+            executor.break_off(simulation.world(), Ending.CANCELED, message)
         judgement = judge(simulation, last.top, last.goal, status, message, drifts=observe is not None)
     if records is not None:
         records += ended_actions

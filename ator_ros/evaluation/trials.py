@@ -13,7 +13,7 @@ from ator_ros.actions.goal_variables import wrong_values
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.world.state import World
 
 #: Purposes of the seeds; no range is used for anything else.
@@ -75,9 +75,14 @@ def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, 
     ------
     EvaluationError
         A goal lacks a variable that its action declares, or has another one.
+    LeftOutError
+        The chain needs a TOP whose action the library's set lacks.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-    world, plan = domain.chains[chain](library.robot, library, rng)
+    try:
+        world, plan = domain.chains[chain](library.robot, library, rng)
+    except LeftOutError as error:
+        raise LeftOutError(f"chain {chain} of {domain.name}: {error}") from None
     for step, call in enumerate(plan.calls, start=1):
         if wrong := wrong_values(call.goal, library.goal_variables(call.top)):
             raise EvaluationError(f"chain {chain} of {domain.name}: step {step} ({call.top.name}): {wrong}")

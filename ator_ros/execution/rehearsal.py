@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 
-from ator_ros.actions.base import Action, ActionError, Goal, Status
+from ator_ros.actions.base import Action, ActionError, Goal, Status, started
 from ator_ros.execution.predictions import Predictor
 from ator_ros.geometry import Pose
 from ator_ros.refinement.errors import RefinementError
@@ -86,13 +86,10 @@ def _planned(library: TopLibrary, top: Top, world: World, goal: Goal) -> bool:
     """Search to the end; return whether there is a plan. Actions from outside may need other situations."""
     try:
         action = library.action(top)
-        action.start(world, goal)
+        with started(action, world, goal, "rehearsed"):
+            return _search_ends(action, world)
     except ActionError:
         return False
-    try:
-        return _search_ends(action, world)
-    finally:
-        action.end("rehearsed")
 
 
 def _search_ends(action: Action, world: World) -> bool:

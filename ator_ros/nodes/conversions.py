@@ -26,7 +26,7 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
-from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 MOST_OBJECTS = 16
@@ -232,7 +232,10 @@ def _alternative_from(chain: msg.TopChain, library: TopLibrary, frame: str, wher
 
 
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:
-    top = library[checks.name(call.top, f"{where}.top", allowed=library)]
+    try:
+        top = library[checks.name(call.top, f"{where}.top", allowed=[*library, *library.left_out])]
+    except LeftOutError as error:
+        raise MessageError(f"{where}.top: {error}") from None
     checks.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
     bounds = checks.bounds_of(library.robot)
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=bounds.v, unit="m/s")

@@ -76,7 +76,8 @@ class ExecutorNode(Node):
         self._domain = domain = domain_of(self._settings)
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
         self._libraries = self._remotes.libraries(robot)
-        for reason in filter(None, (top.lacks(robot) for top in domain.tops_for(robot))):
+        incomplete = (library.incomplete for library in self._libraries.values())
+        for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *incomplete)):
             self.get_logger().warning(reason)
         load = functools.partial(load_predictors, self, domain, self._libraries)
         self._sets = LearnedSets(self, self._settings["models"], self._settings["learned"], load)

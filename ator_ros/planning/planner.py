@@ -126,6 +126,7 @@ def task_for(
     checked(wishes, known_variables(objects, holder=robot.holder is not None))
     check_on_floor(wishes, robot)
     unfit = {top.name: why for top in library.values() if (why := _unfit(top, world, library))}
+    unfit |= library.left_out
     tops = [top for top in library.values() if top.name not in unfit]
     wanted = facts_of(wishes, tops)
     driving = driving_top(library)

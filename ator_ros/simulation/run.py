@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
-from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.actions.base import Action, Goal, Point, Status, Step, started
 from ator_ros.geometry import wrap_angle
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.outcome import failure, may_settle, shortfall, unmet
@@ -197,12 +197,8 @@ def run_action(
         The action cannot start.
     """
     action.setup()
-    action.start(simulation.world(), goal)
-    reason = "broken off"
-    try:
+    with started(action, simulation.world(), goal) as use:
         stepped = action.step if step is None else partial(step, action)
         done = run(simulation, stepped, ticks=round(time_limit * CONTROL_RATE))
-        reason = f"time limit of {time_limit:g} s reached" if done is None else done.message
-    finally:
-        action.end(reason)
-    return done or Step(STOP, Status.RUNNING, reason)
+        use.reason = f"time limit of {time_limit:g} s reached" if done is None else done.message
+    return done or Step(STOP, Status.RUNNING, use.reason)

@@ -42,7 +42,8 @@ def _table(text: str) -> Path:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options, domain = settled(arguments(), words, actions=lambda domain: domain.actions())
+    action_set = arguments().parse_args(words).action_set  # which need not have the actions of the others
+    options, domain = settled(arguments(), words, actions=lambda domain: domain.actions(action_set))
 
     def run() -> int:
         from ator_ros.tools.work import collect as work

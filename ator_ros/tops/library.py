@@ -8,13 +8,24 @@ from types import MappingProxyType
 from ator_ros.actions.base import Action, Goal
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Robot
+from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.tops.top import Top
 
 
+class LeftOutError(ConfigError, KeyError):
+    """A TOP whose action the set lacks was asked for; the message says which."""
+
+    __str__ = Exception.__str__  # that of KeyError puts quotation marks around a sentence
+
+
 class TopLibrary(Mapping[str, Top]):
-    """TOPs by name, and the actions that execute them.
+    """TOPs by name, and the actions that execute them; a TOP whose action is missing is left out.
+
+    Attributes
+    ----------
+    left_out : mapping of str to str
+        By the names of TOPs whose action the set lacks, that reason.
 
     Parameters
     ----------
@@ -30,11 +41,6 @@ class TopLibrary(Mapping[str, Top]):
         Ranges of the goal variables; by default those that robot and scene determine.
     goal_variables : mapping, optional
         The goal variables that actions declare beyond pose and speed, by the actions' names.
-
-    Raises
-    ------
-    KeyError
-        A TOP names an action that the set lacks.
     """
 
     def __init__(
@@ -53,17 +59,20 @@ class TopLibrary(Mapping[str, Top]):
         self._actions = dict(actions)
         self._set_up: set[str] = set()
         self._goal_variables = dict(goal_variables)
-        self._tops = {top.name: top for top in tops}
-        missing = sorted({top.action for top in self._tops.values()} - set(self._actions))
-        if missing:
-            raise KeyError(
-                f"action set {action_set!r}: expected the actions {missing}, it has {sorted(self._actions)}"
-            )
+        every = {top.name: top for top in tops}
+        self._tops = {name: top for name, top in every.items() if top.action in self._actions}
+        self.left_out: Mapping[str, str] = {
+            name: f"{name} needs the action {top.action}; action set {action_set} has none of that name"
+            for name, top in every.items()
+            if name not in self._tops
+        }
 
     def __getitem__(self, name: str) -> Top:
         try:
             return self._tops[name]
         except KeyError:
+            if name in self.left_out:
+                raise LeftOutError(self.left_out[name]) from None
             raise KeyError(f"TOP: expected one of {sorted(self._tops)}, got {name!r}") from None
 
     def __iter__(self) -> Iterator[str]:
@@ -71,6 +80,17 @@ class TopLibrary(Mapping[str, Top]):
 
     def __len__(self) -> int:
         return len(self._tops)
+
+    @property
+    def incomplete(self) -> str:
+        """What the set of actions lacks, in one sentence; empty if it is complete."""
+        if not self.left_out:
+            return ""
+        there = ", ".join(sorted(self._actions)) or "none"
+        return (
+            f"action set {self.action_set}: without {', '.join(self.left_out)}: expected the actions that "
+            f"they need, it has {there}"
+        )
 
     def usable(self) -> list[Top]:
         """Return the TOPs that the robot can execute: without a holder none that needs one."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -11,7 +12,7 @@ from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.geometry import Pose
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import expected_time
-from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.runs import Race, Run
@@ -59,7 +60,6 @@ class Desk:
 
     def __init__(self, stage: ViewStage, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
         self.stage, self.domain, self.libraries = stage, domain, libraries
-        self.chain_name = next(iter(domain.chains))
         self.seed, self.index = 0, 0
         self.advice: Advice | None = None
         self.problem, self.paused = "", False
@@ -70,9 +70,17 @@ class Desk:
         self._stale, self._displaced = True, True
         self._follows, self._looked = False, -math.inf
         self._absent = 0
-        self.draft = self._drawn(self.chain_name, self.seed, self.index)
+        self.chain_name, self.draft = self._first()
 
     # Situations
+
+    def _first(self) -> tuple[str, Draft]:
+        """Return the first chain for whose steps there are actions, and its first situation."""
+        *others, last = self.domain.chains
+        for name in others:
+            with contextlib.suppress(LeftOutError):
+                return name, self._drawn(name, self.seed, self.index)
+        return last, self._drawn(last, self.seed, self.index)
 
     def _drawn(self, chain: str, seed: int, index: int) -> Draft:
         """Return the draft of a situation, with action set and objective as they are."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -128,7 +129,8 @@ def launch(words: list[str]) -> int:
 
     def put(text: str) -> str:
         text = re.sub(r"\$\(find-pkg-share (\w+)\)", lambda m: get_package_share_directory(m[1]), text)
-        return re.sub(r"\$\(var (\w+)\)", lambda m: put(str(values[m[1]])), text)
+        text = re.sub(r"\$\(var (\w+)\)", lambda m: put(str(values[m[1]])), text)
+        return re.sub(r"\$\(command '([^']*)'\)", lambda m: printed_by(m[1]), text)
 
     values |= {entry.get("name"): entry.get("value") for entry in root.findall("let")}
     (group,) = root.findall("group")
@@ -136,6 +138,13 @@ def launch(words: list[str]) -> int:
     running = [_node(node, put, namespace) for node in group.findall("node") if _wanted(node, put)]
     signal.signal(signal.SIGINT, lambda *_: [process.send_signal(signal.SIGINT) for process in running])
     return max(process.wait() for process in running)
+
+
+def printed_by(command: str) -> str:
+    """Return what a command prints, with our Python for `python3`."""
+    words = shlex.split(command)
+    words[0] = sys.executable if words[0] == "python3" else words[0]
+    return subprocess.run(words, check=True, capture_output=True, text=True).stdout
 
 
 def _wanted(node: ET.Element, put: Any) -> bool:

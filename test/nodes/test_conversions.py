@@ -220,3 +220,10 @@ def test_unknown_performance_is_nan() -> None:
     message = conversions.performance_of({"duration": 2.0, "of another measure": 1.0})
     assert message.duration == 2.0
     assert all(math.isnan(value) for value in (message.spread, message.success, message.accuracy))
+
+
+def test_a_top_without_its_action_is_refused_by_name() -> None:
+    small = TopLibrary(LIBRARY.robot, "small", tops=LIBRARY.values(), actions={"goToPose": Shoot})
+    told = r"^chain.calls\[0\].top: shoot needs the action shoot; action set small has none of that name$"
+    with pytest.raises(MessageError, match=told):
+        conversions.chain_from(TopChain(calls=[TopCall(top="shoot")]), small, frame="odom")

@@ -10,10 +10,12 @@ from types import MappingProxyType
 import numpy as np
 
 from ator_ros.actions.base import Goal
+from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.domains.domain import ChainSampler
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.situations import SHORTEST, is_inside, pose_within, random_pose
+from ator_ros.domains.soccer.planned import shooting_room
+from ator_ros.domains.soccer.situations import SHORTEST, is_inside, pose_within, random_pose, way_with_ball
 from ator_ros.domains.soccer.thresholds import ball_clearance, farthest
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
@@ -34,7 +36,8 @@ _OPEN_HEADING = frozenset({"yaw"})
 def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
     """Draw a ball to go to and to dribble to a pose: the chain of the paper's Table 1."""
     ball, world = _start(robot, rng)
-    goal = pose_within(robot, rng, ball, SHORTEST, farthest(robot, _OF_TWO, with_ball=True))
+    most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
+    goal = pose_within(robot, rng, ball, SHORTEST, most, held=True)
     calls = (_call(library, "goToBall", ball, _OPEN_HEADING), _call(library, "dribbleBall", goal))
     return world, TopChain(calls)
 
@@ -44,52 +47,105 @@ def rolling(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tupl
 
     It rests before the robot could be there: no action of ours catches a ball in motion.
     """
-    while True:
+
+    def drawn() -> tuple[World, TopChain, ObjectState]:
         world, chain = dribble(robot, library, rng)
         rest = chain.calls[0].goal.pose
         way, speed = rng.uniform(-math.pi, math.pi), rng.uniform(*ROLLING_SPEED)
         moving = ObjectState(rest.x, rest.y, speed * math.cos(way), speed * math.sin(way))
         there = robot.scene.at_rest(BALL, moving)
-        soonest = world.robot.pose.distance(rest) / robot.limits.v
-        now = Pose(2.0 * rest.x - there.x, 2.0 * rest.y - there.y, rest.yaw)
-        apart = world.robot.pose.distance(now) >= ball_clearance(robot)
-        if apart and is_inside(now, robot) and 2.0 * rest.distance(now) / speed <= soonest:
-            break
-    ball = ObjectState(now.x, now.y, moving.vx, moving.vy)
+        x, y = 2.0 * rest.x - there.x, 2.0 * rest.y - there.y
+        return world, chain, ObjectState(x, y, moving.vx, moving.vy)
+
+    def rests_in_time(found: tuple[World, TopChain, ObjectState]) -> bool:
+        world, chain, ball = found
+        rest, start = chain.calls[0].goal.pose, world.robot.pose
+        now, speed = Pose(ball.x, ball.y, rest.yaw), math.hypot(ball.vx, ball.vy)
+        soonest = start.distance(rest) / robot.limits.v
+        apart = start.distance(now) >= ball_clearance(robot)
+        return apart and is_inside(now, robot) and 2.0 * rest.distance(now) / speed <= soonest
+
+    world, chain, ball = drawn_until(
+        drawn, rests_in_time, lambda: _expected(robot, "a ball that rolls there")
+    )
+    now = chain.calls[0].goal.pose._replace(x=ball.x, y=ball.y)
     goal = dataclasses.replace(chain.calls[0].goal, pose=now)
     return World(0.0, world.robot, {BALL: ball}), chain.with_goal(0, goal)
 
 
 def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
     """Draw a ball to go to, to dribble before the goal and to shoot: the chain of the paper's Figure 1."""
+    most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
+
+    def in_reach() -> tuple[World, TopChain]:
+        return drawn_until(
+            lambda: _shot(robot, library, rng),
+            lambda drawn: _dribbled(robot, drawn[1]) <= most,
+            lambda: _expected(robot, f"to dribble {most:.2f} m at most before the goal"),
+        )
+
+    if robot.holder is None:  # its TOPs say what it lacks
+        return in_reach()
+    return shooting_room.with_room(robot, in_reach, lambda drawn: _last_shot(robot, drawn[1]))
+
+
+def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
     ball, world = _start(robot, rng)
     x, y = field_of(robot).goal_centre()
-    position = ball
-    while position.distance(ball) < SHORTEST:
+
+    def position() -> Pose:
         distance, bearing = rng.uniform(*SHOOTING_DISTANCE), rng.uniform(-SHOOTING_BEARING, SHOOTING_BEARING)
-        position = Pose(x - distance * math.cos(bearing), y + distance * math.sin(bearing), -bearing)
+        return Pose(x - distance * math.cos(bearing), y + distance * math.sin(bearing), -bearing)
+
+    there = drawn_until(
+        position,
+        lambda place: place.distance(ball) >= SHORTEST and robot.scene.area.has_floor(place.x, place.y),
+        lambda: _expected(robot, "a place for a shot before the goal"),
+    )
     calls = (
         _call(library, "goToBall", ball, _OPEN_HEADING),
-        _call(library, "dribbleBall", position, _OPEN_HEADING),
+        _call(library, "dribbleBall", there, _OPEN_HEADING),
         _call(library, "shoot", Pose(x, y, 0.0)),
     )
     return world, TopChain(calls)
 
 
+def _dribbled(robot: Robot, chain: TopChain) -> float:
+    """Return how far in m the ball is dribbled to where it is shot."""
+    fetch, dribbling, _ = chain.calls
+    return way_with_ball(robot, fetch.goal.pose, dribbling.goal.pose)
+
+
+def _last_shot(robot: Robot, chain: TopChain) -> Situation:
+    """Return the shot of a chain as the dribble before it is meant to end."""
+    _, dribbling, shot = chain.calls
+    held = dribbling.goal.pose
+    ball = {BALL: ObjectState(held.x, held.y)}
+    return Situation(shot.top.action, RobotState(robot.pose_holding(held)), ball, shot.goal)
+
+
 def drive(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
     """Draw a place to pass on the way to a pose, without a ball: every robot can drive there."""
     way = random_pose(robot, rng)
-    goal = pose_within(robot, rng, way, SHORTEST, farthest(robot, _OF_TWO))
-    start = pose_within(robot, rng, way, SHORTEST, farthest(robot, _OF_TWO))
+    most = farthest(robot, _OF_TWO, SHORTEST)
+    goal, start = (pose_within(robot, rng, way, SHORTEST, most) for _ in range(2))
     calls = (_call(library, "goToPose", way, _OPEN_HEADING), _call(library, "goToPose", goal))
     return World(0.0, RobotState(start)), TopChain(calls)
 
 
 def _start(robot: Robot, rng: np.random.Generator) -> tuple[Pose, World]:
     """Draw a ball, and a robot at rest that does not touch it."""
-    ball = random_pose(robot, rng)
-    start = pose_within(robot, rng, ball, ball_clearance(robot), farthest(robot, _OF_TWO))
+    ball, nearest = random_pose(robot, rng), ball_clearance(robot)
+    start = pose_within(robot, rng, ball, nearest, farthest(robot, _OF_TWO, nearest))
     return ball, World(0.0, RobotState(start), {BALL: ObjectState(ball.x, ball.y)})
+
+
+def _expected(robot: Robot, what: str) -> str:
+    area = robot.scene.area
+    return (
+        f"scene.area: expected {what} for robot {robot.name} at {robot.limits.v:g} m/s, "
+        f"got {area.length:g} x {area.width:g} m"
+    )
 
 
 def _call(library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = frozenset()) -> TopCall:

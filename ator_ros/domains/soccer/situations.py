@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.situation import Situation
+from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until
 from ator_ros.domains.soccer.ball import BALL, objects_of
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
@@ -25,22 +25,42 @@ from ator_ros.world.state import ObjectState, RobotState
 SHORTEST = 0.5  # m between start and goal
 ALONE = 0.6
 """Share of the time limit that the straight way of an action may take at full speed: turns need the rest."""
-SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line when a shot starts
+SHOT_RANGE = (0.6, 2.5)
+"""Range in m of the distance between the ball and the middle of the goal line when a shot starts."""
 
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
-    """Draw a pose that lies well within the lines."""
+    """Draw a pose that lies well within the lines; NoPlaceError where there is no such place."""
     half_length, half_width = _half_sizes(robot)
+    if min(half_length, half_width) < 0.0:
+        raise NoPlaceError(
+            f"{_told(robot)}, expected more room between the lines than starts and goals keep from them"
+        )
     x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
     return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
 
-def pose_within(robot: Robot, rng: np.random.Generator, of: Pose, low: float, high: float) -> Pose:
-    """Draw a pose whose distance from another is `low` to `high` (m)."""
-    pose = random_pose(robot, rng)
-    while not low <= pose.distance(of) <= high:
-        pose = random_pose(robot, rng)
-    return pose
+def pose_within(
+    robot: Robot, rng: np.random.Generator, of: Pose, low: float, high: float, *, held: bool = False
+) -> Pose:
+    """Draw a pose whose distance from another is `low` to `high` (m); NoPlaceError where there is none.
+
+    If both are of a ball that is `held`, the robot's axle comes no farther than `high` either.
+    """
+
+    def way(pose: Pose) -> float:
+        return way_with_ball(robot, of, pose) if held else of.distance(pose)
+
+    return drawn_until(
+        lambda: random_pose(robot, rng),
+        lambda pose: low <= pose.distance(of) and way(pose) <= high,
+        lambda: f"{_told(robot)}, expected room for starts and goals {low:.2f} to {high:.2f} m apart",
+    )
+
+
+def way_with_ball(robot: Robot, start: Pose, end: Pose) -> float:
+    """Return the distance in m that a held ball goes from pose to pose, or the axle if it goes farther."""
+    return max(start.distance(end), robot.pose_holding(start).distance(robot.pose_holding(end)))
 
 
 def is_inside(place: Pose, robot: Robot) -> bool:
@@ -52,6 +72,15 @@ def is_inside(place: Pose, robot: Robot) -> bool:
 def _half_sizes(robot: Robot) -> tuple[float, float]:
     area, (at_end, at_side) = robot.scene.area, line_margins(robot)
     return area.length / 2 - at_end, area.width / 2 - at_side
+
+
+def _told(robot: Robot) -> str:
+    """Return in words the area, and how far from its lines a robot starts and ends."""
+    area, (at_end, at_side) = robot.scene.area, line_margins(robot)
+    return (
+        f"scene.area: got {area.length:g} x {area.width:g} m, of whose lines robot {robot.name} keeps "
+        f"{at_end:.2f} m at the ends and {at_side:.2f} m at the sides"
+    )
 
 
 def _share(rng: np.random.Generator, share: float) -> bool:
@@ -72,7 +101,7 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     with_ball = _share(rng, 0.75) and robot.holder is not None
     goal = random_pose(robot, rng)
     nearest = ball_clearance(robot) if with_ball else SHORTEST
-    start = pose_within(robot, rng, goal, nearest, farthest(robot, ALONE))
+    start = pose_within(robot, rng, goal, nearest, farthest(robot, ALONE, nearest))
     state = RobotState(start)
     if _share(rng, 1.0 / 7.0):
         v = float(rng.uniform(-0.3, 0.8) * robot.limits.v)
@@ -95,7 +124,8 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed."""
     robot.holder_for("dribbleBall")
     goal = random_pose(robot, rng)
-    ball = pose_within(robot, rng, goal, SHORTEST, farthest(robot, ALONE, with_ball=True))
+    most = farthest(robot, ALONE, SHORTEST, with_ball=True)
+    ball = pose_within(robot, rng, goal, SHORTEST, most, held=True)
     state, rolling = _holding(robot, robot.pose_holding(ball), _speed(robot, rng, 0.5))
     arrival = Goal(goal, _speed(robot, rng, 0.3), Point.HOLD)
     return Situation("dribbleBall", state, objects_of(rolling), arrival)
@@ -105,18 +135,27 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a shot from up to 2.5 m before the goal: the ball is held, and every second start is in motion."""
     robot.holder_for("shoot")
     x, y = field_of(robot).goal_centre()
-    start = _shooting_pose(robot, rng)
-    while touches_goals(np.array([start]), robot):
-        start = _shooting_pose(robot, rng)
+    start = drawn_until(
+        lambda: _shooting_pose(robot, rng),
+        lambda pose: _has_floor(robot, pose) and not touches_goals(np.array([pose]), robot),
+        lambda: f"{_told(robot)}, expected room before the goal for a robot that reaches {robot.reach:.2f} m",
+    )
     state, rolling = _holding(robot, start, _speed(robot, rng, 0.5))
     return Situation("shoot", state, objects_of(rolling), Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
+
+
+def _has_floor(robot: Robot, pose: Pose) -> bool:
+    """Return whether robot and ball are on the floor when the robot holds the ball at `pose`."""
+    area, ball = robot.scene.area, robot.hold_point(pose)
+    return area.has_floor(pose.x, pose.y) and area.has_floor(ball.x, ball.y)
 
 
 def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     """Draw a pose of the robot whose ball lies within range of the goal."""
     x, y = field_of(robot).goal_centre()
     bearing = rng.uniform(-0.45, 0.45) * math.pi  # seen from the goal, the lines beside it excluded
-    distance = rng.uniform(*SHOT_RANGE)
+    nearest, most = SHOT_RANGE
+    distance = rng.uniform(nearest, min(most, farthest(robot, ALONE, nearest, with_ball=True)))
     ball = Pose(
         x - float(distance * math.cos(bearing)),
         y + float(distance * math.sin(bearing)),

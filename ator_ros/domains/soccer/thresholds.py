@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from ator_ros.actions.situation import NoPlaceError
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.ranges import ARRIVAL_SPEED
 from ator_ros.robot.description import Limits, Robot
@@ -18,7 +19,6 @@ _LEAST_CLEARANCE = 0.6
 # Centripetal acceleration in m/s^2 beyond which wheels may slide: rubber on a hard floor holds some 0.6 g, of
 # which a base that two driven wheels and a caster carry has about 0.7.
 _GRIP = 4.0
-_LEAST_DISTANCE = 1.5  # m, so that there are goals to draw
 
 
 def approach_run(robot: Robot) -> float:
@@ -66,14 +66,26 @@ def gripping(limits: Limits) -> Limits:
     return dataclasses.replace(limits, w=steady_rate(limits.w, limits.v))
 
 
-def farthest(robot: Robot, share: float, *, with_ball: bool = False) -> float:
+def farthest(robot: Robot, share: float, least: float, *, with_ball: bool = False) -> float:
     """Return the distance in m that a robot at full speed drives in a share of the time that a run may take.
 
     The samplers draw no goal beyond it: a slow robot would not get there in time.
+
+    Raises
+    ------
+    NoPlaceError
+        It is less than `least` (m), the shortest way that is drawn.
     """
     holds = with_ball and robot.holder is not None
     speed = min(robot.limits.v, robot.holder.limits.v if holds and robot.holder else robot.limits.v)
-    return max(_LEAST_DISTANCE, share * TIME_LIMIT * speed)
+    most = share * TIME_LIMIT * speed
+    if most < least:
+        needed, load = least / (share * TIME_LIMIT), " with the ball" if holds else ""
+        raise NoPlaceError(
+            f"limits.v: expected {needed:.3f} m/s or more{load}, to drive {least:.2f} m in "
+            f"{share * TIME_LIMIT:g} of {TIME_LIMIT:g} s, got {speed:g} m/s of robot {robot.name}"
+        )
+    return most
 
 
 def greatest_arrival(robot: Robot) -> float:

@@ -108,7 +108,9 @@ def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[lis
             left_out[name] = str(error)
         else:
             actions.append(name)
-    return actions, left_out
+    library = domain.library(robot, action_set)
+    lacking = {top.action: library.left_out.get(top.name) for top in domain.tops}
+    return actions, left_out | {name: reason for name, reason in lacking.items() if reason is not None}
 
 
 def possible_chain(domain: Domain, library: TopLibrary, wanted: str, actions: Sequence[str]) -> str | None:

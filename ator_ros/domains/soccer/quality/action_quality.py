@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Status, Step
-from ator_ros.actions.situation import Situation
+from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.domains.soccer.ball import ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
@@ -75,9 +75,11 @@ def situation_of(task: Task, robot: Robot) -> Situation:
         task.kind
     ]
     sample = SOCCER.actions(task.action_set)[action].sample
-    drawn = sample(robot, rng)
-    while action == "goToPose" and (ball_of(drawn) is None) != (task.kind == "pose"):
-        drawn = sample(robot, rng)
+    drawn = drawn_until(
+        lambda: sample(robot, rng),
+        lambda one: action != "goToPose" or (ball_of(one) is None) == (task.kind == "pose"),
+        lambda: f"{task.kind}: expected a situation of this kind for robot {robot.name}",
+    )
     pose = drawn.robot.pose._replace(yaw=drawn.robot.pose.yaw + task.turn)
     ball = ball_of(drawn)
     if ball is not None and task.kind != "approach":

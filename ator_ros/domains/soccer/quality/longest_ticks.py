@@ -6,11 +6,11 @@ import dataclasses
 import math
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import numpy as np
 
-from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
+from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, started
 from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
@@ -66,25 +66,30 @@ def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
     """Measure the processor time in s of each tick of an action whose robot does what it is told."""
     began, times = time.process_time(), []
     try:
-        action.start(world, goal)
+        with started(action, world, goal, "measured"):
+            for _ in range(_TICKS):
+                step = action.step(world)
+                times.append(time.process_time() - began)
+                if step.status is not Status.RUNNING:
+                    break
+                world = _after(action.robot, world, step.command or STOP)
+                began = time.process_time()
     except ActionError:
-        return [time.process_time() - began]
-    for _ in range(_TICKS):
-        step = action.step(world)
-        times.append(time.process_time() - began)
-        if step.status is not Status.RUNNING:
-            break
-        world = _after(action.robot, world, step.command or STOP)
-        began = time.process_time()
-    action.end("measured")
+        return [*times, time.process_time() - began]
     return times
 
 
 def slices_of(action: PlannedAction, world: World, goal: Goal) -> list[list[int]]:
     """Plan to the end as from rest; return the points of the portions of each slice."""
+    with ExitStack() as stack:
+        with suppress(ActionError):
+            stack.enter_context(started(action, world, goal, "measured"))
+        return _searched(action, world)
+
+
+def _searched(action: PlannedAction, world: World) -> list[list[int]]:
+    """Return the points of the portions of each slice, of a search with the goal that `action` has got."""
     slices: list[list[int]] = []
-    with suppress(ActionError):
-        action.start(world, goal)
     opening = opening_of(world.robot, action.plan_limits.aw)
     planning = action.plan(dataclasses.replace(world, robot=opening.end))
     search, found = Search(world, opening, planning, standing=True), None

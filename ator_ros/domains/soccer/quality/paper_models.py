@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from ator_ros.actions.situation import Situation
+from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.actions.specification import Sampler
 from ator_ros.domains.measurements import PaperRun
 from ator_ros.domains.soccer.domain import SOCCER
@@ -36,9 +36,11 @@ LEARNED = {
 
 def at_rest(sample: Sampler, robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a situation as the paper's: at rest at both ends, the ball at the goal of goToPose or held."""
-    drawn = sample(robot, rng)
-    while not drawn.objects:
-        drawn = sample(robot, rng)
+    drawn = drawn_until(
+        lambda: sample(robot, rng),
+        lambda one: bool(one.objects),
+        lambda: f"expected a situation with a ball for robot {robot.name}",
+    )
     resting = {name: ObjectState(there.x, there.y) for name, there in drawn.objects.items()}
     goal = dataclasses.replace(drawn.goal, speed=0.0)
     return Situation(drawn.action, RobotState(drawn.robot.pose), resting, goal)
