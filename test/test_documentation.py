@@ -46,7 +46,7 @@ BY_TEST = {
     r"make view|(ros2 run ator_ros )?view( docs/evaluation)?": f"{_VIEW}::test_the_page_shows_the_robot_",
     r"view --attach --robots ann bob": "nodes/test_view_several.py::test_two_robots_of_one_simulation_",
     r"view RECORDING": "test_replay_browser.py::test_a_recording_is_played_in_the_browser",
-    r"scripts/run python test/nodes/\w+_view\.py.*": "nodes/test_view_programs.py::test_a_",
+    r"scripts/run python test/nodes/\w+_(view|nodes)\.py.*": "nodes/test_view_programs.py::test_a_",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r".*evaluate --learning.*": "test_learning_stream.py::test_a_stream_goes_on_where_it_was_interrupted",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",

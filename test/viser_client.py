@@ -69,7 +69,7 @@ class ViserClient:
         elif "container_uuid" in message and "props" in message:
             self.fields[str(message["props"].get("label"))] = message["uuid"]
             self._write(message["uuid"], message["props"])
-        elif name is not None:
+        elif name is not None and "props" in message:  # others change what is drawn already
             self.scene.setdefault(str(name), None)
             self.drawn[str(name)] += 1
 
