@@ -78,6 +78,14 @@ class Format:
         """Return what `current` does, without the first fields."""
         return {name: value for name, value in self.current(data).items() if name not in self.head()}
 
+    def content_if_stated(self, data: object) -> object:
+        """Return what `content` does; without format and version, `data` are those of the current version.
+
+        For files that people write, which need not begin with the head.
+        """
+        stated = isinstance(data, dict) and not data.keys().isdisjoint(self.head())
+        return self.content(data) if stated else data
+
 
 def _indented(value: object) -> str:
     """Return JSON over several lines, as a field of an object."""

@@ -1,15 +1,15 @@
 """Files as typed classes: cattrs structures what a parser read, strictly, and says where it does not fit.
 
 A schema is a dataclass. Its annotations say what each field must be: numbers are finite, nothing is converted
-silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within` and `OneOf`
-narrow further. Fields without a default are required. A schema's own ``__post_init__`` raises ValueError for
-what fields can't say alone.
+silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within`, `OneOf`,
+`Name` and `AtMost` narrow further. Fields without a default are required. A schema's own ``__post_init__``
+raises ValueError for what fields can't say alone.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -51,6 +51,26 @@ class OneOf:
     def check(self, value: str) -> str | None:
         """Return what was expected, if `value` is none of the names."""
         return None if value in self.names else f"one of {', '.join(self.names)}"
+
+
+@dataclass(frozen=True)
+class Name:
+    """In `Annotated`: a text is a name of letters, digits and _, not beginning with a digit."""
+
+    def check(self, value: str) -> str | None:
+        """Return what was expected, if `value` is no name."""
+        return None if value.isascii() and value.isidentifier() else "a name of letters, digits and _"
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """In `Annotated`: a list or a table has at most `most` entries."""
+
+    most: int
+
+    def check(self, value: Sized) -> str | None:
+        """Return what was expected, if `value` has more."""
+        return None if len(value) <= self.most else f"at most {self.most} entries"
 
 
 def structured(data: object, schema: type[T], where: str = "", *, closed: bool = False) -> T:

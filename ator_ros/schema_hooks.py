@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from types import NoneType, UnionType
@@ -26,8 +26,9 @@ def names_of_fields(schema: Any) -> str:
     return ", ".join(sorted(item.name for item in fields(schema)))
 
 
-def _number(value: object, _: object = None) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+def _number(value: Any, _: object = None) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not abs(value) <= sys.float_info.max:  # an int may be greater, too
         raise wrong("a finite number", value)
     return float(value)
 
@@ -139,7 +140,7 @@ def _converter(*, closed: bool) -> Converter:
     factories: tuple[tuple[Callable[[Any], bool], Callable[[Any], Any]], ...] = (
         (lambda kind: get_origin(kind) is tuple, lambda kind: _list(converter, kind)),
         (
-            lambda kind: get_origin(kind) is dict or is_dataclass(kind),
+            lambda kind: get_origin(kind) in (dict, Mapping) or is_dataclass(kind),
             lambda kind: _table(converter, kind, closed=closed),
         ),
         (lambda kind: get_origin(kind) is Annotated, lambda kind: _narrowed(converter, kind)),

@@ -18,10 +18,11 @@ from typing import Any
 from tqdm import tqdm
 
 from ator_ros.drawing import BLUE, ORANGE, new_figure, save_svg
-from ator_ros.evaluation.learning_curve import CurveSettings, LearningCurve, points, table_text
+from ator_ros.evaluation.learning_curve import CurveSettings, LearningCurve, points
 from ator_ros.evaluation.running import RESUMES
 from ator_ros.files import portable_command, write_text
 from ator_ros.formats import Format
+from ator_ros.report.terminal_tables import curve_table
 from ator_ros.tools.guard import guarded
 
 FORMAT = Format("ator_ros learning curve", 1, "learning curve")
@@ -103,7 +104,7 @@ def _run(options: argparse.Namespace, settings: CurveSettings, words: Sequence[s
     }
     write_text(options.out / "curve.json", FORMAT.text(result))
     save_svg(chart(told), options.out / "curve.svg")
-    print(table_text(told))
+    print(curve_table(told))
     print(f"wrote {options.out / 'curve.json'} and {options.out / 'curve.svg'}")
     return 0
 

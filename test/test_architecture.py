@@ -111,6 +111,24 @@ def test_only_nodes_and_tools_know_ros() -> None:
     assert knowing == WITH_ROS
 
 
+@pytest.mark.parametrize(
+    ("floor", "foreign"),
+    [
+        ("report", ("ator_ros.simulation", "ator_ros.evaluation.chain_run")),
+        ("evaluation", ("ator_ros.drawing", "matplotlib")),
+        ("learning", ("ator_ros.drawing", "matplotlib")),
+    ],
+)
+def test_reports_execute_nothing_and_what_executes_draws_nothing(
+    floor: str, foreign: tuple[str, ...]
+) -> None:
+    files = [file for file in FILES if floor_of(file) == floor]
+    assert files
+    assert [
+        f"{file.name}: {name}" for file in files for name in imports(file) if name.startswith(foreign)
+    ] == []
+
+
 def test_no_public_class_has_the_name_of_another() -> None:
     named: dict[str, list[str]] = {}
     for file in FILES:

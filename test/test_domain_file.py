@@ -51,6 +51,11 @@ def test_a_file_declares_objects_tops_actions_and_variables(tour: Domain) -> Non
     assert tour.actions()["navigate"].remote is not None
 
 
+def test_a_file_may_state_its_format_and_version(tour: Domain, tmp_path: Path) -> None:
+    stated = find_domain(str(file_of(tmp_path, {"format": "ator_ros domain", "schema_version": 1, **TOUR})))
+    assert (stated.name, stated.tops, stated.objects) == (tour.name, tour.tops, tour.objects)
+
+
 def test_a_variable_has_its_declared_range(tour: Domain) -> None:
     goal = Goal(Pose(0.0, 0.0, 0.0))
     assert set(tour.variables) == {"yaw", "speed"}

@@ -30,6 +30,11 @@ ROBOT = load_robot()
 PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 FORMER = Path(__file__).with_name("former_pioneer.yaml").read_text(encoding="utf-8")
 
+HEAD = "format: ator_ros robot\nschema_version: 1\n"
+SIZES = "{radius: 0.1, mass: 0.1, rolling_deceleration: 0.1, restitution: 0.1}"
+OBJECTS = "".join(f"    o{number}: {SIZES}\n" for number in range(101))
+BAY = "    - {x: 0.0, y: 0.0, yaw: 0.0, width: 1.0, depth: 1.0}\n"
+
 
 def laughs() -> str:
     """Return a YAML text that names 10^9 values with nine lines of aliases."""
@@ -44,15 +49,15 @@ def laughs() -> str:
         (laughs(), "line 2: expected no alias, got *a0"),
         ("robot: &r {v: 1}\nball: *r\nfield: *r\n", "expected no alias"),
         ("# " + "x" * 200_000, "expected at most 0.1 MB"),
-        ("robot: [" + "1," * 5_000 + "]\nball: 1\nfield: 1\n", "robot: expected a mapping"),
+        ("robot: [" + "1," * 5_000 + "]\nball: 1\nfield: 1\n", "robot: expected a table with"),
         (
             PIONEER.replace("v: 1.2", "v: 1200", 1),
-            "robot.limits.v: expected a number from 0.01 to 5, got 1200",
+            "robot.limits.v: expected a number from 0.01 to 5; got 1200",
         ),
         (PIONEER.replace("v: 1.2", "v: 1.0e-9", 1), "robot.limits.v: expected a number from 0.01 to 5"),
         (
             PIONEER.replace("track: 0.33", "track: 330"),
-            "robot.track: expected a number from 0.001 to 10, got 330",
+            "robot.track: expected a number from 0.001 to 10; got 330",
         ),
         (
             PIONEER.replace("length: 8.0", "length: 8000000000.0"),
@@ -62,20 +67,44 @@ def laughs() -> str:
             FORMER.replace("length: 8.0", "length: 8000000000.0"),
             "field.length: expected a number from 0.001 to 1000",
         ),
-        (FORMER.replace("width: 5.0", "width: wide"), "field.width: expected a positive number, got 'wide'"),
-        (FORMER.replace("goal_depth: 0.6", "goal_depth: -1"), "field.goal_depth: expected a positive number"),
-        (FORMER.replace("  fin_gap: 0.25\n", ""), "missing or unknown: ['fin_gap']"),
+        (FORMER.replace("width: 5.0", "width: wide"), "field.width: expected a finite number; got 'wide'"),
+        (
+            FORMER.replace("goal_depth: 0.6", "goal_depth: -1"),
+            "field.goal_depth: expected a number from 0.001 to 1000; got -1",
+        ),
+        (FORMER.replace("  fin_gap: 0.25\n", ""), "; missing fin_gap"),
         (FORMER.replace("w: 1.2", "w: 120"), "robot.dribble_limits.w: expected a number from 0.01 to 50"),
         (FORMER.replace("radius: 0.11", "radius: 11"), "ball.radius: expected a number from 0.001 to 10"),
-        (PIONEER.replace("    gap: 0.25\n", ""), "robot.holder: expected the fields ['gap', 'length'"),
+        (
+            PIONEER.replace("    gap: 0.25\n", ""),
+            "robot.holder: expected the fields gap, length, limits, radius, thickness; missing gap",
+        ),
         (
             PIONEER.replace("    ball:", "    my ball:"),
-            "scene.objects: expected names of letters, digits and _",
+            "scene.objects.my ball: expected a name of letters, digits and _; got 'my ball'",
         ),
-        (PIONEER.replace("x: -4.0", "x: left"), "scene.bays[0].x: expected a number, got 'left'"),
+        (PIONEER.replace("x: -4.0", "x: left"), "scene.bays[0].x: expected a finite number; got 'left'"),
+        (
+            PIONEER.replace("mass: 9.0", f"mass: 1{'0' * 400}"),
+            "robot.mass: expected a finite number; got 1000",
+        ),
+        (PIONEER.replace("track: 0.33", "track: yes"), "robot.track: expected a finite number; got True"),
+        (PIONEER.replace("  track:", "  tracks:"), "wheel_torque; missing track and unknown tracks"),
+        (PIONEER.replace("robot:", "robots:", 1), "expected the fields robot, scene; missing robot"),
+        ("format: ator_ros domain\n" + PIONEER, "format: expected 'ator_ros robot': this is no description"),
+        (HEAD.replace("1", "2") + PIONEER, "schema_version: expected 1 to 1, got 2; a newer one needs"),
+        ("schema_version: 1\n" + PIONEER, "format: expected 'ator_ros robot'"),
+        (
+            PIONEER.replace("  objects:\n", "  objects:\n" + OBJECTS),
+            "scene.objects: expected at most 100 entries; got",
+        ),
+        (
+            PIONEER.replace("  bays:\n", "  bays:\n" + 101 * BAY),
+            "scene.bays: expected at most 100 entries; got",
+        ),
         (
             PIONEER.replace("v: 1.2", f"v: [{'1, ' * 20_000}]", 1),
-            "robot.limits.v: expected a positive number",
+            "robot.limits.v: expected a finite number; got [1, 1,",
         ),
     ],
 )
@@ -90,6 +119,13 @@ def test_robots_that_cannot_be_are_refused_in_one_line(text: str, message: str, 
     assert message in str(refusal.value)
     assert len(str(refusal.value)) < 1000
     assert len(str(refusal.value).splitlines()) <= 4  # a YAML error shows where
+
+
+@pytest.mark.parametrize("text", [PIONEER, FORMER])
+def test_a_description_may_state_its_format_and_version(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(HEAD + text, encoding="utf-8")
+    assert load_robot(file) == ROBOT
 
 
 def test_a_file_of_numbers_without_end_is_refused(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ator_ros.evaluation.learning_curve import CurveSettings, LearningCurve, drawn, points, table_text
+from ator_ros.evaluation.learning_curve import CurveSettings, LearningCurve, drawn, points
 from ator_ros.files import read_text
+from ator_ros.report.terminal_tables import curve_table
 from ator_ros.tools.collect import main as collect
 
 PROGRAM = Path(__file__).parents[1] / "benchmarks" / "learning_curve.py"
@@ -45,7 +46,7 @@ def test_shares_are_of_all_that_could_be_gained() -> None:
     assert told["heading and speed"]["30"]["percent"] == pytest.approx(37.5 / 2.0)
     assert told["heading"]["30"]["slower"] == pytest.approx(25.0)
     assert points([record(0, [9.5, 60.0])])["heading"]["30"]["failed"] == 1
-    assert "37.5" in table_text(told)
+    assert "37.5" in curve_table(told)
 
 
 @pytest.mark.long

@@ -12,7 +12,9 @@ from ator_ros.experience.store_reading import read_records
 from ator_ros.learning.changed import CHANGES
 from ator_ros.learning.sets import RECORDS
 from ator_ros.learning.stream import StreamSettings
-from ator_ros.learning.stream_results import chart, play, summary, table_text
+from ator_ros.learning.stream_results import play, summary
+from ator_ros.report.charts import stream_gains
+from ator_ros.report.terminal_tables import stream_table
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.evaluate import main
 
@@ -47,8 +49,8 @@ def test_gains_are_over_naive_and_shares_of_offline() -> None:
     assert told["learning"]["gain_s"] == pytest.approx(0.8)
     assert told["share_of_offline"] == pytest.approx(0.8)
     assert told["learning_over_shipped_s"][0] == pytest.approx(0.3)
-    assert "80 %" in table_text({"motors": told})
-    chart({"motors": results})
+    assert "80 %" in stream_table({"motors": told})
+    stream_gains({"motors": results})
 
 
 def test_a_stream_of_other_settings_is_refused(tmp_path: Path) -> None:

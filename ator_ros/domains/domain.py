@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ator_ros.actions import DEFAULT_SET
+from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.specification import ActionFactory, ActionSpec
@@ -26,7 +26,6 @@ from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_fea
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
-from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary

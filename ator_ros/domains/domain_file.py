@@ -15,6 +15,7 @@ from ator_ros.domains.declared import DeclaredAction, DeclaredDomain
 from ator_ros.domains.declared_situations import ChainsOf, DrivesOf
 from ator_ros.domains.domain import Domain, DomainError, find_domain, installed_domains, no_bays
 from ator_ros.domains.programs import NoStandInError, stand_in
+from ator_ros.formats import Format
 from ator_ros.performance.features import Feature, names_of
 from ator_ros.performance.training import OBSERVED
 from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
@@ -23,6 +24,8 @@ from ator_ros.schema import SchemaError, structured
 from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.scene import Bay, Scene
 
+FORMAT = Format("ator_ros domain", 1, "domain")
+"""A file may state it; one that does not is of version 1."""
 _LARGEST = 200_000
 """Bytes of a file; one with a dozen TOPs has 5 kB."""
 
@@ -47,7 +50,8 @@ def read_domain(path: Path) -> Domain:
 def declared_domain(path: Path) -> Domain:
     """Read a domain as `read_domain` does, under whatever name: for a package that installs its file."""
     try:
-        declared = structured(read_yaml(path, largest=_LARGEST), DeclaredDomain, closed=True)
+        data = FORMAT.content_if_stated(read_yaml(path, largest=_LARGEST))
+        declared = structured(data, DeclaredDomain, closed=True)
     except UnreadableYamlError as error:
         raise DomainError(str(error)) from error
     except SchemaError as error:

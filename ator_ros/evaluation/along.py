@@ -10,7 +10,7 @@ from ator_ros.execution.execution import Execution
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines, Ending
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Refining
+from ator_ros.execution.refining import AGAIN_AFTER, Refining
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.refinement.alternatives import choosing
 from ator_ros.refinement.errors import RefinementError
@@ -19,9 +19,6 @@ from ator_ros.refinement.slices import completed
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
-
-AGAIN_AFTER = 0.15
-"""Distance in m by which the world must differ, as the executor's parameter refine_again_after has it."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -237,18 +237,3 @@ def _point(
 def _share(gain: Any, limit: Any) -> Any:
     """Return gains in % of what could be gained; 0 where nothing could."""
     return 100.0 * np.where(limit > 0.0, gain / np.where(limit > 0.0, limit, 1.0), 0.0)
-
-
-def table_text(told: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
-    """Return `points` as a table for a terminal."""
-    lines = []
-    for kind, sizes in told.items():
-        lines.append(f"{kind:20}{'% of oracle':>12}{'95 %':>16}{'slower %':>10}{'failed':>8}   draws")
-        for size, point in sizes.items():
-            low, high = point["ci95"]
-            draws = " ".join(f"{share:.0f}" for share in point["draws"])
-            lines.append(
-                f"  {size:18}{point['percent']:12.1f}{f'{low:.1f} to {high:.1f}':>16}"
-                f"{point['slower']:10.1f}{point['failed']:8}   {draws}"
-            )
-    return "\n".join(lines)

@@ -133,37 +133,6 @@ def _portable(settings: dict[str, Any]) -> dict[str, Any]:
     return settings
 
 
-def table_text(summary: Mapping[str, Any]) -> str:
-    """Return the summary as a table for a terminal."""
-    head = f"{'policy':24}{'mean s':>9}{'gain %':>8}{'95 %':>16}{'higher':>8}{'equal':>7}{'lower':>7}"
-    lines = [head + f"{'oracle %':>10}{'failed':>8}"]
-    for name, row in summary.items():
-        if isinstance(row, Mapping):
-            low, high = row["improvement_ci95"]
-            share = row["oracle_captured_percent"]
-            lines.append(
-                f"{name:24}{row['mean_duration_s']:9.2f}{row['improvement_percent']:8.2f}"
-                f"{f'{low:.2f} to {high:.2f}':>16}{row['higher']:8}{row['equal']:7}{row['lower']:7}"
-                f"{'-' if share is None else f'{share:.1f}':>10}{row['failures']:8}"
-            )
-    return "\n".join(lines)
-
-
-def prediction_text(summary: Mapping[str, Any]) -> str:
-    """Return the errors of predictions as a table for a terminal; empty without predictions."""
-    rows = [(name, row["prediction"]) for name, row in summary.items() if has_predictions(row)]
-    if not rows:
-        return ""
-    lines = [f"{'predicted - actual':24}{'mean s':>9}{'95 %':>18}{'MAE s':>8}{'chains':>8}"]
-    for name, row in rows:
-        low, high = row["mean_error_ci95"]
-        lines.append(
-            f"{name:24}{row['mean_error_s']:+9.3f}{f'{low:+.3f} to {high:+.3f}':>18}"
-            f"{row['mae_s']:8.3f}{row['chains']:8}"
-        )
-    return "\n".join(lines)
-
-
 def has_predictions(row: Any) -> bool:
     """Return whether a row of the summary contains errors of predictions."""
     return isinstance(row, Mapping) and row.get("prediction", {}).get("chains", 0) > 0

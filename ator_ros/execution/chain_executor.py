@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status, Step
 from ator_ros.execution.phases import Ending
 from ator_ros.execution.step_run import STOPPING, ActionRecord, StepRun
@@ -71,7 +72,7 @@ class ChainExecutor:
         library: TopLibrary,
         chain: TopChain,
         *,
-        time_limit: float = 30.0,
+        time_limit: float = TIME_LIMIT,
         predict: Callable[[World, TopChain, int], Any] | None = None,
         fetches: int = 0,
     ) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from ator_ros.actions import TIME_LIMIT
+
 WATCH_PERIOD = 0.05
 """Real time in s between two checks of the deadlines."""
 
@@ -53,7 +55,7 @@ class Deadlines:
     start: float = 2.0
     odom: float = 0.3
     refinement: float = 0.5
-    action: float = 30.0
+    action: float = TIME_LIMIT
 
     @property
     def silence(self) -> float:

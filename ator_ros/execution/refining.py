@@ -14,6 +14,8 @@ from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 
+AGAIN_AFTER = 0.15
+"""Distance in m by which the world must differ from what was expected before refinement is asked again."""
 _NOT_ASKED = "refinement was not asked for"
 _UNANSWERED = "no answer from refinement yet"
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.goal_variables import wrong_values
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.experience.episode import run_episode
@@ -16,7 +17,6 @@ from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import episode_frame
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.outcome import NoTopError, top_of
 from ator_ros.tops.top import Top

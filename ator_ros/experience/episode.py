@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.columns import STATE_COLUMNS
 from ator_ros.geometry import FloatArray
-from ator_ros.simulation.run import TIME_LIMIT, judge, place, run_action
+from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, World

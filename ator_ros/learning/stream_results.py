@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ator_ros.drawing import BLUE, GREEN, GREY, ORANGE, RED, new_figure
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.statistics import mean_interval
 from ator_ros.files import read_text
 from ator_ros.learning.stream import ORACLE, POLICIES, Stream, StreamSettings
 
 _LARGEST = 100_000_000
-_COLOURS = {"shipped": BLUE, "learning": ORANGE, "offline": GREEN, ORACLE: RED}
 
 
 def play(settings: StreamSettings, chains: int, folder: Path) -> Iterator[list[dict[str, Any]]]:
@@ -93,39 +91,3 @@ def _mean(results: Sequence[dict[str, Any]], policy: str) -> float:
 
 def _failed(results: Sequence[dict[str, Any]], policy: str) -> int:
     return sum(policy in result["failed"] for result in results)
-
-
-def table_text(summaries: dict[str, dict[str, Any]]) -> str:
-    """Return summaries by change as a table for a terminal."""
-    lines = [f"{'robot':10}{'policy':10}{'gain s':>9}{'95 %':>18}{'failed':>8}{'of offline':>12}"]
-    for change, told in summaries.items():
-        naive = told["naive"]
-        lines.append(f"{change:10}{'naive':10}{'':>9}{'':>18}{naive['failed']:8}   {naive['mean_s']:.2f} s")
-        for name in ("shipped", "learning", "offline", ORACLE):
-            if name in told:
-                low, high = told[name]["ci95"]
-                share = told["share_of_offline"] if name == "learning" else None
-                lines.append(
-                    f"{'':10}{name:10}{told[name]['gain_s']:9.3f}{f'{low:.3f} to {high:.3f}':>18}"
-                    f"{told[name]['failed']:8}{'' if share is None else f'{100 * share:.0f} %':>12}"
-                )
-    return "\n".join(lines)
-
-
-def chart(streams: Mapping[str, Sequence[dict[str, Any]]]) -> Any:
-    """Draw the mean gain over naive so far against the chains played, one panel for each robot."""
-    figure = new_figure(3.2 * len(streams), 3.0)
-    for number, (change, results) in enumerate(streams.items(), start=1):
-        axes = figure.add_subplot(1, len(streams), number)
-        for name, colour in _COLOURS.items():
-            if name in results[0]["durations"]:
-                gains = np.cumsum(_gains(results, name)) / np.arange(1, len(results) + 1)
-                axes.plot(gains, color=colour, lw=1.4, label=name)
-        switches = [i for i in range(1, len(results)) if results[i]["set"] != results[i - 1]["set"]]
-        for index in switches:
-            axes.axvline(index, color=GREY, lw=0.6, ls=":")
-        axes.set_title(change)
-        axes.set_xlabel("chains played")
-        axes.set_ylabel("mean gain over naive, s")
-        axes.legend(frameon=False)
-    return figure

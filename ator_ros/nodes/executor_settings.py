@@ -8,6 +8,7 @@ from typing import Any
 
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines
+from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.nodes.learned_sets import LEARNED
 from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError
 from ator_ros.nodes.robot_source import STATE
@@ -16,6 +17,7 @@ from ator_ros.world.inputs import Inputs
 from ator_ros.world.sightings import Sightings
 from ator_ros.world.tracking import ObjectTracker
 
+_USUAL = Deadlines()
 _COMMON = (
     Parameter("frame", "odom", "frame of odom, objects and the goals of chains"),
     Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands and tf"),
@@ -25,14 +27,22 @@ _COMMON = (
     ROBOT,
     Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
     LEARNED,
-    Parameter("start_timeout", 2.0, "real s that a goal waits for inputs", 0.05, 3600.0, live=True),
-    Parameter("odom_timeout", 0.3, "real s without odom; the robot pauses after half", 0.05, 60.0, live=True),
+    Parameter("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, 3600.0, live=True),
+    Parameter(
+        "odom_timeout", _USUAL.odom, "real s without odom; the robot pauses after half", 0.05, 60.0, live=True
+    ),
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
     Parameter("fence", [0.0] * 4, "m: x and y from, x and y to, of the robot; all 0: area and margin"),
     Parameter("plan_timeout", 10.0, "real s that a goal waits for its chains", 0.05, 3600.0, live=True),
-    Parameter("refinement_timeout", 0.5, "real s that refinement may take", 0.01, 60.0, live=True),
-    Parameter("refine_again_after", 0.15, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True),
-    Parameter("action_timeout", 30.0, "s, by the stamps, that one action may take", 1.0, 3600.0, live=True),
+    Parameter(
+        "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
+    ),
+    Parameter(
+        "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True
+    ),
+    Parameter(
+        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, 3600.0, live=True
+    ),
 )
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ator_ros.robot.description import Limits, Robot
+from ator_ros.schema import require, structured
 
 LEVELS = 10
 """Ranges of speed, of equal width up to the greatest, for which turn rates are kept."""
@@ -50,26 +51,13 @@ class DrivingStyle:
 
         Raises
         ------
-        ValueError
+        SchemaError
             The data are not of this form.
         """
-        try:
-            limits = Limits(**{name: _positive(value) for name, value in data["limits"].items()})
-            run = data["run"]
-            steady, braking = (tuple(map(float, data[name])) for name in ("steady", "braking"))
-            read = DrivingStyle(
-                limits,
-                bool(data["backward"]),
-                None if run is None else abs(float(run)),
-                abs(float(data["passing"])),
-                steady,
-                braking,
-            )
-        except (KeyError, TypeError, AttributeError) as error:
-            raise ValueError(f"expected how an action drives, got {str(error)[:80]}") from error
-        if len(steady) != LEVELS or len(braking) != LEVELS:
-            raise ValueError(f"expected {LEVELS} turn rates, got {len(steady)} and {len(braking)}")
-        return read
+        read = structured(data, _Seen, closed=True)
+        limits = Limits(**asdict(read.limits))
+        run = None if read.run is None else abs(read.run)
+        return DrivingStyle(limits, read.backward, run, abs(read.passing), read.steady, read.braking)
 
 
 def plain_driving(robot: Robot) -> DrivingStyle:
@@ -77,8 +65,36 @@ def plain_driving(robot: Robot) -> DrivingStyle:
     return DrivingStyle(robot.limits)
 
 
-def _positive(value: Any) -> float:
-    number = float(value)
-    if not 0.0 < number < 1000.0:
-        raise ValueError(f"expected limits above 0 and below 1000, got {number:g}")
-    return number
+@dataclass(frozen=True)
+class _SeenLimits:
+    """As in `Limits`; what was seen of an action may lie beyond what a robot's description may say."""
+
+    v: float
+    w: float
+    a: float
+    brake: float
+    aw: float
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name, value in asdict(self).items():
+            require(0.0 < value < 1000.0, name, "a number above 0 and below 1000", value)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What a file says of how an action drives."""
+
+    limits: _SeenLimits
+    backward: bool
+    run: float | None
+    passing: float
+    steady: tuple[float, ...]
+    braking: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Check the number of turn rates."""
+        for name in ("steady", "braking"):
+            require(
+                len(getattr(self, name)) == LEVELS, name, f"{LEVELS} turn rates", len(getattr(self, name))
+            )

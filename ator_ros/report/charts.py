@@ -17,6 +17,7 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
 Record = Mapping[str, Any]
+_STREAM_COLOURS = {"shipped": BLUE, "learning": ORANGE, "offline": GREEN, "oracle": RED}
 
 
 def gain_bars(summary: Mapping[str, Any]) -> Any:
@@ -153,6 +154,26 @@ def paths(
     axes.set_aspect("equal")
     axes.axis("off")
     axes.legend(frameon=False, fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2)
+    return figure
+
+
+def stream_gains(streams: Mapping[str, Sequence[Record]]) -> Any:
+    """Draw the mean gain over naive so far against the chains played, one panel for each robot."""
+    figure = new_figure(3.2 * len(streams), 3.0)
+    for number, (change, results) in enumerate(streams.items(), start=1):
+        axes = figure.add_subplot(1, len(streams), number)
+        for name, colour in _STREAM_COLOURS.items():
+            if name in results[0]["durations"]:
+                gains = [r["durations"]["naive"] - r["durations"][name] for r in results]
+                means = np.cumsum(gains) / np.arange(1, len(results) + 1)
+                axes.plot(means, color=colour, lw=1.4, label=name)
+        switches = [i for i in range(1, len(results)) if results[i]["set"] != results[i - 1]["set"]]
+        for index in switches:
+            axes.axvline(index, color=GREY, lw=0.6, ls=":")
+        axes.set_title(change)
+        axes.set_xlabel("chains played")
+        axes.set_ylabel("mean gain over naive, s")
+        axes.legend(frameon=False)
     return figure
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.drawing import svg_text
-from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import POLICIES, Toolset
+from ator_ros.evaluation.policies import Toolset
 from ator_ros.evaluation.running import has_predictions
 from ator_ros.evaluation.situation import ONE_GOAL, Record, Settings
 from ator_ros.evaluation.statistics import OURS
 from ator_ros.evaluation.toolset import GATE, make_library
-from ator_ros.evaluation.trials import SEEDS, random_trial
+from ator_ros.evaluation.trials import SEEDS
+from ator_ros.evaluation.worst_runs import WorstRun, policy_shown
 from ator_ros.files import write_text
 from ator_ros.refinement.gate import Gate, OpenGate, ThresholdGate
 from ator_ros.refinement.gate_file import load_training
@@ -23,11 +23,15 @@ from ator_ros.report.page import code, figure, page, paragraph, section, table
 from ator_ros.report.report_tables import headline, policies, table1, verdict
 
 REPORT = "report.html"
-WORST = 5
 
 
 def write_report(
-    folder: Path, result: Mapping[str, Any], records: Sequence[Record], settings: Settings, tools: Toolset
+    folder: Path,
+    result: Mapping[str, Any],
+    records: Sequence[Record],
+    settings: Settings,
+    tools: Toolset,
+    worst: Sequence[WorstRun],
 ) -> Path:
     """Write `report.html` to `folder`.
 
@@ -40,9 +44,11 @@ def write_report(
     records : sequence of dict
         The runs.
     settings : Settings
-        What the results depend on; the worst runs are executed once more for their paths.
+        What the results depend on.
     tools : Toolset
         The models.
+    worst : sequence of WorstRun
+        What `worst_runs` has executed: the paths to draw.
     """
     summary = result["summary"]
     shown = tools.domain.presentation
@@ -55,7 +61,7 @@ def write_report(
         policies(summary, settings, shown),
         _situations(records, summary, shown.place),
         _models(tools, settings),
-        _worst(records, tools, settings),
+        _worst(worst, tools, settings),
         _accuracy(tools, summary),
         _gate(tools.gate, settings),
         _repeat(result),
@@ -94,26 +100,14 @@ def _models(tools: Toolset, settings: Settings) -> str:
     return section(shown.title, *(figure(svg_text(each), caption) for each, caption in drawn))
 
 
-def _worst(records: Sequence[Record], tools: Toolset, settings: Settings) -> str:
-    policy = next((name for name in ("gated", "refined") if name in settings.policies), "naive")
-    library = make_library(tools.robot, settings.source)
-    losses = [r["policies"][policy]["duration"] - r["policies"]["naive"]["duration"] for r in records]
-    order = sorted(range(len(records)), key=lambda index: -losses[index])
-    parts = []
-    for index in [index for index in order[:WORST] if losses[index] > 0.0]:
-        record = records[index]
-        trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=record["index"])
-        runs = {}
-        for name in ("naive", policy):
-            chain = POLICIES[name](tools, trial).chain
-            limit = tools.domain.time_limit
-            run = run_chain(tools.robot, library, trial.world, chain, keep_path=True, time_limit=limit)
-            runs[name] = {"path": run.path, "heading": chain.calls[0].goal.pose.yaw, "duration": run.duration}
-        draw = tools.domain.presentation.draw
-        drawn = charts.paths(tools.robot, trial.chain, trial.world, runs, draw)
-        parts.append(figure(svg_text(drawn), _why(record, policy)))
-    if not parts:
+def _worst(worst: Sequence[WorstRun], tools: Toolset, settings: Settings) -> str:
+    policy, draw = policy_shown(settings), tools.domain.presentation.draw
+    if not worst:
         return section("Where it loses", paragraph(f"{policy} was never slower than naive."))
+    parts = []
+    for run in worst:
+        drawn = charts.paths(tools.robot, run.trial.chain, run.trial.world, run.runs, draw)
+        parts.append(figure(svg_text(drawn), _why(run.record, policy)))
     return section(
         "Where it loses",
         paragraph(f"The worst runs of {policy}."),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ator_ros.evaluation.running import table_text
 from ator_ros.report.page import cards, code, page, paragraph, section, table
+from ator_ros.report.terminal_tables import evaluation_table
 
 
 def study_page(result: Mapping[str, Any]) -> str:
@@ -54,6 +54,6 @@ def _evaluation(result: Mapping[str, Any]) -> str:
         return section("Refinement", paragraph("No chain of the domain can be executed by this robot."))
     return section(
         f"Refinement of the chain {result['chain']}",
-        code(table_text(result["evaluation"])),
+        code(evaluation_table(result["evaluation"])),
         '<p><a href="evaluation/report.html">The evaluation in full</a></p>',
     )

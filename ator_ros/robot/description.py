@@ -6,16 +6,16 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.robot import former_names
-from ator_ros.robot.description_file import ConfigError, Structure, read_yaml
-from ator_ros.world.scene import Scene
+from ator_ros.robot.description_file import ConfigError, read_description
+from ator_ros.schema import Within
+from ator_ros.world.scene import Mass, Scene, Size
 from ator_ros.world.state import World
 
 __all__ = ["ConfigError", "Holder", "Limits", "NoHolderError", "Robot", "load_robot"]
@@ -35,11 +35,11 @@ class Limits:
     `a` holds for gaining speed, `brake` for losing it.
     """
 
-    v: float
-    w: float
-    a: float
-    brake: float
-    aw: float
+    v: Annotated[float, Within(0.01, 5.0)]  # tables of turns grow with it
+    w: Annotated[float, Within(0.01, 50.0)]
+    a: Annotated[float, Within(0.01, 100.0)]
+    brake: Annotated[float, Within(0.01, 100.0)]
+    aw: Annotated[float, Within(0.01, 1000.0)]
 
     def scaled(self, factor: float) -> Limits:
         """Return these limits times `factor`."""
@@ -65,10 +65,10 @@ class Holder:
         For commands while it is held.
     """
 
-    length: float
-    gap: float
-    thickness: float
-    radius: float
+    length: Size
+    gap: Size
+    thickness: Size
+    radius: Size
     limits: Limits
 
     @property
@@ -86,14 +86,14 @@ class Robot:
     """
 
     name: str
-    wheel_radius: float
-    track: float
-    mass: float
-    front: float
-    rear: float
-    half_width: float
-    wheel_torque: float
-    motor_time_constant: float
+    wheel_radius: Size
+    track: Size
+    mass: Mass
+    front: Size
+    rear: Size
+    half_width: Size
+    wheel_torque: Annotated[float, Within(0.001, 10_000.0)]
+    motor_time_constant: Annotated[float, Within(0.0001, 10.0)]
     limits: Limits
     scene: Scene
     holder: Holder | None = None
@@ -178,19 +178,5 @@ def load_robot(path: Path | str | None = None) -> Robot:
         The file cannot be read, or a field is missing, unknown or out of its range.
     """
     file = Path(path) if path is not None else resource_path(*SHIPPED)
-    data = read_yaml(file)
-    is_former = isinstance(data, Mapping) and "scene" not in data and set(data) & former_names.SECTIONS
-    structure = Structure(file, former_names.SHOWN if is_former else {})
-    if is_former:
-        data = _from_former(structure, data)
-    root = structure.section(data, "", {"robot", "scene"}, frozenset())
-    scene = structure.build(Scene, root["scene"], "scene")
-    return structure.build(Robot, root["robot"], "robot", scene=scene)
-
-
-def _from_former(structure: Structure, data: Any) -> Mapping[str, Any]:
-    root = structure.section(data, "", {"robot", *former_names.SECTIONS}, frozenset())
-    own = {field.name for field in dataclasses.fields(Robot)} - {"scene", "holder"}
-    structure.section(root["robot"], "robot", own | former_names.HOLDER_FIELDS, frozenset())
-    structure.section(root["field"], "field", former_names.FIELDS, frozenset())
-    return former_names.from_former(root)
+    robot: Robot = read_description(file, Robot)
+    return robot

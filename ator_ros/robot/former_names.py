@@ -6,8 +6,10 @@ models remain those of their robot.
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import make_dataclass
 from typing import Any
 
 _HOLDER = {"length": "fin_length", "gap": "fin_gap", "thickness": "fin_thickness", "limits": "dribble_limits"}
@@ -18,8 +20,6 @@ _BALL = ("radius", "mass", "rolling_deceleration", "restitution")
 _SIDES = ((-1.0, math.pi), (1.0, 0.0))
 
 SECTIONS = {"ball", "field"}
-FIELDS = {*_AREA, *_BAY.values()}
-HOLDER_FIELDS = frozenset(_HOLDER.values())
 SHOWN: Mapping[str, str] = {
     **{f"robot.holder.{new}": f"robot.{old}" for new, old in _HOLDER.items()},
     **{f"robot.holder.limits.{name}": f"robot.dribble_limits.{name}" for name in _LIMITS},
@@ -33,14 +33,31 @@ SHOWN: Mapping[str, str] = {
 """What a file of the former form calls each field."""
 
 
+@functools.cache
+def file_of(robot: frozenset[str]) -> type[Any]:
+    """Return the schema of the fields of a former file; their values are checked once they are renamed.
+
+    Parameters
+    ----------
+    robot : frozenset of str
+        The fields of a robot; in place of `holder` the former file has fields of its own.
+    """
+    section = _fields({*robot, *_HOLDER.values()} - {"holder"})
+    field = _fields({*_AREA, *_BAY.values()})
+    return make_dataclass("FormerFile", [("robot", section), ("ball", Any), ("field", field)])
+
+
+def _fields(names: Collection[str]) -> type[Any]:
+    return make_dataclass("FormerSection", [(name, Any) for name in sorted(names)])
+
+
 def from_former(data: Mapping[str, Any]) -> dict[str, Any]:
     """Return the sections `robot` and `scene` of a description in the former form.
 
     Parameters
     ----------
     data : mapping
-        With `robot` and the keys `SECTIONS`; `field` with the keys `FIELDS`, `robot` with at least
-        `HOLDER_FIELDS`.
+        Of the schema that `file_of` returns.
     """
     robot, ball, field = dict(data["robot"]), data["ball"], data["field"]
     holder = {new: robot.pop(old) for new, old in _HOLDER.items()}

@@ -9,15 +9,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
+from ator_ros.actions import TIME_LIMIT as TIME_LIMIT
 from ator_ros.actions.base import Action, Goal, Point, Status, Step, started
 from ator_ros.geometry import wrap_angle
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.outcome import failure, may_settle, shortfall, unmet
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, Command, World
-
-TIME_LIMIT = 30.0
-"""Time in s that an action or a chain may take."""
 
 
 class Tick(Protocol):

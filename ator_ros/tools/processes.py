@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.domains.domain import DEFAULT, find_domain
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
@@ -20,7 +21,6 @@ from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_thi
 # The executor waits so long, in s, for odometry and refinement: more than on a robot, for machines that are
 # busy.
 _EXECUTOR_PATIENCE = 2.0
-_ACTION_TIMEOUT = 30.0  # s, the executor's default
 _NO_SETTINGS: Mapping[str, object] = MappingProxyType({})
 _UNHURRIED = 1.0  # s that refinement may take, less than the executor's patience
 
@@ -176,7 +176,7 @@ def all_nodes(
         nodes.start("refinement", {**named, **unhurried})
         patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
         # An action may take what it may in a simulation without ROS, and the executor's default at least.
-        limits = {"action_timeout": max(_ACTION_TIMEOUT, of_domain.time_limit)}
+        limits = {"action_timeout": max(TIME_LIMIT, of_domain.time_limit)}
         nodes.start("executor", {**named, **patience, **limits, **executed})
         for program in of_domain.programs:
             folder = Path(get_package_prefix(program.package), "lib", program.package)

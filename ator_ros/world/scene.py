@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
+from ator_ros.schema import AtMost, Name, Within
 from ator_ros.world.state import AT_REST, ObjectState
 
 WALL_THICKNESS = 0.05
 """Thickness in m of the walls of a bay."""
+MOST = 100
+"""Most objects or bays of a scene."""
+
+# Plausible ranges: learned features, tables of turns and the physics rely on them.
+Size = Annotated[float, Within(0.001, 10.0)]
+Extent = Annotated[float, Within(0.001, 1000.0)]
+Place = Annotated[float, Within(-1000.0, 1000.0)]
+Mass = Annotated[float, Within(0.001, 10_000.0)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,9 +34,9 @@ class Area:
         Free floor around it in m.
     """
 
-    length: float
-    width: float
-    margin: float
+    length: Extent
+    width: Extent
+    margin: Extent
 
     @property
     def floor(self) -> tuple[float, float]:
@@ -42,10 +53,10 @@ class Area:
 class RoundObject:
     """A hollow sphere: radius in m, mass in kg, deceleration in m/s^2 when it rolls freely, restitution."""
 
-    radius: float
-    mass: float
-    rolling_deceleration: float
-    restitution: float
+    radius: Size
+    mass: Mass
+    rolling_deceleration: Annotated[float, Within(0.001, 100.0)]
+    restitution: Annotated[float, Within(0.0001, 1.0)]
 
     def at_rest(self, state: ObjectState) -> ObjectState:
         """Return the state in which the object comes to rest if nothing stops it before."""
@@ -69,11 +80,11 @@ class Bay:
         Inner sizes in m.
     """
 
-    x: float
-    y: float
-    yaw: float
-    width: float
-    depth: float
+    x: Place
+    y: Place
+    yaw: Annotated[float, Within(-math.tau, math.tau)]
+    width: Extent
+    depth: Extent
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +102,10 @@ class Scene:
     """
 
     area: Area
-    objects: Mapping[str, RoundObject] = field(default_factory=dict, hash=False)
-    bays: tuple[Bay, ...] = ()
+    objects: Annotated[Mapping[Annotated[str, Name()], RoundObject], AtMost(MOST)] = field(
+        default_factory=dict, hash=False
+    )
+    bays: Annotated[tuple[Bay, ...], AtMost(MOST)] = ()
 
     def radius(self, name: str) -> float:
         """Return the radius of an object in m; 0 if it is not described."""

@@ -7,11 +7,13 @@ import sys
 
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.policies import POLICIES
-from ator_ros.evaluation.running import describe, prediction_text, results_in, table_text
+from ator_ros.evaluation.running import describe, results_in
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.storage import PartialResults, write_result
 from ator_ros.evaluation.toolset import available_policies, make_toolset
+from ator_ros.evaluation.worst_runs import worst_runs
 from ator_ros.report.evaluation_page import write_report
+from ator_ros.report.terminal_tables import evaluation_table, prediction_table
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.work.situations import executed
 
@@ -44,9 +46,10 @@ def run(options: argparse.Namespace, command: str) -> int:
         records = executed(settings, options, options.out)
         result = describe(settings, records, command)
         path = write_result(options.out, result, records)
-        print(table_text(result["summary"]))
-        print(prediction_text(result["summary"]))
-        report = write_report(options.out, result, records, settings, tools)
+        print(evaluation_table(result["summary"]))
+        print(prediction_table(result["summary"]))
+        worst = worst_runs(records, tools, settings)
+        report = write_report(options.out, result, records, settings, tools, worst)
         PartialResults.remove(options.out)
     print(f"wrote {path} and {report}")
     return 0

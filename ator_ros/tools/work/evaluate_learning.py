@@ -13,7 +13,9 @@ from ator_ros.files import write_text
 from ator_ros.formats import Format
 from ator_ros.learning.changed import CHANGES
 from ator_ros.learning.stream import StreamSettings
-from ator_ros.learning.stream_results import chart, play, summary, table_text
+from ator_ros.learning.stream_results import play, summary
+from ator_ros.report.charts import stream_gains
+from ator_ros.report.terminal_tables import stream_table
 from ator_ros.tools.command_line import source_of
 
 FORMAT = Format("ator_ros learning", 1, "evaluation of learning")
@@ -47,7 +49,7 @@ def run(options: argparse.Namespace, command: str) -> int:
         summaries[change] = summary(results, min(_AFTER, len(results) // 2))
     told = {"command": command, "seed": options.seed, "changes": summaries}
     write_text(options.out / "learning.json", FORMAT.text(told))
-    save_svg(chart(streams), options.out / "learning.svg")
-    print(table_text(summaries))
+    save_svg(stream_gains(streams), options.out / "learning.svg")
+    print(stream_table(summaries))
     print(f"wrote {options.out / 'learning.json'} and {options.out / 'learning.svg'}")
     return 0

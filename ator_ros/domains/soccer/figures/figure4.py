@@ -19,7 +19,7 @@ from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_model, model_path
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import ConfigError, Robot, load_robot
+from ator_ros.robot.description import ConfigError, Robot
 
 DISTANCE = 2.0  # m, with angle_to_dest 0: the paper's situation
 STEP = math.radians(0.5)
@@ -101,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("docs/figure4.svg"))
     options = parser.parse_args(argv)
     try:
-        robot = load_robot()
+        robot = SOCCER.robot()
         path = options.model or resource_path("models") / model_path("goToPose")
         model = load_model(path, robot, SOCCER.known_features)
     except (ConfigError, ModelFileError) as error:

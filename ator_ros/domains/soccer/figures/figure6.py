@@ -23,7 +23,7 @@ from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.refinement.chain_model import ChainModel
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
-from ator_ros.robot.description import ConfigError, Robot, load_robot
+from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -99,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("docs/figure6.svg"))
     options = parser.parse_args(argv)
     try:
-        robot = load_robot()
+        robot = SOCCER.robot()
         folder = Path(options.models) if options.models else SOCCER.shipped_models
         models = load_models(robot, SOCCER.known_features, action_set=options.action_set, folder=folder)
         library = SOCCER.library(robot, options.action_set)

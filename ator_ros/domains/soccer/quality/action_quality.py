@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.domains.soccer.ball import ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Robot, load_robot
-from ator_ros.simulation.run import TIME_LIMIT, judge, place, run_action
+from ator_ros.robot.description import Robot
+from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.outcome import top_of
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
@@ -90,12 +91,12 @@ def situation_of(task: Task, robot: Robot) -> Situation:
 
 def execute(task: Task) -> Outcome:
     """Execute one task in a world of its own."""
-    return execute_situation(situation_of(task, load_robot(task.robot or None)), task)
+    return execute_situation(situation_of(task, SOCCER.robot(task.robot or None)), task)
 
 
 def execute_situation(situation: Situation, task: Task) -> Outcome:
     """Execute `situation` with the action set of `task` in a world of its own."""
-    with Simulation(load_robot(task.robot or None)) as simulation:
+    with Simulation(SOCCER.robot(task.robot or None)) as simulation:
         return _execute(simulation, situation, task)
 
 

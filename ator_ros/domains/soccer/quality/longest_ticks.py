@@ -18,7 +18,7 @@ from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.geometry import Pose
 from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import SLICE, Search
-from ator_ros.robot.description import Robot, load_robot
+from ator_ros.robot.description import Robot
 from ator_ros.robot.ramp import ramped
 from ator_ros.tops.objects import is_lost
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
@@ -29,7 +29,7 @@ _TICKS = 40
 
 def measure(situations: int = 120) -> dict[str, dict[str, float]]:
     """Measure the longest tick of each action set: processor time in ms over the first two seconds."""
-    robot, results = load_robot(), {}
+    robot, results = SOCCER.robot(), {}
     for name in SOCCER.action_sets:
         actions = SOCCER.actions(name)
         longest = []

@@ -19,7 +19,7 @@ from ator_ros.performance.accuracy import accuracy
 from ator_ros.performance.features import PAPER_3, PAPER_6, PAPER_11
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import Training, train
-from ator_ros.robot.description import Robot, load_robot
+from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState
 
 PAPER = {"goToPose": (0.31, 0.75), "dribbleBall": (0.29, 0.73)}
@@ -46,25 +46,27 @@ def at_rest(sample: Sampler, robot: Robot, rng: np.random.Generator) -> Situatio
     return Situation(drawn.action, RobotState(drawn.robot.pose), resting, goal)
 
 
-def episodes_at_rest(action: str, action_set: str, count: int, seed: int, jobs: int) -> pd.DataFrame:
+def episodes_at_rest(
+    robot: Robot, action: str, action_set: str, *, count: int, seed: int, jobs: int
+) -> pd.DataFrame:
     """Return the examples of `count` episodes at rest of one action."""
     spec = SOCCER.actions(action_set)[action]
     spec = dataclasses.replace(spec, sample=functools.partial(at_rest, spec.sample))
-    robot, objects = load_robot(), SOCCER.objects
-    tops = SOCCER.tops_for(robot)
+    tops, objects = SOCCER.tops_for(robot), SOCCER.objects
     return join(collect([spec], tops, robot, objects=objects, episodes=count, seed=seed, jobs=jobs))
 
 
 def document(asked: PaperRun) -> str:
     """Return the table of accuracies and the rules as Markdown."""
+    robot = SOCCER.robot()
     rows: list[str] = []
     rules: list[str] = []
     for action, (mae, rmse) in PAPER.items():
         experience, fresh = (
-            episodes_at_rest(action, asked.action_set, count, seed, asked.jobs)
+            episodes_at_rest(robot, action, asked.action_set, count=count, seed=seed, jobs=asked.jobs)
             for count, seed in ((asked.episodes, asked.seed), (asked.fresh, asked.fresh_seed))
         )
-        for label, model in _models(action, experience):
+        for label, model in _models(robot, action, experience):
             found = accuracy(model, fresh[fresh["t"] == 0.0], seed=asked.fresh_seed)
             used, leaves = model.used_features, model.trees["duration"].n_leaves
             rows.append(
@@ -95,6 +97,6 @@ def document(asked: PaperRun) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _models(action: str, experience: pd.DataFrame) -> Iterator[tuple[str, PerformanceModel]]:
+def _models(robot: Robot, action: str, experience: pd.DataFrame) -> Iterator[tuple[str, PerformanceModel]]:
     for label, (features, training) in LEARNED.items():
-        yield label, train(action, experience, load_robot(), features=features, training=training)
+        yield label, train(action, experience, robot, features=features, training=training)

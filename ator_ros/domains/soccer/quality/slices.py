@@ -12,11 +12,11 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.quality.action_quality import Outcome, Task, execute_situation
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import replaced
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
 from ator_ros.world.state import ObjectState, RobotState
 
 STEP_DEGREES = 4
@@ -36,7 +36,7 @@ class SliceTask:
 
 def execute_point(point: SliceTask) -> Outcome:
     """Execute one point of a slice; robot or held ball start at (-1, 0)."""
-    robot = load_robot(point.robot or None)
+    robot = SOCCER.robot(point.robot or None)
     start = Pose(-1.0, 0.0, math.radians(point.degrees))
     goal = GOALS[point.goal]
     if point.kind == "dribble":
