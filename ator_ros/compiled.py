@@ -47,7 +47,7 @@ class _Compiled:
 
     @functools.cached_property
     def dispatcher(self) -> Any:
-        """The function as numba has it; as it was written where numba is not there."""
+        """The compiled function; the Python function without numba."""
         function: Callable[..., Any] = vars(self)["__wrapped__"]
         if not compiles():
             return function
@@ -63,5 +63,5 @@ class _Compiled:
 
     @property
     def _numba_type_(self) -> Any:
-        """What numba asks of a value in whose place stands a dispatcher."""
+        """Return the Numba type of the dispatcher."""
         return self.dispatcher._numba_type_

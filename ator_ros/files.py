@@ -106,7 +106,7 @@ def alone_in(folder: Path | str) -> Iterator[None]:
 
 
 def _is_locked_elsewhere(handle: int) -> bool:
-    """Lock what is open as `handle`; return whether somebody else has locked it."""
+    """Lock what is open as `handle`; return whether another process has locked it."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -71,7 +71,7 @@ class Format:
     def _what_came(self, data: object) -> str:
         """Describe data of another format."""
         if isinstance(data, dict) and _NAME not in data and "schema" in data:
-            return f"a former ator_ros wrote this {self.kind}; make it anew"
+            return f"a former ator_ros wrote this {self.kind}; make it again"
         return f"this is no {self.kind} of ator_ros"
 
     def content(self, data: object) -> Data:

@@ -170,10 +170,27 @@ EXAMPLES = {
         "the simulated Pioneer",
     ),
 }
-"""What interfaces and the launch file may say, as examples from the default domain; None: anything.
-
-The files in config/, rviz/ and security/ configure the default domain, and are not scanned.
-"""
+"""What interfaces and the launch file may say, as examples from the default domain; None: anything."""
+_OF_NODES = ("domain: soccer", "the shipped pioneer.yaml")
+_OF_ROBOTS = ("pioneer.yaml", "ball: {radius: ")
+CONFIGURING = {
+    "config/executor.yaml": (*_OF_NODES, "soccer's object", "ball_"),
+    "config/learning.yaml": _OF_NODES,
+    "config/refinement.yaml": _OF_NODES,
+    "config/simulation.yaml": (*_OF_NODES, "soccer's ball", "ball_"),
+    "config/pioneer.yaml": None,  # the default robot on the field of the default domain
+    "config/patrolbot.yaml": _OF_ROBOTS,
+    "config/pioneer_lx.yaml": (*_OF_ROBOTS, "Pioneer LX", "name: pioneer_lx", "pioneer-lx.p"),
+    "config/turtlebot4.yaml": _OF_ROBOTS,
+    "security/ator_ros.policy.xml": ("<topic>ball</topic>", "<service>place_ball</service>"),
+}
+"""What files that configure the default domain, or a robot in its scene, may say; None: anything."""
+CONFIGURATION = sorted(
+    file
+    for folder in ("config", "rviz", "security", "urdf")
+    for file in (ROOT / folder).rglob("*")
+    if file.is_file()
+)
 INTERFACES = sorted(
     file for suffix in ("msg", "srv", "action") for file in (ROOT / "ator_interfaces").rglob(f"*.{suffix}")
 )
@@ -205,6 +222,17 @@ def test_interfaces_and_launch_name_a_domain_in_examples_only() -> None:
         name: words
         for name, file in files.items()
         if (words := says_domain_words(file, EXAMPLES.get(name, ())))
+    }
+    assert saying == {}
+
+
+def test_configuration_names_a_domain_only_where_it_configures_it() -> None:
+    files = {str(file.relative_to(ROOT)): file for file in CONFIGURATION}
+    assert CONFIGURING.keys() <= files.keys()
+    saying = {
+        name: words
+        for name, file in files.items()
+        if (words := says_domain_words(file, CONFIGURING.get(name, ())))
     }
     assert saying == {}
 

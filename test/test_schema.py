@@ -99,7 +99,7 @@ def test_a_file_with_the_former_head_is_told_in_one_line() -> None:
     form = Format("cart", 2, "cart")
     with pytest.raises(SchemaError) as refused:
         form.current({"schema": "cart", "version": 1})
-    assert str(refused.value) == "format: expected 'cart': a former ator_ros wrote this cart; make it anew"
+    assert str(refused.value) == "format: expected 'cart': a former ator_ros wrote this cart; make it again"
 
 
 def test_what_is_written_is_read_again() -> None:

@@ -1,4 +1,4 @@
-"""What models learned from observation alone are worth against the episodes that they were learned from."""
+"""Refinement gain of observed models against training episodes."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class LearningCurve:
     settings : CurveSettings
         What is learned and evaluated.
     folder : Path
-        For models and results; what is there is used again.
+        For models and results; existing ones are reused.
 
     Raises
     ------

@@ -66,7 +66,7 @@ class PartialResults:
         for number, line in enumerate(lines[1:-1], start=2):
             record = self._record(line, number)
             self.records[record["index"]] = record
-        # Written anew, so that the remains of a line that was cut off disappear.
+        # Rewritten, which removes a line that was cut off.
         write_text(self.path, "\n".join([self._header, *lines[1:-1], ""]))
 
     def _record(self, line: str, number: int) -> Record:

@@ -200,7 +200,7 @@ class Execution:
         self._answers.take(chain, refined, reason, chosen=chosen)
 
     def unrefined(self, why: str) -> None:
-        """Go on with the chain as it is because `question` has no valid answer."""
+        """Continue with the unchanged chain because `question` has no valid answer."""
         self._answers.refuse(why)
 
     def end(self, ending: Ending, reason: str) -> None:

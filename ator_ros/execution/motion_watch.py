@@ -1,4 +1,4 @@
-"""Whether the base moves as it is commanded to, by odometry (without ROS; both clocks are passed in)."""
+"""Detection of bases that do not move as commanded, by odometry (without ROS; both clocks are passed in)."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class MotionWatch:
         Returns
         -------
         str or None
-            What is wrong, in words; None where the base moves as it is commanded to.
+            What is wrong, in words; None if the base moves as commanded.
         """
         last, self._last = self._last, (time, robot)
         heard, self._heard = self._heard, now
@@ -137,9 +137,9 @@ class MotionWatch:
         )
 
     def _contradiction(self, time: float, robot: RobotState, span: Span) -> str | None:
-        """Return the fault where the pose stands, though odometry says that it moves.
+        """Return a fault if the pose is constant while odometry reports motion.
 
-        The pose is compared with one some messages ago: between two that come soon after each other jitter
+        The pose is compared with one several messages ago, because between consecutive messages jitter
         looks like motion.
         """
         self._poses.append((time, robot))

@@ -27,7 +27,7 @@ class Question:
     Attributes
     ----------
     world : World
-        The state from which the chain would go on.
+        The state from which the chain would continue.
     chain : TopChain
         The steps that are not done.
     step : int
@@ -35,7 +35,7 @@ class Question:
     asked : float
         Real time of the question in s.
     others : tuple of Continuation
-        How other plans of the goal would go on from there; refinement may choose one of them.
+        How other plans of the goal would continue from there; refinement may choose one of them.
     cause : str
         What has changed since the question before, in words; empty for the first question.
     """
@@ -67,7 +67,7 @@ class Refining:
     wanted : bool
         Whether the goal asks for refinement.
     again_after : float
-        Distance in m by which an object or the robot must differ from what refinement was told before it is
+        Distance in m by which an object or the robot must differ from the last question before refinement is
         asked again; 0: never again.
     """
 

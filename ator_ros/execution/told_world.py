@@ -1,4 +1,4 @@
-"""How far the world is from what refinement was told of it."""
+"""Deviation of the world from the last refinement request."""
 
 from __future__ import annotations
 

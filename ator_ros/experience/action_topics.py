@@ -1,4 +1,4 @@
-"""Goals that action servers executed, as the servers' own topics in a recording tell of them.
+"""Goals that action servers executed, from the servers' own topics in a recording.
 
 Requests and answers are in the service events of an action (``NAME/_action/send_goal/_service_event`` and
 ``NAME/_action/get_result/_service_event``, of servers or clients with introspection); when a goal was
@@ -45,7 +45,7 @@ class _Execution:
 
 
 class ActionTopics:
-    """Collects what the topics of a domain's action servers tell of one robot's goals.
+    """Collects one robot's goals from the topics of a domain's action servers.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 PAUSE = 0.3  # s without a command to move that separates two drives
 SHORTEST = 0.5  # s that a drive lasts at least
 STOPPING = Standstill(0.01, 0.02)
-"""Commands up to which the robot was told to stop, and recorded speeds up to which it has."""
+"""Greatest commands that count as a stop, and greatest recorded speeds that count as standing."""
 
 
 def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
@@ -50,7 +50,7 @@ def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episo
 
 
 def _spans(commands: FloatArray) -> Iterator[tuple[float, float]]:
-    """Yield begin and end (s) of the times in which the robot was told to move."""
+    """Yield begin and end (s) of the times in which the robot was commanded to move."""
     moving = ~STOPPING.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None
     end = 0.0

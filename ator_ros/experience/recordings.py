@@ -51,7 +51,7 @@ class _Recorded:
             self.left_out += 1
             return
         self.records.append(episode)
-        # Recordings from before it was told have none.
+        # Older recordings have none.
         self.action_sets.add(getattr(message, "action_set", "") or DEFAULT_SET)
 
     def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:

@@ -53,7 +53,7 @@ def _values(call: Any, domain: Vocabulary) -> dict[str, float]:
 
 
 def sound(episode: Episode) -> bool:
-    """Return whether a model can learn from an episode: a sensor may have sent NaN, a program no name."""
+    """Return whether the episode has finite values and a valid name."""
     robot, goal, objects = episode.situation.robot, episode.situation.goal, episode.situation.objects
     if len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
         return False

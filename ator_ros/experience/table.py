@@ -208,7 +208,7 @@ def _read_table(parquet: Any, path: Path) -> tuple[dict[str, Any], list[str], An
 
 
 def _objects(path: Path, metadata: dict[str, Any], names: list[str]) -> tuple[str, ...]:
-    """Return the objects of a table; those from before they were named are told by its columns."""
+    """Return the objects of a table; in older tables its columns identify them."""
     objects = metadata.get("objects", list(objects_of_columns(names)))
     if not isinstance(objects, list) or len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
         raise ExperienceError(

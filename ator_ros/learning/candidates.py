@@ -104,7 +104,7 @@ def _learned(lessons: Lessons, names: list[str], size: int, which: IntArray) -> 
     table, values = lessons.table[names].iloc[which], lessons.values[which]
     if lessons.measure == "duration":
         return duration_tree(table, values)
-    # What fails is told by few records, and they shall split by themselves.
+    # Failures are rare, so small leaves are allowed.
     leaf = int(np.clip(len(which) // 6, _LEAST_LEAF, SMALL_LEAF))
     return small_tree(table, values, leaf=leaf)
 

@@ -11,7 +11,7 @@ from ator_ros.learning.lessons import Lessons
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
 
 _SLOPES = (0.3, 3.0)
-_AS_PREDICTED = 5.0  # records; as if so many more had gone as predicted: few shall not turn the slope
+_AS_PREDICTED = 5.0  # prior weight in records; keeps few records from changing the slope
 _WITHOUT_EFFECT = 10.0  # the same for a feature that adds nothing
 _ROUNDS = 20
 _LEAST_ERROR = 0.02  # s; smaller errors weigh no more

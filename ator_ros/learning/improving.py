@@ -21,7 +21,7 @@ from ator_ros.performance.observing import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
-_LEAST_TOLD = 12  # records from which on they tell of the mean of a measure
+_LEAST_TOLD = 12  # records needed to estimate the mean of a measure
 _SPREADS = (0.5, 10.0)  # by how much spreads change at most
 
 

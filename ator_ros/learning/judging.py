@@ -34,7 +34,7 @@ class RoundVerdict:
     Attributes
     ----------
     episodes : int
-        Records there are that tell of the measure.
+        Number of records of the measure.
     tested : int
         The newest of them on which trees were compared, and which none of these had seen.
     reason : str
@@ -140,9 +140,9 @@ def _predictions(
 
 
 def _remembers(lessons: Lessons, candidate: TreeCandidate, now: ModelTree, test: IntArray) -> bool:
-    """Return whether a candidate tells of earlier records what the present tree does.
+    """Return whether a candidate predicts earlier records as well as the present tree does.
 
-    What is predicted to fail is not done any more. Then nothing fails, and a tree that predicts no failures
+    Chains predicted to fail are no longer executed. Then nothing fails, and a tree that predicts no failures
     would soon seem better.
     """
     which = np.arange(len(lessons.values))[-_REMEMBERED:]

@@ -1,4 +1,4 @@
-"""When to learn, and what to tell of it: the state of the node `learning`, without ROS."""
+"""The state of the node `learning` without ROS: when to learn, and what to report."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Learner:
 
     @property
     def frozen(self) -> bool:
-        """Whether records are stored, but no set is published; it outlasts the process."""
+        """Whether publishing is frozen; persists across restarts."""
         return (self._folder / FROZEN).exists()
 
     def freeze(self, frozen: bool) -> None:
@@ -214,7 +214,7 @@ class Learner:
         self._guarded(store)
 
     def _guarded(self, write: Callable[[], None]) -> None:
-        """Write; a disk without room is told, and tried again."""
+        """Write; report a full disk and retry."""
         try:
             write()
         except OSError as error:
@@ -225,7 +225,7 @@ class Learner:
 
 
 def _last_round(folder: Path) -> dict[str, Any]:
-    """Return what is kept of the last round; a damaged file costs but one round more."""
+    """Load the last round's state; a damaged file triggers one extra round."""
     with contextlib.suppress(UnreadableError):
         kept = read_json(folder / ROUND)
         if isinstance(kept, dict) and isinstance(kept.get("ends"), int) and _is_told(kept.get("actions")):

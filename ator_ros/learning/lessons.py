@@ -1,4 +1,4 @@
-"""What the starts of an action's episodes tell of one measure of its performance."""
+"""Training rows for one measure of an action's performance: the starts of its episodes."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Records:
 
 
 class Lessons:
-    """Records that tell of one measure, oldest first.
+    """Records of one measure, oldest first.
 
     Attributes
     ----------

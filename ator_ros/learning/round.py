@@ -88,7 +88,7 @@ class Source:
             try:
                 return load_model(file, self.robot, self.domain.known_features)
             except ModelFileError:
-                return None  # the nodes tell of it
+                return None  # the nodes report it
 
 
 def learn(source: Source, *, time: str) -> dict[str, Any]:

@@ -92,7 +92,7 @@ class Stream:
     settings : StreamSettings
         What is played.
     folder : Path
-        For the store of records, the learned sets and the offline models; what is there is resumed.
+        For the store of records, the learned sets and the offline models; existing results are resumed.
     """
 
     def __init__(self, settings: StreamSettings, folder: Path) -> None:

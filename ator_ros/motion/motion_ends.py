@@ -1,4 +1,4 @@
-"""What of ideal motions depends on the speeds at their ends alone: straight parts, and rows of tables."""
+"""Parts of ideal motions that depend only on end speeds."""
 
 from __future__ import annotations
 

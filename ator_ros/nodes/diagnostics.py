@@ -36,7 +36,7 @@ class Lateness:
         self._last = now
 
     def take(self) -> str:
-        """Return the longest gap in ms as text, and start anew."""
+        """Return the longest gap in ms as text, and reset."""
         longest, self._longest = self._longest, 0.0
         return f"{1000.0 * longest:.1f}"
 
@@ -53,7 +53,7 @@ class Ticks(Lateness):
         self._slowest = max(self._slowest, duration)
 
     def told(self) -> dict[str, object]:
-        """Return both as values of diagnostics, and start anew."""
+        """Return both as values of diagnostics, and reset."""
         slowest, self._slowest = self._slowest, 0.0
         return {
             "longest time between ticks (ms)": self.take(),

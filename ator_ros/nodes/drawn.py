@@ -12,7 +12,7 @@ from ator_ros.nodes.qos import LATCHED
 
 
 class Drawn:
-    """A latched topic: the newest message is made once somebody listens, also to somebody who comes later.
+    """A latched topic whose newest message is made only once it has a subscriber, early or late.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Drawn:
         self._publisher = node.create_publisher(kind, topic, LATCHED, event_callbacks=heard)
 
     def offer(self, make: Callable[[], Any]) -> None:
-        """Publish what `make` returns, now or as soon as somebody listens; a newer offer replaces it."""
+        """Publish what `make` returns, now or once there is a subscriber; a newer offer replaces it."""
         self._waiting = make
         self._send()
 

@@ -26,7 +26,7 @@ from ator_ros.viewing.surroundings import surroundings
 from ator_ros.world.state import World
 
 _PERIOD = 0.2
-"""Time in s, on odometry's clock, between two looks at the way, which an action may lay anew in each tick."""
+"""Time in s, on odometry's clock, between two updates of the way, which an action may replan in each tick."""
 _OBJECTS_PERIOD = 0.1
 _MOST_POSES = 60
 NO_WAY = np.zeros((0, 3))

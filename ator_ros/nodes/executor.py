@@ -154,7 +154,7 @@ class ExecutorNode(Node):
         self._drawing.objects(world)
 
     def _stand_by(self, run: GoalRun) -> None:
-        """Command the robot to stand while a server may still move it though its goal was canceled."""
+        """Send stop commands while a canceled server may still drive."""
         self._send(STOP)
         self._driving.reset()  # its motion is not ours
         run.execution.listening(time.monotonic())

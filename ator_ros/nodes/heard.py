@@ -73,7 +73,7 @@ class Heard:
 
     @property
     def learned(self) -> str:
-        """What is told of the learned models in use and of learning; empty where nothing is learned."""
+        """The report on the learned models in use and on learning; empty where nothing is learned."""
         return "; ".join(said for said in tuple(self._told.values()) if said)
 
 

@@ -22,7 +22,7 @@ LEARNED = Parameter(
 )
 _PERIOD = 0.5
 _SWITCHES = 0.0005
-"""Real s after which Python lets another thread go on while a set is loaded; by default it is 5 ms."""
+"""Interval in real s at which Python switches threads while a set is loaded; the default is 5 ms."""
 
 Loaded = TypeVar("Loaded")
 
@@ -119,7 +119,7 @@ class LearnedSets(Generic[Loaded]):
         self._node.get_logger().warning(f"the learned set {place.name} is not used: {why}")
 
     def told(self) -> dict[str, object]:
-        """Return what diagnostics tell of the set in use."""
+        """Return the diagnostics of the set in use."""
         if self._folder is None:
             return {}
         return {

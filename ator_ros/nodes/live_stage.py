@@ -102,7 +102,7 @@ class LiveStage:
         return {name: said.get(name) or value for name, value in _ROBOT_FROM.items()}
 
     def leave(self) -> None:
-        """Let time go on if it stands still for this stage; waits for the answer for a second at most."""
+        """Resume time if this stage has paused it; wait at most a second for the answer."""
         if not self._placing.paused:
             return
         with contextlib.suppress(StageError):
@@ -119,7 +119,7 @@ class LiveStage:
 
     @property
     def learned(self) -> str:
-        """What the refinement node tells of the learned set of models in use."""
+        """The refinement node's report on the learned set of models in use."""
         return self._heard.learned
 
     def way(self) -> FloatArray | None:
@@ -127,7 +127,7 @@ class LiveStage:
         return self._heard.way
 
     def world(self) -> World | None:
-        """Return the newest state; objects that nobody sees any more are not in it."""
+        """Return the latest state without lost objects."""
         return self._seen.world()
 
     # Refinement
@@ -197,7 +197,7 @@ class LiveStage:
         self._own.until(lambda: self._seen.heard_anew(placed) or time.monotonic() > end, "robot and objects")
 
     def pause(self, *, paused: bool) -> None:
-        """Let time stand still, or go on."""
+        """Pause or resume time."""
         self._placing.pause(paused=paused)
 
     def set_factor(self, factor: float) -> None:
@@ -211,7 +211,7 @@ class LiveStage:
     # Execution
 
     def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
-        """Start to execute a chain, and let time go on once the executor steers, or if it does not."""
+        """Start to execute a chain; resume time once the executor steers or the start fails."""
         try:
             self._chain.execute(run, goal_of(draft, frame=self._frame, refine=refine))
         except BaseException:

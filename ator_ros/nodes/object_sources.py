@@ -40,7 +40,7 @@ class ObjectSources:
     take : callable
         Is given the name of an object, a reader, and a message for it.
     tf : TfListener
-        Looks up the objects that tf tells of.
+        Looks up objects in tf.
     frame : str
         The frame that objects must be in.
     bounds : MessageBounds
@@ -100,7 +100,7 @@ def reader_of(source: ObjectSource, *, frame: str, bounds: MessageBounds) -> Rea
 def _found(
     source: ObjectSource, estimate: VelocityEstimate, bounds: MessageBounds, found: Found
 ) -> tuple[float, ObjectState]:
-    """Read what tf tells of an object; the velocity is estimated."""
+    """Read an object's position from tf; the velocity is estimated."""
     x, y, _ = found.placement.origin
     return found.time, _seen_at(estimate, found.time, x, y, f"{source.name} in tf", bounds)
 

@@ -100,7 +100,7 @@ _WHOLE = (RosParameter.Type.INTEGER, RosParameter.Type.INTEGER_ARRAY)
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
 DOMAIN = Parameter("domain", DEFAULT, "name of an installed domain, or the YAML file of one")
 OBJECT = "OBJECT"
-"""Stands for an object of the domain where a node tells of its parameters."""
+"""Placeholder for the name of an object in descriptions of parameters."""
 Changed = Callable[[Mapping[str, Any]], None]
 """What a node does about new values of live parameters, beyond reading them later."""
 

@@ -29,7 +29,7 @@ class Placing:
     Attributes
     ----------
     paused : bool
-        Whether time was last told from here to stand still.
+        Whether the last request from here paused time.
     """
 
     def __init__(self, own: SpunNode, objects: Iterable[str]) -> None:
@@ -67,13 +67,13 @@ class Placing:
         return self._own.sent(self._objects[name], _at_point(x, y))
 
     def pause(self, *, paused: bool) -> None:
-        """Let time stand still, or go on."""
+        """Pause or resume time."""
         self.paused = paused or self.paused  # where no answer comes it may be either
         self._own.call(self._pause, SetBool.Request(data=paused))
         self.paused = paused
 
     def go_on(self) -> Future:
-        """Let time go on; not waited for, and without an error where there is no simulation any more."""
+        """Resume time without waiting; a simulation that has gone is no error."""
         answer: Future = self._pause.call_async(SetBool.Request(data=False))
         self.paused = False
         return answer

@@ -27,7 +27,7 @@ End = Callable[[ServerGoalHandle, Ending, str], None]
 
 
 class PlannedGoals:
-    """The goal whose chains are awaited, one at a time; what the robot does meanwhile goes on.
+    """The goal whose chains are awaited, one at a time; the robot meanwhile continues what it does.
 
     Parameters
     ----------

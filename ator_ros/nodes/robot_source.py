@@ -41,7 +41,7 @@ class RobotSource:
     take : callable
         Is given what reads a message that has come.
     tf : TfListener
-        Looks up the robot where tf tells of it.
+        Looks up the robot in tf.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class RobotSource:
 
 
 def robot_in_tf(found: Found, estimate: RobotVelocity, bounds: MessageBounds) -> tuple[float, RobotState]:
-    """Read what tf tells of the robot; its velocities are differences. Raises MessageError."""
+    """Read the robot's state from tf; its velocities are differences. Raises MessageError."""
     (x, y, _), (i, j, k, w) = found.placement
     pose = Pose(
         checks.position(x, "robot in tf: x", most=bounds.x),

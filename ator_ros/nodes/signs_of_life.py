@@ -71,7 +71,7 @@ class SignsOfLife:
             self.heard()
 
     def end(self) -> None:
-        """Ask no more: the goal is over."""
+        """Stop asking: the goal is over."""
         asked, self._asked = self._asked, None
         if asked is not None and not asked.done():
             self._client.remove_pending_request(asked)

@@ -122,7 +122,7 @@ class SimulatedWorld:
         self._changed()
 
     def _changed(self, *numbers: int) -> None:
-        """Let the sensors of some robots, by default of all, begin anew."""
+        """Reset the sensors of some robots, by default of all."""
         for number in numbers or range(len(self._robots)):
             robot = self._robots[number]
             robot.sensors.reset()

@@ -85,7 +85,7 @@ class TfListener:
         return self._transforms.latest(frame, child) is not None
 
     def follow(self, frame: str, child: str, take: Callable[[Found], None]) -> None:
-        """Pass on where `child` is in `frame` whenever that is told anew; in the order of these calls.
+        """Pass on each update of the pose of `child` in `frame`, in the order of these calls.
 
         Raises
         ------

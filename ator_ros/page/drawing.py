@@ -31,7 +31,7 @@ def rgb(colour: Colour) -> tuple[int, int, int]:
 
 
 class Canvas:
-    """A group of shapes that is drawn anew as a whole; what has not changed in it is not sent again.
+    """A group of shapes that is redrawn as a whole; unchanged shapes are not sent again.
 
     Parameters
     ----------

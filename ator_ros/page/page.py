@@ -40,7 +40,7 @@ class Page:
     urdf : str
         The robot's description for drawing.
     models : mapping
-        Performance models by action, by action set: their rules are told.
+        Performance models by action, by action set, for the display of their rules.
     host, port : str, int
         Where the page is served; by default only this machine can reach it.
     runs : sequence of (str, Trial)

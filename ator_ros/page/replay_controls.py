@@ -66,7 +66,7 @@ class ReplayControls:
         return slider
 
     def restart(self) -> None:
-        """Begin anew with a recording of another length."""
+        """Start over with a recording of another length."""
         self._slider.remove()
         self._slider = self._added()
 

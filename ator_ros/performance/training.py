@@ -41,7 +41,7 @@ _FOLDS = 10
 
 
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
-"""The column of an experience table that tells of each measure but the duration."""
+"""The column of an experience table for each measure except the duration."""
 SMALL_LEAF = 50
 """Episodes at a leaf of their trees, at least."""
 

@@ -92,7 +92,7 @@ def why_nothing_free(chain: TopChain, not_free: Sequence[NotFree]) -> str:
 def remarks(chain: TopChain, not_free: Sequence[NotFree], without_model: Sequence[int]) -> str:
     """Return what is to be said beside the gate's reason; empty, or it begins with a semicolon.
 
-    What "*" opened is told in `Refinement.not_free` alone: nobody expects all of it to be free.
+    What "*" opened appears only in `Refinement.not_free`: not all of it is expected to be free.
     """
     said = ""
     named = [each for each in not_free if each.name in chain.calls[each.subgoal].open]

@@ -30,7 +30,7 @@ from ator_ros.world.state import World
 
 Memory = dict[tuple[Any, ...], Any]
 
-#: What is told of every action, whatever the objective needs: to report it, and to calibrate it.
+#: Predicted for every action regardless of the objective: for reports and calibration.
 REPORTED = ("duration", "spread", "success", "accuracy", "dist", "ideal")
 
 

@@ -122,7 +122,7 @@ def _rows(domain: Domain, action: str) -> dict[str, _Row]:
 
 
 def _is_ideal(feature: Feature) -> bool:
-    """Return whether a feature tells of the action's ideal motion."""
+    """Return whether a feature describes the action's ideal motion."""
     return feature.ideal or feature.described
 
 

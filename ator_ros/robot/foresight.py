@@ -54,9 +54,9 @@ class Foresight:
     def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
         """Return the command to send for `command`, which took `took` s to compute, in the predicted state.
 
-        A robot at rest is not started by a late command, as after long planning: it would be predicted to
-        drive before it does. It starts with the command for the next state instead, even if that is late
-        too, so that it also starts on a computer that is always late.
+        A late command does not start a resting robot; the prediction would lead the motion. The robot starts
+        with the command for the next state, even if that is late as well: on a slow computer every command
+        may be late.
         """
         late = command is not None and self._latency > 0.0 and robot.is_still and took > _PROMPT
         self._held_back = late and not self._held_back

@@ -102,7 +102,7 @@ class ProbeDrive:
         yield from self._stand()
 
     def _sprint(self, top: Command) -> Iterator[Command]:
-        """Gain speed until it is steady or half the space is used, brake to a part of it, go on."""
+        """Gain speed until it is steady or half the space is used, brake to a part of it, continue."""
         start, (began, _) = self._now.pose, self._seen[-1]
         while not self._steady and self._time - began < _PATIENCE:
             if self._now.pose.distance(start) > _SHARE * self._space:

@@ -58,7 +58,7 @@ class SensorConfig:
         the time of the state; what `Sight.delay` delays is late by both. The first state, and the first after
         a reset or when something was placed, is told at once, and then for that time nothing newer.
     objects : mapping of str to Sight
-        How each object is seen, by its name; one that is not named is seen as it is.
+        How each object is seen, by its name; one that is not named is seen exactly.
     """
 
     drift: float = 0.0

@@ -146,7 +146,7 @@ class Desk:
         self._edited(self.draft.with_alternative())
 
     def forget_alternatives(self) -> None:
-        """Let refinement choose no more."""
+        """Stop letting refinement choose."""
         self._edited(dataclasses.replace(self.draft, alternatives=()))
 
     def _edited(self, draft: Draft) -> None:
@@ -182,14 +182,14 @@ class Desk:
         self.race = Race(*self._waiting) if len(self._waiting) == 2 else None
 
     def control(self, stage: ViewStage) -> None:
-        """Look after a robot that is there, from where it is; what another one executes goes on.
+        """Switch to an existing robot where it stands; the other one continues its chain.
 
         Nothing is placed, and the draft follows robot and objects until something is moved or played.
         """
         self.stage = stage
         self._waiting.clear()
         self.runs.clear()
-        self.race = self.advice = None  # both told of another robot
+        self.race = self.advice = None  # both were about another robot
         self._stale, self._follows, self._looked = True, True, -math.inf
         self._displaced, self.paused = False, False
 
@@ -202,7 +202,7 @@ class Desk:
         self.take(self.draft)
 
     def pause(self, *, paused: bool) -> None:
-        """Let time stand still, or go on."""
+        """Pause or resume time."""
         self.stage.pause(paused=paused)
         self.paused = paused
 

@@ -1,4 +1,4 @@
-"""A situation with a plan, as somebody edits it: robot, objects and goals are moved, variables opened."""
+"""An editable situation with a plan: robot, objects and goals can be moved, variables opened."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class Player:
-    """Plays something of a given duration; time passes by a clock that is told to `tick`.
+    """Plays something of a given duration; the caller advances time with `tick`.
 
     Parameters
     ----------

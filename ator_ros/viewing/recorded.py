@@ -1,4 +1,4 @@
-"""Executed chains as the executor's records tell of them, from a topic or from a recording."""
+"""Executed chains rebuilt from the executor's records, from a topic or a recording."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ class _Heard:
 
 
 def read_robots(file: Path, domain: Domain) -> tuple[Mapping[str, RecordedRobot], int]:
-    """Read what a recording tells of each robot.
+    """Read each robot's part of a recording.
 
     Parameters
     ----------

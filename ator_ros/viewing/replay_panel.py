@@ -24,7 +24,7 @@ def chain(played: PlayedChain | None, stamp: float, number: int, count: int) -> 
     played : PlayedChain or None
         The chain.
     stamp : float
-        What ended later is not told yet.
+        What ended later is not shown yet.
     number, count : int
         Which chain it is, from 1, of how many.
     """

@@ -40,7 +40,7 @@ class Run:
     _began: float = math.nan
 
     def saw(self, time: float, pose: Pose) -> None:
-        """Record where the robot is at `time` s; a clock that goes back starts the way anew."""
+        """Record where the robot is at `time` s; a clock that goes back restarts the way."""
         if math.isnan(self._began) or (self.times and time < self._began + self.times[-1]):
             self._began = time
             self.times.clear()

@@ -19,7 +19,7 @@ class StageError(RuntimeError):
 
 
 class AbsentError(StageError):
-    """Nobody is there who could do it, but somebody may come."""
+    """What is needed for it is not running now, but may start."""
 
 
 class ViewStage(Protocol):
@@ -67,7 +67,7 @@ class ViewStage(Protocol):
         """
 
     def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
-        """Start to execute the chain of a draft, and let time go on, also where this fails.
+        """Start to execute the chain of a draft, and resume time even if this fails.
 
         `run` is told how it goes.
         """
@@ -76,7 +76,7 @@ class ViewStage(Protocol):
         """Cancel what is executed."""
 
     def pause(self, *, paused: bool) -> None:
-        """Let time stand still, or go on."""
+        """Pause or resume time."""
 
     def set_factor(self, factor: float) -> None:
         """Set the simulated seconds per real second."""

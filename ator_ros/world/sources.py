@@ -10,7 +10,7 @@ from ator_ros.files import is_name
 from ator_ros.schema import require
 
 Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped", "tf"]
-"""Messages that tell of an object, or tf. Without a velocity it is estimated from the positions."""
+"""Message types of objects, or tf. Where they lack a velocity, it is estimated from the positions."""
 RESERVED = ("robot", "hold", "goal")
 """What conditions speak of beside objects."""
 _FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)

@@ -1,4 +1,4 @@
-"""The velocities of objects and robots of which only positions or poses are told."""
+"""Velocities of objects and robots that report only positions or poses."""
 
 from __future__ import annotations
 

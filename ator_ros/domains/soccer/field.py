@@ -52,7 +52,7 @@ def behind_line(ball: ObjectState, mouth: Pose) -> float:
 
 
 def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> bool:
-    """Return whether a ball is in a goal. Nothing else decides that but the post-condition of `shoot`.
+    """Return whether the ball lies in the goal.
 
     Parameters
     ----------

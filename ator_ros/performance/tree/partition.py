@@ -192,7 +192,7 @@ class Partition:
         total = node.moments[0, 0]
         targets = total * np.arange(1, count + 1) / (count + 1)
         if self._is_weighted:
-            # One search for all features: the sums of weights go on rising from feature to feature.
+            # One search for all features: the sums of weights keep rising from feature to feature.
             shift = 2 * total * np.arange(n_features)[:, None]
             cumulative = np.cumsum(self.weight.take(node.order), axis=1) + shift
             at = np.searchsorted(cumulative.ravel(), (targets + shift).ravel()).reshape(n_features, count)

@@ -133,7 +133,7 @@ def _driven(
     situation: Situation,
     number: int,
 ) -> pd.DataFrame:
-    """Drive from a situation to its goal; return the row that the executor's record tells of."""
+    """Drive from a situation to its goal; return the row of the executor's record."""
     top = top_of(situation, domain.tops_for(robot), robot)
     start = World(0.0, situation.robot, situation.objects)
     message = chain_of(TopChain((TopCall(top, situation.goal),)), action_set=options.action_set, frame=_FRAME)

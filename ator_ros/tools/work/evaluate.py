@@ -23,7 +23,7 @@ def run(options: argparse.Namespace, command: str) -> int:
     if options.situations < 1:
         raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
     source = source_of(options, experience=tuple(options.experience))
-    tools = make_toolset(source)  # before anything is executed: a damaged file shall be told at once
+    tools = make_toolset(source)  # before anything is executed: a damaged file is reported at once
     source.digests(options.chain)
     policies, missing = available_policies(source)
     for name, why in missing.items():

@@ -40,7 +40,7 @@ def run(options: argparse.Namespace, command: str) -> int:
     if options.experience is not None:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, chain=options.chain, policies=POLICIES, source=source)
-    source.digests(options.chain)  # before anything is executed: a missing model shall be told at once
+    source.digests(options.chain)  # before anything is executed: a missing model is reported at once
     with reserved(source.folder(), _GATE_BYTES), results_in(options.work, options.situations):
         records = executed(settings, options, options.work)
     _save(gate_examples(records), source.folder() / GATE, options, command)

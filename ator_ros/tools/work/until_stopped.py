@@ -1,4 +1,4 @@
-"""Run something that goes on until Ctrl-C or SIGTERM."""
+"""Run something until Ctrl-C or SIGTERM."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def until_stopped(
     serve : callable
         What runs. It gets a function that it calls again and again, and which ends it by an exception.
     expected : tuple of type
-        Errors that are told in one line.
+        Errors that are reported in one line.
     """
     write_plainly()
     stopped: list[int] = []

@@ -1,4 +1,4 @@
-"""The one Bezier curve from the robot's pose to a goal pose, as it is laid anew at every tick."""
+"""The Bezier curve from the robot's pose to a goal pose, recomputed at every tick."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def _ahead(straight: float, heading: float, turn: float, radius: float, way: flo
 def _through(
     rel: Pose, middle: tuple[float, float], shape: CurveShape, end: float, way: tuple[float, ...]
 ) -> Curve:
-    """Complete a curve by its handles; the robot's shrinks to nothing where it looks away from the curve."""
+    """Add both handles; the start handle vanishes when the robot faces away."""
     dx, dy = middle[0] - rel.x, middle[1] - rel.y
     distance = math.hypot(dx, dy)
     bearing = wrap_angle(math.atan2(dy, dx) - rel.yaw)

@@ -58,7 +58,7 @@ class Style:
 
 
 class Driver:
-    """Drives a robot to a pose along one Bezier curve, laid anew at every tick.
+    """Drives a robot to a pose along a Bezier curve that is recomputed at every tick.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Driver:
         self.reset(Command())
 
     def reset(self, last: Command) -> None:
-        """Begin anew, with `last` as the command that the robot executes."""
+        """Start over, with `last` as the command that the robot executes."""
         self._last = last
         self._shape = self._style.shape
         self._side = 0.0
@@ -170,7 +170,7 @@ class Driver:
         return self.send(v, max(-most, min(most, max(v, 0.0) * bend)))
 
     def turn(self, angle: float) -> Command:
-        """Return the command that stops and turns by what is left of an angle (rad)."""
+        """Return the command that stops and turns by the rest of an angle (rad)."""
         last, limits, most = self._last, self._limits, self._rotation
         v = max(last.v - limits.brake * CONTROL_PERIOD, min(last.v + limits.a * CONTROL_PERIOD, 0.0))
         w = max(-most, min(most, 3.0 * angle))

@@ -73,7 +73,7 @@ class GoToPose(PlannedAction):
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def chases(self) -> bool:
-        """Return whether it drives to the ball; one that others play elsewhere is no reason to give up."""
+        """Return whether the goal is the ball."""
         return self._approach
 
     def missed(self, world: World) -> str | None:

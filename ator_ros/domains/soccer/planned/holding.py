@@ -31,7 +31,7 @@ _DIGITS = 6  # of m/s and m/s^2: the same ways to drive have the same numbers, b
 
 
 def held_limits(robot: Robot, what: str) -> Limits:
-    """Return the limits for `what` with a ball, which rolls away from a robot that brakes harder."""
+    """Return the limits that keep the ball in the holder, which `what` needs."""
     limits = robot.holder_for(what).limits
     rolling = robot.scene.objects[BALL].rolling_deceleration
     return dataclasses.replace(limits, brake=min(limits.brake, max(rolling - MARGIN, 0.5 * rolling)))

@@ -87,7 +87,7 @@ class PlannedAction(Action):
         return False
 
     def chases(self) -> bool:
-        """Return whether plans that are outdated count among those after which it gives up."""
+        """Return whether replanning for a moved goal counts toward the limit."""
         return True
 
     def arrive(self, world: World) -> Step:

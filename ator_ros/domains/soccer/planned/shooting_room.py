@@ -1,4 +1,4 @@
-"""Situations from which a ball can be shot: whether there is room for a run-up, the planner knows."""
+"""Sample shots for which the planner finds a run-up."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class Tracker:
         self._pace = min(1.0, weak, self.BRISK_LAG / self._preview)
 
     def wait_for_start(self, world: World) -> None:
-        """Start the plan's time when a robot at rest starts: after long planning its command is late."""
+        """Start the plan's clock when the robot starts moving: after long planning its command is late."""
         if not self._waits:
             return
         patient = world.time - self._made < _LONGEST_WAIT

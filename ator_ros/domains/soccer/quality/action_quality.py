@@ -121,7 +121,7 @@ def _execute(simulation: Simulation, situation: Situation, task: Task) -> Outcom
 
 
 class _Watch:
-    """What is seen of an action while it is executed.
+    """Records an action while it is executed.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class _Watch:
         self._limits = robot.limits
 
     def step(self, action: Action, world: World) -> Step:
-        """Execute a tick of the action, and note what is seen of it."""
+        """Execute a tick of the action and record it."""
         if not self.worlds and isinstance(action, PlannedAction):
             self.planned = action.left(world)
         step = action.step(world)

@@ -63,7 +63,7 @@ def _counted(robot: Robot, situations: int) -> dict[str, float]:
 
 
 def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
-    """Measure the processor time in s of each tick of an action whose robot does what it is told."""
+    """Measure the processor time in s of each tick of an action whose robot follows every command."""
     began, times = time.process_time(), []
     try:
         with started(action, world, goal, "measured"):
