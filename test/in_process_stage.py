@@ -77,6 +77,9 @@ class InProcessStage:
         run.ended, run.status = True, "done"
         self.place_robot(chain.calls[-1].goal.pose)
 
+    def watch(self) -> None:
+        pass
+
     def stop(self) -> None:
         self.calls.append("stop")
 

@@ -72,17 +72,18 @@ def test_processes_end_with_the_block_even_deaf_ones(tmp_path: Path) -> None:
         os.kill(int((tmp_path / "pid").read_text()), 0)
 
 
-def test_a_second_signal_leaves_no_process_behind(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_second_signal_leaves_no_process_behind(tmp_path: Path, number: signal.Signals) -> None:
     script(tmp_path, "deaf", f"trap '' INT; echo $$ > {tmp_path}/pid; while :; do sleep 0.05; done")
-    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    previous = signal.signal(number, signal.default_int_handler)
     try:
         with NodeProcesses(tmp_path, 1, patience=0.5) as nodes:
             nodes.start("deaf", {})
             while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
                 nodes.check()
-            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGTERM)).start()
+            threading.Timer(0.1, os.kill, (os.getpid(), number)).start()
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        signal.signal(number, previous)
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
 

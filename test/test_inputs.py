@@ -240,3 +240,16 @@ def test_the_pace_is_that_of_the_stamps_over_real_time() -> None:
     for stamp, now in ((1.0, 7.0), (1.5, 7.05)):
         both.robot(stamp, RobotState(Pose(0.0, 0.0, 0.0)), now)
     assert both.pace == pytest.approx(10.0)
+
+
+def test_a_timeout_counts_from_when_it_is_changed() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    both.robot(1.0, robot)
+    both.object(BALL, 1.0, ObjectState(0.0, 0.0))
+    both.robot(1.25, robot)
+    assert BALL in both.overdue
+    both.take_timeouts({f"{BALL}_timeout": 2.0, "odom_timeout": 0.1})
+    assert BALL not in both.overdue
+    world = both.robot(2.5, robot)
+    assert world is not None
+    assert ball_of(world) is not None

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import gc
+import socket
+import threading
+from collections import deque
 from collections.abc import Iterator
 
 import pytest
@@ -16,6 +19,7 @@ from viser_client import ViserClient
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.page.page import Page
+from ator_ros.page.serving import LOOPBACK, served
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.viewing.desk import Desk
 
@@ -95,6 +99,41 @@ def test_what_no_browser_sends_is_told_in_one_line_and_the_page_goes_on(
     client.close()
 
 
+@pytest.mark.parametrize("place", [(1.0, 2.0), {}, [[1.0]], (1e300, 1e300, 1e300)])
+def test_a_drag_to_what_is_no_place_moves_nothing(
+    shown: Shown, place: object, capfd: pytest.CaptureFixture[str]
+) -> None:
+    client = shown.join()
+    client.look()
+    client.until(lambda: "/objects/ball" in client.scene, "the ball")
+    client.point("/objects/ball/body", place, "update")
+    client.set("Number", 2)
+    wishes: list[object] = []
+    client.until(lambda: wishes.extend(shown.page.inbox.take()) or wishes, "the number")
+    assert len(wishes) == 1
+    assert "Traceback" not in capfd.readouterr().err
+    client.close()
+
+
+class Contested(deque[object]):
+    """Waiting clients, of which one comes or goes whenever another thread looks at them."""
+
+    def __iter__(self):  # type: ignore[no-untyped-def]
+        if threading.current_thread() is threading.main_thread():
+            raise RuntimeError("deque mutated during iteration")
+        return super().__iter__()
+
+
+def test_clients_that_come_and_go_while_something_is_sent_do_no_harm(shown: Shown) -> None:
+    event = shown.page.server._websock_server.get_message_buffer().message_event
+    client = shown.join()
+    client.until(lambda: "/objects/ball" in client.scene, "the ball")
+    event._waiters = Contested(event._waiters)  # type: ignore[assignment]
+    move_ball(shown, 0.25, -1.0)
+    client.until(lambda: client.scene.get("/objects/ball") == (0.25, -1.0, 0.0), "the ball, moved")
+    client.close()
+
+
 def test_of_several_robots_all_are_shown_and_one_is_chosen(shown: Shown) -> None:
     client = shown.join()
     client.until(lambda: client.scene.get("/robots/bob") == pytest.approx((-1.0, 1.5, 0.0)), "the other one")
@@ -114,3 +153,18 @@ def test_of_several_robots_all_are_shown_and_one_is_chosen(shown: Shown) -> None
     assert shown.other.state.objects["ball"].x == 1.0
     assert shown.stage.state.objects["ball"].x != 1.0
     client.close()
+
+
+def test_a_port_that_is_taken_is_passed_over() -> None:
+    with socket.create_server((LOOPBACK, 0)) as taken:
+        port = taken.getsockname()[1]
+        server = served(SOCCER, ROBOT, port=port)
+        assert server.get_port() > port
+        server.stop()
+
+
+def test_where_no_page_can_be_served_is_told() -> None:
+    with pytest.raises(OSError, match=r"expected an address of this machine, got '203\.0\.113\.7': "):
+        served(SOCCER, ROBOT, host="203.0.113.7")
+    with socket.create_server((LOOPBACK, 65535)), pytest.raises(OSError, match="a free port from 65535 on"):
+        served(SOCCER, ROBOT, port=65535)

@@ -217,3 +217,16 @@ def test_what_is_no_recording_is_told_in_one_line(
     assert line.count("\n") == 1
     assert line.startswith(f"view: {file}: ")
     assert told in line
+
+
+def test_the_reading_of_a_long_recording_can_be_ended(tmp_path: Path) -> None:
+    read: list[int] = []
+
+    def going_on() -> None:
+        read.append(1)
+        if len(read) == 20:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        read_robots(write_recording(tmp_path / "bag"), SOCCER, going_on)
+    assert len(read) == 20

@@ -26,9 +26,10 @@ from ator_ros.experience.table import join, read_experience
 from ator_ros.files import reserved
 from ator_ros.report.evaluation_page import write_report
 from ator_ros.tools import collect, evaluate
-from ator_ros.tools.guard import INTERRUPTED, guarded, undisturbed
+from ator_ros.tools.guard import INTERRUPTED, ending_signals, guarded, undisturbed
 from ator_ros.tools.work import collect as collect_work
 from ator_ros.tools.work import evaluate as evaluate_work
+from ator_ros.tools.work.until_stopped import until_stopped
 
 
 @pytest.fixture
@@ -99,6 +100,31 @@ def test_signals_stop_a_command_as_ctrl_c_does(
     assert guarded("tool", work, interrupted="what was done is kept") == INTERRUPTED
     assert capsys.readouterr().err == "tool: interrupted; what was done is kept\n"
     assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_what_goes_on_until_it_is_stopped_ends_in_order(number: signal.Signals) -> None:
+    ended = []
+
+    def serve(going_on: Callable[[], None]) -> None:
+        try:
+            for _ in range(2):
+                os.kill(os.getpid(), number)
+            while True:
+                going_on()
+        finally:
+            ended.append(number)
+
+    assert until_stopped("view", serve, ()) == 0
+    assert ended == [number]
+
+
+def test_what_nohup_ignores_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert ending_signals() == (signal.SIGINT, signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_a_second_signal_does_not_disturb_the_writing() -> None:

@@ -103,7 +103,11 @@ class ViserClient:
 
     def drag(self, node: str, x: float, y: float, phase: str = "update") -> None:
         """Point at (x, y) m on the floor while a node is dragged; the phase is start, update or end."""
-        place, pixel = (x, y, 0.0), (0.5, 0.5)
+        self.point(node, (x, y, 0.0), phase)
+
+    def point(self, node: str, place: Any, phase: str) -> None:
+        """Point at any place, or at what is none."""
+        pixel = (0.5, 0.5)
         self.send(
             "SceneNodeDragMessage", phase=phase, name=node, instance_index=None, start_position=place,
             start_screen_pos=pixel, end_position=place, end_screen_pos=pixel, button="left", modifier=None,

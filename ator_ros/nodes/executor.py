@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from rclpy.action import CancelResponse
@@ -49,7 +50,7 @@ _HURRIED = 2.0  # times real time
 class ExecutorNode(Node):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
-    Parameters: see `parameters_for`; timeouts and `refine_again_after` can change, for the next goal.
+    Parameters: see `parameters_for`; timeouts, `latency` and `refine_again_after` can change.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
@@ -71,7 +72,7 @@ class ExecutorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("executor")
-        self._settings = declare_with_domain(self, parameters_for)
+        self._settings = declare_with_domain(self, parameters_for, self._change)
         robot = robot_of(self._settings)
         self._domain = domain = domain_of(self._settings)
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
@@ -96,6 +97,9 @@ class ExecutorNode(Node):
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
         self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
         self.get_logger().info("ready for chains")
+
+    def _change(self, values: Mapping[str, Any]) -> None:
+        self._inputs.take_timeouts(values)
 
     def _offer(self, robot: Robot) -> None:
         settings, bounds = self._settings, bounds_of(robot)

@@ -59,6 +59,7 @@ def _parameters_of(name: str) -> tuple[Parameter, ...]:
             f"s that word of the {name} may be older than odometry; pauses likewise",
             0.05,
             60.0,
+            live=True,
         ),
         Parameter(
             f"{name}_noise", 0.0, f"m, standard deviation of the {name}'s coordinates; 0: exact", 0.0, 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from functools import partial
 from typing import Any
 
@@ -12,10 +13,18 @@ from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, Outcome
+from ator_ros.execution.phases import Phase
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.viewing.runs import Run
 from ator_ros.viewing.stage import StageError
+
+_SILENT = 5.0
+"""Seconds without feedback, which comes ten times a second, after which an executed chain counts as lost.
+
+Real ones, and by the stamps, too, as long as there is an executor.
+"""
+_LOST = "lost: the executor does not answer"
 
 
 class LiveChain:
@@ -31,6 +40,8 @@ class LiveChain:
         self._own = own
         self._run: Run | None = None
         self._goal: Any = None
+        self._steered = self._news = False
+        self._alive = (0.0, 0.0)
         self._server = ActionClient(own.node, ExecuteChain, "execute_chain")
         own.node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
 
@@ -48,11 +59,13 @@ class LiveChain:
         """Send a chain, and wait until the executor steers; raises StageError if it does not."""
         if not self._server.server_is_ready():
             raise StageError("expected the action execute_chain, it is not there")
-        self._run = run
+        self._run, self._goal, self._steered, self._news = run, None, False, True
         told = threading.Event()
 
         def hear(feedback: Any) -> None:
             run.status = f"{feedback.feedback.top}: {feedback.feedback.status}"
+            self._steered = feedback.feedback.status.startswith(Phase.EXECUTING.value)
+            self._news = True
             told.set()
 
         future = self._own.within(lambda: self._server.send_goal_async(goal, feedback_callback=hear))
@@ -81,7 +94,24 @@ class LiveChain:
             self._own.until(lambda: run.ended, "the end of the chain")
         finally:
             if not run.ended:  # whoever executed it is gone; nothing will end it any more
-                run.ended, run.status = True, "lost: the executor does not answer"
+                run.ended, run.status = True, _LOST
+
+    def watch(self, stamp: float) -> None:
+        """Count the chain under way as lost where its executor is gone, or silent.
+
+        Parameters
+        ----------
+        stamp : float
+            Time in s of the robot's newest state; while it stands nobody has anything to tell.
+        """
+        run, now, there = self._run, time.monotonic(), self._server.server_is_ready()
+        if run is None or not self.under_way:
+            return
+        if self._news or (there and not self._steered):  # what waits for refinement tells nothing
+            self._news, self._alive = False, (now, stamp)
+        silent, missed = now - self._alive[0], stamp - self._alive[1]
+        if silent > _SILENT and (missed > _SILENT or not there):
+            run.ended, run.status = True, _LOST
 
 
 def _finish(run: Run, future: Future) -> None:

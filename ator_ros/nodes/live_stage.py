@@ -221,6 +221,11 @@ class LiveStage:
         if self.can_place:
             self.pause(paused=False)
 
+    def watch(self) -> None:
+        """End the run under way as lost where its executor is gone, or silent."""
+        world = self._seen.world()
+        self._chain.watch(0.0 if world is None else world.time)
+
     def stop(self) -> None:
         """Cancel what is executed; wait until it has ended."""
         if not self._chain.under_way:

@@ -194,7 +194,7 @@ def _follow_changes(
         try:
             for name, value in values.items():
                 known[name].check(value)
-            if changed is not None:
+            if changed is not None and values:
                 changed(values)
         except SetupError as error:
             return SetParametersResult(successful=False, reason=str(error))

@@ -29,7 +29,8 @@ def on_floor(camera: FloatArray, pointer: FloatArray, height: float) -> tuple[fl
     share = (height - camera[2]) / ray[2]
     if share <= 0.0:
         return None
-    x, y = map(float, (camera + share * ray)[:2])
+    with np.errstate(over="ignore", invalid="ignore"):
+        x, y = map(float, (camera + share * ray)[:2])
     return (x, y) if math.isfinite(x) and math.isfinite(y) else None  # a client may send anything
 
 
@@ -111,5 +112,14 @@ class Grip:
             self._moved(self._pose._replace(yaw=yaw))
 
     def _pointed(self, event: Any, height: float) -> tuple[float, float] | None:
-        camera = np.asarray(event.client.camera.position, dtype=float)
-        return on_floor(camera, np.asarray(event.end_position, dtype=float), height)
+        camera, pointer = _point(event.client.camera.position), _point(event.end_position)
+        return None if camera is None or pointer is None else on_floor(camera, pointer, height)
+
+
+def _point(sent: Any) -> FloatArray | None:
+    """Return what a client sent as a point (3,) in m; None where it is none."""
+    try:
+        point = np.asarray(sent, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    return point if point.shape == (3,) else None

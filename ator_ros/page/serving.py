@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import errno
 import io
 import logging
 import math
+import socket
 import traceback
 from pathlib import Path
 
@@ -21,6 +24,7 @@ LOOPBACK = "127.0.0.1"
 _CAMERA_HEIGHT = 0.85
 """Height of the camera as a share of the area's length."""
 _FLOOR = (72, 122, 84)
+_LAST_PORT = 65535
 _PACKAGE = Path(__file__).parents[1]
 
 
@@ -44,6 +48,19 @@ def _passed_through_ours(error: BaseException) -> bool:
 _ONE_LINE = _OneLine()
 
 
+class _LoopsEvent(asyncio.Event):
+    """Is set by its loop alone: viser sets it from our thread, too, which may raise as clients come and go.
+
+    The view would then end. From the loop viser sets it again.
+    """
+
+    def set(self) -> None:
+        """Wake up who waits, where that is safe."""
+        with contextlib.suppress(RuntimeError):
+            asyncio.get_running_loop()
+            super().set()
+
+
 def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
     """Return where a new client's camera is and looks at (m), and its vertical field of view (rad)."""
     area = robot.scene.area
@@ -51,12 +68,39 @@ def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, 
     return (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length), look_at, math.radians(50.0)
 
 
+def free_port(host: str, port: int) -> int:
+    """Return the first port from `port` on that is free at an address; viser waits for ever without one.
+
+    Raises
+    ------
+    OSError
+        The address is none of this machine, or no such port is free.
+    """
+    for number in range(port, _LAST_PORT + 1):
+        try:
+            family, _, _, _, place = socket.getaddrinfo(host, number, type=socket.SOCK_STREAM)[0]
+            with socket.create_server(place, family=family):
+                return number
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise OSError(f"expected an address of this machine, got {host!r}: {error}") from error
+    raise OSError(f"expected a free port from {port} on at {host}, got none")
+
+
 def served(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080) -> viser.ViserServer:
-    """Serve a page on one port; by default only this machine can reach it."""
+    """Serve a page on one port, or the next that is free; by default only this machine can reach it.
+
+    Raises
+    ------
+    OSError
+        It cannot be served there.
+    """
+    port = free_port(host, port)
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that goes away is no error
     logging.getLogger("asyncio").addFilter(_ONE_LINE)  # ignored where it is there already
     with contextlib.redirect_stdout(io.StringIO()):  # viser tells its address in a frame
         server = viser.ViserServer(host=host, port=port, label="ator_ros", verbose=False)
+    server._websock_server.get_message_buffer().message_event.__class__ = _LoopsEvent
     area, (position, look_at, fov) = robot.scene.area, camera_over(robot)
     server.scene.set_up_direction("+z")
     server.gui.configure_theme(show_logo=False, show_share_button=False)

@@ -87,6 +87,15 @@ def stopped_by_signals() -> Iterator[None]:
         yield
 
 
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """Return the signals that end what starts nodes: Ctrl-C, SIGTERM, and SIGHUP unless nohup ignores it.
+
+    The nodes are no part of the terminal that closes: whoever started them must live to end them.
+    """
+    hangs_up = signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+    return (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hangs_up else ()))
+
+
 @contextlib.contextmanager
 def undisturbed() -> Iterator[None]:
     """Ignore further Ctrl-C and SIGTERM during the short time in which results are written."""

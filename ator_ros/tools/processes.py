@@ -111,8 +111,9 @@ class NodeProcesses:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # A second Ctrl-C, or the SIGTERM that `timeout` sends twice, must not leave a node behind.
-        numbers = (signal.SIGINT, signal.SIGTERM)
+        # A second Ctrl-C, the SIGTERM that `timeout` sends twice, or a terminal that closes must not leave a
+        # node behind.
+        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
         try:
             self.stop()

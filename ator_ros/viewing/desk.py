@@ -242,6 +242,7 @@ class Desk:
         run = self.run
         if run is not None and not run.ended:
             run.saw(world.time, world.robot.pose)
+            self.stage.watch()
         elif self._waiting and not self._stale:
             self._tried(self._begin)
         elif self._displaced and not self.runs and not self._waiting:

@@ -101,7 +101,9 @@ class _Heard:
         return number
 
 
-def read_robots(file: Path, domain: Domain) -> tuple[Mapping[str, RecordedRobot], int]:
+def read_robots(
+    file: Path, domain: Domain, going_on: Callable[[], None] = lambda: None
+) -> tuple[Mapping[str, RecordedRobot], int]:
     """Read each robot's part of a recording.
 
     Parameters
@@ -110,6 +112,8 @@ def read_robots(file: Path, domain: Domain) -> tuple[Mapping[str, RecordedRobot]
         An .mcap file, or the folder that ``ros2 bag record`` made.
     domain : Domain
         Its objects have topics of their names.
+    going_on : callable
+        Called with every message, of which there may be millions; raises to end the reading.
 
     Returns
     -------
@@ -126,6 +130,7 @@ def read_robots(file: Path, domain: Domain) -> tuple[Mapping[str, RecordedRobot]
     topics = (_CHAINS, _ACTIONS, _ODOM, *domain.objects)
     heard: dict[str, _Heard] = defaultdict(_Heard)
     for name, message in messages(file, lambda topic: bool(kind_of(topic, topics)), ()):
+        going_on()
         kind = kind_of(name, topics)
         namespace = name[: -len(kind)].strip("/")
         try:

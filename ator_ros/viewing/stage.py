@@ -72,6 +72,9 @@ class ViewStage(Protocol):
         `run` is told how it goes.
         """
 
+    def watch(self) -> None:
+        """End the run under way as lost where nobody executes it any more."""
+
     def stop(self) -> None:
         """Cancel what is executed."""
 

@@ -60,6 +60,11 @@ class Inputs:
         """Stamp of the newest odometry in s; None before the first."""
         return self._time
 
+    def take_timeouts(self, settings: Mapping[str, float]) -> None:
+        """Take timeouts of objects as they are in `settings`, as NAME_timeout in s; others stay."""
+        for name, sightings in self._objects.items():
+            sightings.timeout = settings.get(f"{name}_timeout", sightings.timeout)
+
     def object(self, name: str, time: float, there: ObjectState) -> str | None:
         """Process a sighting of an object; see `Sightings.add`."""
         return self._objects[name].add(time, there, self._time)

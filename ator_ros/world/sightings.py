@@ -30,13 +30,13 @@ class Sightings:
         Name of the object.
     timeout : float
         Age in s, by the stamps, beyond which a sighting is not used. After half of it without a message the
-        object is overdue.
+        object is overdue. It may be changed later, as the attribute of this name.
     tracker : ObjectTracker
         Filters the sightings.
     """
 
     def __init__(self, name: str, timeout: float, tracker: ObjectTracker) -> None:
-        self._name, self._timeout, self._tracker = name, timeout, tracker
+        self._name, self.timeout, self._tracker = name, timeout, tracker
         self._velocity = VelocityCheck(name, tracker.noise, tracker.velocity_noise)
         self._sights: deque[tuple[float, ObjectState]] = deque(maxlen=_KEPT)
         self.forget()
@@ -50,7 +50,7 @@ class Sightings:
 
     def overdue(self, now: float) -> bool:
         """Return whether no message has arrived for half the timeout until `now`, odometry's newest stamp."""
-        return now - self._heard > self._timeout / 2.0 - _ROUNDING
+        return now - self._heard > self.timeout / 2.0 - _ROUNDING
 
     def add(self, time: float, there: ObjectState, now: float | None) -> str | None:
         """Process a sighting. Its stamp may be old: a late camera still works.
@@ -83,7 +83,7 @@ class Sightings:
         return remark
 
     def _check_stamp(self, time: float, odometry: float) -> None:
-        most = 2.0 * self._timeout
+        most = 2.0 * self.timeout
         if time > odometry + most:
             raise StampError(
                 f"{self._name}.header.stamp: expected at most {most:g} s more than odometry's "
@@ -108,10 +108,10 @@ class Sightings:
         """
         # A sighting that arrived before odometry of its stamp counts as heard at its stamp.
         self._heard = max([self._heard, *(stamp for stamp, _ in self._sights if stamp <= time)])
-        while self._sights and self._sights[0][0] < time - self._timeout:
+        while self._sights and self._sights[0][0] < time - self.timeout:
             self._sights.popleft()
         sights = ((time - stamp, there) for stamp, there in reversed(self._sights))
-        recent = [(age, there) for age, there in sights if abs(age) <= self._timeout]
+        recent = [(age, there) for age, there in sights if abs(age) <= self.timeout]
         if not recent:
             return None
         age, there = min(recent, key=lambda sight: (sight[0] < 0.0, abs(sight[0])))

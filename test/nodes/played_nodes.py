@@ -24,7 +24,7 @@ _OFF = 0.1
 
 
 class PlayedNodes:
-    """A simulation of robot and ball, refinement, and an executor that accepts no goal.
+    """A simulation of robot and ball, refinement, and an executor that ends no goal.
 
     Parameters
     ----------
@@ -39,12 +39,18 @@ class PlayedNodes:
         Whether time stands still.
     robot : Pose
         Where the robot is.
+    accepts : bool
+        Whether the executor accepts goals.
+    silent : bool
+        Whether it tells nothing of those that it has accepted.
     """
 
     def __init__(self, domain: int, *, from_tf: bool = False) -> None:
         self.paused, self.robot = False, Pose(0.5, 0.25, 1.0)
         self._ball: tuple[float, float] | None = None
         self._time, self._from_tf, self._sign = 0.0, from_tf, 1.0
+        self.accepts = self.silent = False
+        self._goals: list[Any] = []
         self._own = SpunNode("executor", domain=domain)
         node = self._own.node
         node.declare_parameter("robot_from", "tf" if from_tf else "odom")
@@ -56,8 +62,11 @@ class PlayedNodes:
             (RefineSubgoal, "refine_subgoal", lambda _, response: response),
         ):
             node.create_service(kind, name, answer, qos_profile=SERVICES)
-        goals = {"goal_callback": lambda _: GoalResponse.REJECT}
-        self._server = ActionServer(node, ExecuteChain, "execute_chain", lambda _: None, **goals)
+        answers = (GoalResponse.REJECT, GoalResponse.ACCEPT)
+        self._server = ActionServer(
+            node, ExecuteChain, "execute_chain", lambda _: None,
+            goal_callback=lambda _: answers[self.accepts], handle_accepted_callback=self._goals.append,
+        )  # fmt: skip
         self._odom = node.create_publisher(Odometry, "odom", STATES)
         self._balls = node.create_publisher(Odometry, "ball", STATES)
         self._tf = node.create_publisher(TFMessage, "/tf", RESULTS)
@@ -66,6 +75,8 @@ class PlayedNodes:
         self.close = self._own.close
 
     def _publish(self) -> None:
+        for goal in () if self.silent else self._goals:
+            goal.publish_feedback(ExecuteChain.Feedback(top="goToBall", status="executing"))
         self._time += 0.0 if self.paused else _PERIOD
         if self._from_tf:
             transform = transform_of(self._time, self.robot, frame="odom", child="base")

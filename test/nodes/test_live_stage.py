@@ -12,6 +12,7 @@ from played_nodes import PlayedNodes
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.geometry import Pose
+from ator_ros.nodes import live_chain
 from ator_ros.nodes.live_stage import LiveStage
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.viewing.draft import Draft
@@ -71,6 +72,34 @@ def test_where_a_start_fails_time_goes_on(staged: Staged) -> None:
     with pytest.raises(StageError, match="off the floor"):
         stage.place(off)
     until(lambda: not nodes.paused, "time to go on after a refused start")
+
+
+def test_a_chain_of_which_nothing_is_told_any_more_is_lost(
+    staged: Staged, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage, nodes = staged
+    monkeypatch.setattr(live_chain, "_SILENT", 1.0)
+    nodes.accepts = True
+    run = Run("naive")
+    stage.execute(run, Draft(TRIAL.world, TRIAL.chain, "default"), refine=False)
+
+    def watched(seconds: float) -> bool:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and not run.ended:
+            stage.watch()
+            time.sleep(0.02)
+        return run.ended
+
+    assert not watched(2.0)
+    stage.pause(paused=True)
+    nodes.silent = True
+    assert not watched(2.0)  # while time stands nobody has anything to tell
+    stage.pause(paused=False)
+    assert watched(10.0)
+    assert run.status == "lost: the executor does not answer"
+    stage.stop()  # nothing is under way any more
+    nodes.silent = False
+    stage.execute(Run("naive"), Draft(TRIAL.world, TRIAL.chain, "default"), refine=False)
 
 
 def test_a_view_that_ends_lets_time_go_on(staged: Staged) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from conftest import Start
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -29,4 +31,22 @@ def test_a_parameter_of_an_unknown_type_is_refused_and_the_node_goes_on(start: S
     assert client.call(SetParametersAtomically, name, together).result.successful
     heard = len(client.robots)
     client.eventually(lambda: len(client.robots) > heard, "odometry")
+    assert node.running
+
+
+def test_limits_of_an_executor_change_and_nonsense_is_refused(start: Start, client: Client) -> None:
+    node = start("executor")
+
+    def change(name: str, **value: object) -> bool:
+        kind = ParameterType.PARAMETER_STRING if "string_value" in value else ParameterType.PARAMETER_DOUBLE
+        wanted = Parameter(name=name, value=ParameterValue(type=kind, **value))
+        request = SetParameters.Request(parameters=[wanted])
+        return bool(client.call(SetParameters, "executor/set_parameters", request).results[0].successful)
+
+    for name in ("ball_timeout", "odom_timeout", "plan_timeout", "latency", "refine_again_after"):
+        assert change(name, double_value=0.25), name
+        for nonsense in (math.nan, math.inf, -1.0, 1e300):
+            assert not change(name, double_value=nonsense), (name, nonsense)
+        assert not change(name, string_value="soon"), name
+    assert not change("ball_noise", double_value=0.1)  # fixed at the start
     assert node.running

@@ -12,7 +12,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.nodes.machine import MachineError
 from ator_ros.robot.description import Robot
-from ator_ros.tools.guard import INTERRUPTED, handled, write_plainly
+from ator_ros.tools.guard import INTERRUPTED, ending_signals, handled, write_plainly
 from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
 from ator_ros.tools.work.demo_report import DemoSituation, save_picture, table
 
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
     played: list[DemoSituation] = []
     code = 0
     try:
-        with handled(dict.fromkeys((signal.SIGINT, signal.SIGTERM), signal.default_int_handler)):
+        with handled(dict.fromkeys(ending_signals(), signal.default_int_handler)):
             played.extend(_play(options, domain, robot))  # also a background job can be stopped
     except KeyboardInterrupt:
         print("interrupted")

@@ -40,7 +40,7 @@ def _serve(options: argparse.Namespace, going_on: Callable[[], None]) -> None:
             "an .mcap file or the folder that ros2 bag record made"
         )
     robot = domain.robot(options.robot or None)
-    robots, left_out = read_robots(file, domain)
+    robots, left_out = read_robots(file, domain, going_on)
     if left_out:
         print(f"view: {left_out} chains are left out: their records make no sense", file=sys.stderr)
     page = ReplayPage(robots, domain, robot, robot_urdf(robot), host=options.host, port=options.port)

@@ -1,12 +1,11 @@
-"""Run something until Ctrl-C or SIGTERM."""
+"""Run something until Ctrl-C, SIGTERM or the end of the terminal."""
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Callable
 
-from ator_ros.tools.guard import handled, write_plainly
+from ator_ros.tools.guard import ending_signals, handled, write_plainly
 
 
 class _Stopped(Exception):  # noqa: N818 (no error)
@@ -16,7 +15,7 @@ class _Stopped(Exception):  # noqa: N818 (no error)
 def until_stopped(
     program: str, serve: Callable[[Callable[[], None]], None], expected: tuple[type[Exception], ...]
 ) -> int:
-    """Run until Ctrl-C or SIGTERM, which is its usual end; return the exit code.
+    """Run until Ctrl-C, SIGTERM or the end of the terminal, its usual end; return the exit code.
 
     Parameters
     ----------
@@ -35,9 +34,7 @@ def until_stopped(
             raise _Stopped
 
     try:
-        with handled(
-            dict.fromkeys((signal.SIGINT, signal.SIGTERM), lambda number, _: stopped.append(number))
-        ):
+        with handled(dict.fromkeys(ending_signals(), lambda number, _: stopped.append(number))):
             serve(going_on)
     except ImportError as error:
         print(f"{program}: {error}: docs/install.md says how to install it", file=sys.stderr)
