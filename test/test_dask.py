@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -114,5 +115,6 @@ def test_an_address_that_is_none_is_refused() -> None:
 
 
 def test_dask_without_a_cluster_is_refused() -> None:
+    gc.collect()  # dask stumbles over clients of former tests that are collected meanwhile
     with pytest.raises(BackendError, match="'dask' cannot be used"):
         list(run_tasks(abs, [1], jobs=2, backend="dask"))

@@ -25,6 +25,7 @@ def test_situations_are_at_rest_with_the_ball_where_it_belongs(action: str) -> N
         assert (ball_of(drawn).x, ball_of(drawn).y) == pytest.approx((place.x, place.y))
 
 
+@pytest.mark.long
 def test_table_tells_accuracy_beside_the_papers_and_the_rules(tmp_path: Path) -> None:
     out = tmp_path / "accuracy.md"
     assert main(["--episodes", "24", "--fresh", "20", "--jobs", "1", "--out", str(out)]) == 0

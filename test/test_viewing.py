@@ -166,6 +166,19 @@ def test_a_race_gives_two_times_from_the_same_start() -> None:
     assert stage.executed == [desk.advice.naive, desk.advice.chain]
 
 
+def test_who_drags_robot_or_goal_on_does_not_disturb_a_race() -> None:
+    desk, _ = desk_and_stage()
+    desk.play(NAIVE, REFINED)
+    draft = desk.draft
+    desk.step([lambda: desk.move_robot(Pose(2.0, 2.0, 1.0)), lambda: desk.move_goal(1, Pose(0.0, 0.0, 0.0))])
+    assert desk.draft is draft
+    assert len(desk.runs) == 1
+    desk.step()
+    desk.step()
+    assert desk.race is not None
+    assert desk.race.verdict.startswith("naive ")
+
+
 def test_after_a_run_a_drag_begins_at_the_drafts_start() -> None:
     desk, stage = desk_and_stage()
     desk.play(NAIVE)

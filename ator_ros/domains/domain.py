@@ -229,7 +229,8 @@ class Domain:
 
     def tops_for(self, robot: Robot) -> tuple[Top, ...]:
         """Return the TOPs with the tolerances and regions of a robot in its scene."""
-        return self.fitted(robot) if self.fitted else self.tops
+        fitted = {top.name: top for top in self.fitted(robot)} if self.fitted else {}
+        return tuple(fitted.get(top.name, top) for top in self.tops)
 
     def library(
         self, robot: Robot, action_set: str = DEFAULT_SET, factories: Mapping[str, ActionFactory] = NO_OTHERS

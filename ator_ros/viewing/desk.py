@@ -113,7 +113,9 @@ class Desk:
     # Edits
 
     def move_robot(self, pose: Pose) -> None:
-        """Put the robot somewhere."""
+        """Put the robot somewhere; not while a chain is executed, though another client may still drag it."""
+        if self.playing:
+            return
         self._restored()
         self._edited(self.draft.with_robot(pose))
         self.stage.place_robot(pose)
@@ -126,7 +128,9 @@ class Desk:
         self.stage.place_object(name, x, y)
 
     def move_goal(self, step: int, pose: Pose) -> None:
-        """Put the goal of a step somewhere."""
+        """Put the goal of a step somewhere, likewise: both chains of a race have the same."""
+        if self.playing:
+            return
         self._edited(self.draft.with_goal(step, pose))
 
     def open(self, step: int, name: str, *, is_open: bool) -> None:

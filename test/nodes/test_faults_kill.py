@@ -49,6 +49,7 @@ def test_the_executor_is_killed(arena: Arena, stage: Stage) -> None:
     recovers(arena, "executor")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", few(STAGES, dribble))
 def test_the_simulation_is_killed(arena: Arena, stage: Stage) -> None:
     visit = arena.visit()
@@ -60,6 +61,7 @@ def test_the_simulation_is_killed(arena: Arena, stage: Stage) -> None:
     recovers(arena, "simulation")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", few(STAGES, refining))
 def test_refinement_is_killed(arena: Arena, stage: Stage) -> None:
     visit = arena.visit()
