@@ -112,7 +112,7 @@ def same(one: FloatArray, two: FloatArray, feature: Feature) -> bool:
     difference = np.abs(one - two)
     if feature.unit == "rad" and feature not in (*IDEAL, *MOTIONS, *PATHS):
         difference = np.minimum(difference, np.abs(2 * math.pi - difference))
-    if feature in (*IDEAL, *MOTIONS, *PATHS) or feature.name == "shot_time":
+    if feature in (*IDEAL, *MOTIONS, *PATHS) or feature.name in ("shot_time", "run_up_time"):
         # Rounding decides between neighbouring entries of the tables, and between motions of one duration.
         return bool(np.mean(difference < 0.02) >= 0.94)
     return bool(np.all(difference < 1e-9))

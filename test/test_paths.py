@@ -21,7 +21,7 @@ from ator_ros.robot.description import Limits, load_robot
 
 ROBOT = load_robot()
 SLOW = DrivingStyle(Limits(0.5, 1.0, 0.4, 0.3, 2.0))
-DESCRIBED = {"drive_time", "drive_turn", "dribble_time", "dribble_turn", "shot_time"}
+DESCRIBED = {"drive_time", "drive_turn", "dribble_time", "dribble_turn", "run_up_time"}
 
 
 def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, speed: float = 0.0) -> float:

@@ -43,6 +43,7 @@ from ator_ros.refinement.gate import OpenGate, ThresholdGate
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.resources import resource_path
+from ator_ros.tools.work.calibrate_predictions import joined
 from ator_ros.tops.chain import TopChain
 
 LEARNED = load_models(ROBOT, SOCCER.known_features)
@@ -263,3 +264,12 @@ def test_steps_of_executed_chains_are_those_that_were_predicted() -> None:
     del row["actions"]
     with pytest.raises(EvaluationError, match="evaluate again"):
         step_examples([record], seed=777, chain="shoot", tools=tools, library=LIBRARY)
+
+
+def test_one_action_is_learned_again_and_the_others_keep_what_they_have() -> None:
+    here, there = Shortfall(0.1, {}, 0.1, 0.1, "here"), Shortfall(0.2, {}, 0.2, 0.2, "there")
+    kept, learned = Calibration({"drive": here, "push": here}), Calibration({"drive": there, "push": there})
+    assert joined(kept, learned, None) == learned
+    assert joined(kept, learned, ["push"]) == Calibration({"drive": here, "push": there})
+    with pytest.raises(EvaluationError, match="--actions: expected some of drive, push, got 'kick'"):
+        joined(kept, learned, ["kick"])

@@ -124,6 +124,11 @@ class Geometry:
         derive_openings(self._table, self.robot.limits.aw, openings)
         return openings
 
+    @property
+    def opened(self) -> FloatArray:
+        """Where the start's rotation is lost: x, y (m) and heading (rad), and the time in s until then."""
+        return self._openings
+
     def fastest_to(
         self, family: Family, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray
     ) -> Motions:

@@ -26,6 +26,12 @@ def arguments() -> argparse.ArgumentParser:
     add_setting(parser, action_set=False)
     add_models(parser)
     parser.add_argument(
+        "--actions",
+        nargs="+",
+        metavar="NAME",
+        help="learn only what predictions of these actions miss; the file keeps the others' (default: all)",
+    )
+    parser.add_argument(
         "--report",
         type=destination,
         metavar="FILE.md",

@@ -11,7 +11,6 @@ from ator_ros.domains.soccer import situations
 from ator_ros.domains.soccer.bezier.dribble_ball import BezierDribbleBall
 from ator_ros.domains.soccer.bezier.go_to_pose import BezierGoToPose
 from ator_ros.domains.soccer.bezier.shoot import BezierShoot
-from ator_ros.domains.soccer.features import SHOT
 from ator_ros.domains.soccer.planned import shooting_room
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
@@ -25,7 +24,9 @@ _DRIBBLING = (
     "dribble_time",
     "dribble_turn",
 )
-_SHOOTING = (*names_of(SHOT), "v")
+_SHOOTING = ("hold_dist", "hold_angle", "run_up_time", "hold_off_axis", "heading_off_axis", "v")
+# The paper's actions end a shot at a place before the line, as the ideal shots do.
+_SHOOTING_ALONG_CURVES = tuple("shot_time" if name == "run_up_time" else name for name in _SHOOTING)
 
 ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
     {
@@ -37,7 +38,7 @@ ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
         "bezier": (
             ActionSpec("goToPose", BezierGoToPose, situations.go_to_pose, _DRIVING),
             ActionSpec("dribbleBall", BezierDribbleBall, situations.dribble_ball, _DRIBBLING),
-            ActionSpec("shoot", BezierShoot, situations.shoot, _SHOOTING),
+            ActionSpec("shoot", BezierShoot, situations.shoot, _SHOOTING_ALONG_CURVES),
         ),
     }
 )

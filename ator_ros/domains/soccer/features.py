@@ -9,14 +9,15 @@ import numpy as np
 from ator_ros.domains.soccer.families import approach_family, dribble_family, shot_family
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.release import usual_release
-from ator_ros.geometry import wrap_angles
+from ator_ros.domains.soccer.run_up_times import run_up_times
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.families import Family, drive_family
 from ator_ros.motion.ideal_times import Motions
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, variables
 from ator_ros.performance.hold import hold_angle, hold_bearing, hold_dist
 
-# The ideal shots, nine of them; the action itself chooses among more: where into the goal's mouth, in shares
+# The ideal shots to fixed places, nine of them: where into the goal's mouth, in shares
 # of its width from the middle, in which direction (rad).
 _AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
 
@@ -55,6 +56,25 @@ def shot(geometry: Geometry) -> Motions:
     return geometry.fastest_to(shot_family(robot), x, y, heading, fastest + 0.0 * x)
 
 
+def run_up(geometry: Geometry) -> FloatArray:
+    """Return the time in s until the ball is in the goal on the fastest ideal run-up with one turn.
+
+    Where none leads there, it is that of the fastest shot with two turns.
+    """
+    d, (x, y, yaw, opening) = geometry.direct, geometry.opened
+    side = np.where(d["xg"] > 0.0, 1.0, -1.0)
+    turned = np.where(d["xg"] > 0.0, 0.0, np.pi)
+    times = run_up_times(
+        geometry.robot, np.stack((side * (x - d["xg"]), side * (y - d["yg"]), yaw - turned, d["v"]))
+    )
+    missing = np.isposinf(times)
+    if missing.any():
+        rows = {name: column[missing] for name, column in d.items()}
+        times[missing] = shot(Geometry(rows, geometry.robot)).time - opening[missing]
+    result: FloatArray = times + opening
+    return result
+
+
 _TO_POSE = variables("x y yaw v w xg yg yawg speedg hold")
 _TO_MOUTH = variables("x y yaw xg yg")
 
@@ -71,6 +91,10 @@ SHOT = (
     Feature("hold_angle", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_angle))),
     Feature(
         "shot_time", "s", _TO_MOUTH | {"v", "w"}, lambda g: g.once(shot).time,
+        translation=False, rotation=False, ideal=True,
+    ),
+    Feature(
+        "run_up_time", "s", _TO_MOUTH | {"v", "w"}, lambda g: g.once(run_up),
         translation=False, rotation=False, ideal=True,
     ),
     Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_bearing)), rotation=False),

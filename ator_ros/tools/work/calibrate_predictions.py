@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,10 @@ from ator_ros.evaluation.calibration_learning import (
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.storage import RESULT, read_result, to_records
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
-from ator_ros.files import write_text
-from ator_ros.refinement.calibration_file import CALIBRATION, save_calibration
+from ator_ros.files import read_json, write_text
+from ator_ros.printable import short
+from ator_ros.refinement.calibration import Calibration
+from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any, save_calibration
 from ator_ros.report.prediction_report import prediction_report
 from ator_ros.tools.command_line import source_of
 
@@ -47,14 +49,34 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         except EvaluationError as error:
             raise EvaluationError(f"{folder / RESULT}: {error}") from error
         learned_from.append({"seed": seed, "chain": chain, "situations": len(records)})
-    models = tools.models["learned"]
-    calibration, checked = fit_calibration(examples, models), cross_validated(examples, models)
-    path = source.folder() / CALIBRATION
+    models, path = tools.models["learned"], source.folder() / CALIBRATION
+    learned, checked = fit_calibration(examples, models), cross_validated(examples, models)
+    calibration = joined(load_calibration_if_any(path.parent), learned, options.actions)
     training = {"command": command, "chains": learned_from, "cross_validation": checked}
+    if options.actions and path.exists():
+        training["others"] = read_json(path).get("training")
     save_calibration(path, calibration, training)
     _report(checked)
     print(f"wrote {path}: {', '.join(calibration.shortfalls)}")
     return 0
+
+
+def joined(kept: Calibration, learned: Calibration, actions: Sequence[str] | None) -> Calibration:
+    """Return what was learned, of `actions` only where they are given: the others keep what they have.
+
+    Raises
+    ------
+    EvaluationError
+        Nothing was learned of one of them.
+    """
+    if actions is None:
+        return learned
+    for name in actions:
+        if name not in learned.shortfalls:
+            raise EvaluationError(
+                f"--actions: expected some of {', '.join(learned.shortfalls)}, got {short(name)}"
+            )
+    return Calibration({**kept.shortfalls, **{name: learned.shortfalls[name] for name in actions}})
 
 
 def _check(file: Path, result: Mapping[str, Any], source: ToolsetSource) -> None:

@@ -18,13 +18,13 @@ MARGIN = 0.05  # m/s^2 of push that is always left
 _RATES = (1.0, 0.83, 0.67, 0.5, 0.33)
 _SLOW_RATES = (0.17, 0.08, 0.04)  # of robots that lose the ball in faster turns
 _ENTRY_SPEEDS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8)
-_MOST_GAINED = 0.9625  # what plans may use of a limit is a little more
-_ENTRY_GAINS = (0.0, 0.25, 0.5, 0.75, _MOST_GAINED)
+MOST_GAINED = 0.9625  # what plans may use of a limit is a little more
+_ENTRY_GAINS = (0.0, 0.25, 0.5, 0.75, MOST_GAINED)
 _EXIT_SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
 _EXIT_LOSSES = (0.0, 0.5, 0.9)
 _RUN_UP_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
-_RUN_UP_GAINS = (*(step / 16 for step in range(15)), _MOST_GAINED)
-_RUN_UP_RATES = tuple(1.0 - 0.02 * step for step in range(40))
+_RUN_UP_GAINS = (*(step / 16 for step in range(15)), MOST_GAINED)
+RUN_UP_RATES = tuple(1.0 - 0.02 * step for step in range(40))
 _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
 _LARGEST_TURN = math.radians(300.0)
 _DIGITS = 6  # of m/s and m/s^2: the same ways to drive have the same numbers, by which tables are kept
@@ -71,7 +71,7 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
             lead = _straight(limits, speed, v)
             for change in _shares(_ENTRY_GAINS, _gain(robot)):
                 turn = TurnDriving(v, change, rate * limits.w)
-                if _keeps(robot, turn, limits.v):
+                if keeps_ball(robot, turn, limits.v):
                     sides.append(Side(lead, speed, turn))
     return tuple(sides)
 
@@ -83,8 +83,8 @@ def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]
     for v in sorted({*_shares(_RUN_UP_SPEEDS, limits.v), speed}):
         lead = _straight(limits, speed, v)
         for change in _shares(_RUN_UP_GAINS, _gain(robot)):
-            turns = (TurnDriving(v, change, rate * limits.w) for rate in _RUN_UP_RATES)
-            kept = (turn for turn in turns if _keeps(robot, turn, limits.v))
+            turns = (TurnDriving(v, change, rate * limits.w) for rate in RUN_UP_RATES)
+            kept = (turn for turn in turns if keeps_ball(robot, turn, limits.v))
             sides += [Side(lead, speed, turn) for turn in itertools.islice(kept, 1)]
     return tuple(sides)
 
@@ -115,7 +115,7 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
     return tuple(sides)
 
 
-def _keeps(robot: Robot, turn: TurnDriving, fastest: float) -> bool:
+def keeps_ball(robot: Robot, turn: TurnDriving, fastest: float) -> bool:
     """Return whether a turn keeps the ball, also at the speed `fastest` (m/s), where it gains no more."""
     v, gain, w = turn.speed, turn.acceleration, turn.turn_rate
     lasts = v + gain * _LARGEST_TURN / w < fastest

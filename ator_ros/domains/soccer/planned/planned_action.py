@@ -44,8 +44,7 @@ class PlannedAction(Action):
     def __init__(self, robot: Robot, limits: Limits) -> None:
         super().__init__(robot)
         self.limits = limits
-        share = PLAN_SHARE - max(0.0, robot.motor_time_constant - _USUAL_LAG)
-        self.plan_limits = gripping(limits.within(robot.limits.scaled(max(share, _LEAST_SHARE))))
+        self.plan_limits = planned_limits(robot, limits)
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
@@ -229,6 +228,12 @@ class PlannedAction(Action):
                 stands = self._replans > 0 and self.missed(world) is None
                 return self._arrived(world, STOP) if stands else finished(Status.FAILED, str(error))
         return Step(self._pause.command(world), Status.RUNNING, "planning")
+
+
+def planned_limits(robot: Robot, limits: Limits) -> Limits:
+    """Return what plans use of the limits of an action; the rest is for feedback."""
+    share = PLAN_SHARE - max(0.0, robot.motor_time_constant - _USUAL_LAG)
+    return gripping(limits.within(robot.limits.scaled(max(share, _LEAST_SHARE))))
 
 
 def _told(distance: float, heading: float) -> str:

@@ -20,7 +20,7 @@ SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
 # brakes harder than the ball, then comes to rest with its axle before the line.
 _ROLL_SHARE = 0.62
 _DOUBT = 1e-9  # m
-_ROOM = 0.05  # m between the robot and the goal's posts and walls
+ROOM = 0.05  # m between the robot and the goal's posts and walls
 _AIMS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # shares of half the goal's width
 _SLANTS = tuple(math.radians(angle) for angle in (-50.0, -25.0, 0.0, 25.0, 50.0))
 
@@ -68,11 +68,11 @@ def release(
     way = (robot.scene.radius(BALL) - ball_x) / c
     crossing = ball_y - ball_x * s / c
     room = (field_of(robot).goal_width / 2.0 - np.abs(crossing)) * c - robot.reach
-    allowed = np.asarray((way >= 0.0) & (room >= _ROOM) & (np.abs(heading) <= SLANT))
+    allowed = np.asarray((way >= 0.0) & (room >= ROOM) & (np.abs(heading) <= SLANT))
     result = Release(allowed, *(np.full(allowed.shape, np.nan) for _ in range(3)))
     # Most ways to push miss the mouth: the rest is computed for those that do not.
     x, y, c, s, way, speed = (each[allowed] for each in np.broadcast_arrays(x, y, c, s, way, speed))
-    roll = _roll(robot)
+    roll = roll_of(robot)
     gaining = (way - roll * speed * speed) / (1.0 + 2.0 * roll * limits.a)
     pushed = np.maximum(np.maximum(gaining, way - roll * limits.v * limits.v), 0.0)
     reached = np.sqrt(np.maximum(speed * speed + 2.0 * limits.a * pushed, 0.0))
@@ -85,7 +85,7 @@ def release(
     result.time[allowed] = straight_times(pushed, speed, released, limits) + _rolling_time(
         robot, released, way - pushed
     )
-    allowed[allowed] = np.minimum(inside, beside) >= _ROOM
+    allowed[allowed] = np.minimum(inside, beside) >= ROOM
     return result
 
 
@@ -111,7 +111,7 @@ def may_score(
     """
     c, s = np.cos(heading), np.sin(heading)
     ball_x, ball_y, tangent = x + robot.hold * c, y + robot.hold * s, s / c
-    widest = field_of(robot).goal_width / 2.0 - (robot.reach + _ROOM) / c + _DOUBT
+    widest = field_of(robot).goal_width / 2.0 - (robot.reach + ROOM) / c + _DOUBT
     aside = (math.sin(yaw) - math.cos(yaw) * tangent) * leads[:, :, None]
     aside += (ball_y - ball_x * tangent)[:, None]
     before = (math.cos(yaw) * leads)[:, :, None] <= (robot.scene.radius(BALL) + _DOUBT - ball_x)[:, None]
@@ -128,9 +128,9 @@ def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
     """
     half, poses = field_of(robot).goal_width / 2.0, []
     for aim, slant in itertools.product(_AIMS, _SLANTS):
-        if half * (1.0 - abs(aim)) * math.cos(slant) - robot.reach >= _ROOM:
+        if half * (1.0 - abs(aim)) * math.cos(slant) - robot.reach >= ROOM:
             line = robot.scene.radius(BALL) / math.cos(slant)
-            back = _roll(robot) * limits.v * limits.v - line + robot.hold
+            back = roll_of(robot) * limits.v * limits.v - line + robot.hold
             poses.append(mouth.compose(Pose(0.0, aim * half, slant)).ahead(-back))
     return poses
 
@@ -157,9 +157,9 @@ def _rolling_time(robot: Robot, speed: Any, way: Any) -> FloatArray:
 def usual_release(robot: Robot) -> float:
     """Return how far before the goal line, in m, a ball is released at full speed; negative: behind it."""
     speed, radius = robot.holder_for("a shot").limits.v, robot.scene.objects[BALL].radius
-    return round(_roll(robot) * speed * speed - radius, 2)
+    return round(roll_of(robot) * speed * speed - radius, 2)
 
 
-def _roll(robot: Robot) -> float:
+def roll_of(robot: Robot) -> float:
     """Return how far a ball is sent before it is let go, in m per (m/s)^2."""
     return _ROLL_SHARE / (2.0 * robot.scene.objects[BALL].rolling_deceleration)
