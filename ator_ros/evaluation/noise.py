@@ -9,11 +9,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
+from ator_ros.evaluation.noise_result import ConditionResult
 from ator_ros.evaluation.policies import POLICIES, Toolset
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import random_trial
@@ -134,40 +135,33 @@ def _observer(condition: SensingCondition, objects: Sequence[str], seed: int) ->
     return observe
 
 
-def summarise(results: Sequence[Mapping[str, ChainRun]]) -> list[dict[str, Any]]:
-    """Return statistics of the runs of many situations, one row per condition.
-
-    Returns
-    -------
-    list of dict
-        condition; latency_s of the states and foreseen_s by the executor; success_percent; points_below_truth
-        with its 95 % bootstrap interval over situations; within_limit; mean_duration_s of the successes;
-        error_median_m and error_p95_m, by the truth, of the last goal; failures: what failed and how often.
-    """
+def summarise(results: Sequence[Mapping[str, ChainRun]]) -> tuple[ConditionResult, ...]:
+    """Return statistics of the runs of many situations, one result per condition."""
     truth = np.array([runs[TRUTH].success for runs in results])
-    return [_row(name, [runs[name] for runs in results], truth) for name in results[0]]
+    return tuple(_result(name, [runs[name] for runs in results], truth) for name in results[0])
 
 
-def _row(name: str, runs: Sequence[ChainRun], truth: Any) -> dict[str, Any]:
+def _result(name: str, runs: Sequence[ChainRun], truth: NDArray[np.bool_]) -> ConditionResult:
     success = np.array([run.success for run in runs])
     below = 100.0 * (truth.astype(float) - success)
     draws = np.random.default_rng(0).integers(len(below), size=(_RESAMPLES, len(below)))
+    interval = np.percentile(below[draws].mean(axis=1), (2.5, 97.5)).round(2)
     errors = np.array([run.error for run in runs if run.success and np.isfinite(run.error)])
     failures = Counter(_without_numbers(run.reason) for run in runs if not run.success)
     durations = [run.duration for run in runs if run.success]
-    return {
-        "condition": name,
-        "latency_s": CONDITIONS[name].sensors.latency,
-        "foreseen_s": CONDITIONS[name].foreseen,
-        "success_percent": round(100.0 * float(success.mean()), 2),
-        "points_below_truth": round(float(below.mean()), 2),
-        "points_below_truth_ci95": np.percentile(below[draws].mean(axis=1), (2.5, 97.5)).round(2).tolist(),
-        "within_limit": bool(below.mean() <= POINTS),
-        "mean_duration_s": round(float(np.mean(durations)), 3) if durations else None,
-        "error_median_m": round(float(np.median(errors)), 4) if errors.size else None,
-        "error_p95_m": round(float(np.percentile(errors, 95)), 4) if errors.size else None,
-        "failures": dict(failures.most_common(_MOST_REASONS)),
-    }
+    return ConditionResult(
+        condition=name,
+        latency_s=CONDITIONS[name].sensors.latency,
+        foreseen_s=CONDITIONS[name].foreseen,
+        success_percent=round(100.0 * float(success.mean()), 2),
+        points_below_truth=round(float(below.mean()), 2),
+        points_below_truth_ci95=tuple(interval.tolist()),
+        within_limit=bool(below.mean() <= POINTS),
+        mean_duration_s=round(float(np.mean(durations)), 3) if durations else None,
+        error_median_m=round(float(np.median(errors)), 4) if errors.size else None,
+        error_p95_m=round(float(np.percentile(errors, 95)), 4) if errors.size else None,
+        failures=dict(failures.most_common(_MOST_REASONS)),
+    )
 
 
 def _without_numbers(reason: str) -> str:
