@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.goal_variables import goal_values, with_values
 from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
 from ator_ros.domains.soccer.domain import SOCCER
@@ -42,7 +43,6 @@ from ator_ros.evaluation.trials import (
 from ator_ros.execution.remaining import with_followed
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.resources import resource_path
-from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.objects import at_rest
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.domains.domain import DEFAULT, find_domain
+from ator_ros.domains import DEFAULT
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
 from ator_ros.evaluation.heuristics import arriving, bitbots, booster, load_baselines
 from ator_ros.evaluation.policies import OBSERVED, POLICIES, Models, Toolset
