@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from types import MappingProxyType
 
 import numpy as np
@@ -15,11 +14,10 @@ from numpy.typing import NDArray
 
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.noise_result import ConditionResult
-from ator_ros.evaluation.policies import POLICIES, Toolset
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.simulation.sensors import REALISTIC, REALISTIC_SIGHT, SensorConfig, Sensors, Sight
-from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 from ator_ros.world.tracking import ObjectTracker
 
@@ -92,16 +90,9 @@ class NoiseTask:
     source: ToolsetSource = field(default_factory=ToolsetSource)
 
 
-@cache
-def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return toolset and library, made once per process."""
-    tools = make_toolset(source)
-    return tools, make_library(tools.robot, source)
-
-
 def execute(task: NoiseTask) -> dict[str, ChainRun]:
     """Execute one situation under each condition; the policy chooses the chain from the true state."""
-    tools, library = _tools(task.source)
+    tools, library = tools_of(task.source)
     trial = random_trial(tools.domain, task.chain, library, seed=task.seed, index=task.index)
     chain = POLICIES[task.policy](tools, trial).chain
     runs = {}

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tools.benchmarks.requests import long_chain
@@ -45,8 +45,7 @@ def measure(
     The cases are measured in turn, `rounds` times. On a machine that is shared with others the slowest round
     tells of them, so the quietest one counts; the slowest median is told beside it.
     """
-    tools = make_toolset(source)
-    library = make_library(tools.robot, source)
+    tools, library = tools_of(source)
     refiner = tools.refiner(gated=True)
     names = list(tools.domain.chains)
     trials = [

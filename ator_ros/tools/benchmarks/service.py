@@ -49,6 +49,8 @@ _UNTIL_ASKED = 10.0
 REFINE = "refine_subgoal"
 
 Answer = Callable[[RefineSubgoal.Request, RefineSubgoal.Response], RefineSubgoal.Response]
+Rows = dict[str, ServiceTime | RoundTrip | DelayedTrip]
+"""By name of the case."""
 
 
 def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> RefineSubgoal.Response:
@@ -84,9 +86,6 @@ def yardstick(name: str) -> Node:
     node = Node(f"{name}_service")
     node.create_service(RefineSubgoal, name, YARDSTICKS[name]())
     return node
-
-
-Rows = dict[str, ServiceTime | RoundTrip | DelayedTrip]
 
 
 def measure(requests: int = 1000) -> Rows:

@@ -12,7 +12,7 @@ from typing import Any
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES
-from ator_ros.evaluation.toolset import make_library, make_toolset
+from ator_ros.evaluation.toolset import tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.files import write_text
 from ator_ros.nodes.machine import MachineError
@@ -65,7 +65,7 @@ def _runs(options: argparse.Namespace, domain: Domain) -> Iterator[Compared]:
     from ator_ros.tools.work.demo_client import DemoClient
 
     source = source_of(options)
-    tools, library = make_toolset(source), make_library(source.described(), source)
+    tools, library = tools_of(source)
     kinds = itertools.cycle(itertools.product(options.chains, options.policies))
     with (
         all_nodes(options.real_time_factor, **node_setting(options)) as nodes,
