@@ -92,4 +92,9 @@ def binned(
             centres.append((low + high) / 2.0)
             means.append(inside.mean())
             errors.append(1.96 * inside.std(ddof=1) / math.sqrt(len(inside)))
-    axes.errorbar(centres, means, yerr=errors, color=colour, marker="o", ms=3.5, lw=1.4, label=label)
+    marked(axes, centres, means, errors=errors, colour=colour, label=label)
+
+
+def marked(axes: Any, x: Any, y: Any, *, errors: Any, colour: str, label: str) -> None:
+    """Draw y with its errors over x, as a line with a mark at each point."""
+    axes.errorbar(x, y, yerr=errors, color=colour, marker="o", ms=3.5, lw=1.4, label=label)

@@ -11,13 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sized
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cattrs import ClassValidationError, IterableValidationError
 from cattrs.errors import ForbiddenExtraKeysError
 
 from ator_ros.printable import short, short_path
 from ator_ros.schema_hooks import CLOSED, OPEN, names_of_fields
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 T = TypeVar("T")
 
@@ -97,6 +100,15 @@ def structured(data: object, schema: type[T], where: str = "", *, closed: bool =
     except Exception as error:  # cattrs raises groups, schemas raise ValueError
         path, text = next(_problems(error, where))
         raise SchemaError(f"{short_path(path)}: {text}" if path else text) from error
+
+
+def unstructured(data: DataclassInstance) -> dict[str, Any]:
+    """Return the fields of a dataclass as a file holds them; `structured` reads them back.
+
+    A field that is None, and by default so, is left out.
+    """
+    plain: dict[str, Any] = OPEN.unstructure(data)
+    return plain
 
 
 def require(holds: bool, name: str, expected: str, value: object) -> None:

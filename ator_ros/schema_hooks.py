@@ -9,7 +9,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from cattrs import Converter
-from cattrs.gen import make_dict_structure_fn, make_mapping_structure_fn, override
+from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, make_mapping_structure_fn, override
 
 from ator_ros.printable import short
 
@@ -133,6 +133,18 @@ def _either(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
     return structure
 
 
+def _plain(converter: Converter, kind: Any) -> Callable[[Any], dict[str, Any]]:
+    """Return what turns a dataclass into plain data, without fields whose value and default are None."""
+    optional = {item.name for item in fields(kind) if item.default is None}
+    whole = make_dict_unstructure_fn(cast("type[Any]", kind), converter)
+
+    def unstructure(data: Any) -> dict[str, Any]:
+        values = whole(data).items()  # cattrs itself would move what may be left out to the end
+        return {name: value for name, value in values if value is not None or name not in optional}
+
+    return unstructure
+
+
 def _converter(*, closed: bool) -> Converter:
     converter = Converter()
     for kind, hook in _HOOKS.items():
@@ -149,6 +161,7 @@ def _converter(*, closed: bool) -> Converter:
     )
     for applies, factory in factories:
         converter.register_structure_hook_factory(applies, factory)
+    converter.register_unstructure_hook_factory(is_dataclass, lambda kind: _plain(converter, kind))
     return converter
 
 

@@ -28,7 +28,7 @@ from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import portable_command, write_text
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
-from ator_ros.robot.description import Limits, Robot, load_robot
+from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import CONTROL_PERIOD as PERIOD
 from ator_ros.world.state import Command, RobotState
 
@@ -131,8 +131,8 @@ class Row(NamedTuple):
 class Sketch:
     """The chains, with the approaches to all headings driven and learned once for all styles of dribbling."""
 
-    def __init__(self, count: int, episodes: int) -> None:
-        self._robot, self._episodes = load_robot(), episodes
+    def __init__(self, robot: Robot, count: int, episodes: int) -> None:
+        self._robot, self._episodes = robot, episodes
         self._trials = headings(self._robot, count)
 
         def approach(start: Pose, target: Pose) -> float:
@@ -194,7 +194,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=-1)
     parser.add_argument("--out", type=Path, default=Path("docs/awkwardness_bezier.md"))
     options = parser.parse_args()
-    sketch = Sketch(options.situations, options.episodes)
+    sketch = Sketch(SOCCER.robot(), options.situations, options.episodes)
     styles = [(HANDLE, rotation) for rotation in ROTATIONS] + [(handle, ROTATION) for handle in HANDLES]
     rows = list(run_tasks(sketch.row, styles, jobs=options.jobs))
     lines = [

@@ -26,7 +26,7 @@ from ator_ros.domains.soccer.situations import random_pose
 from ator_ros.domains.soccer.thresholds import ball_clearance
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import Toolset
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.files import portable_command, write_text
 from ator_ros.formats import Format
 from ator_ros.geometry import Pose
@@ -153,8 +153,7 @@ def main(words: list[str]) -> int:
     parser.add_argument("--out", type=Path, default=Path("choice.json"))
     options = parser.parse_args(words)
     source = ToolsetSource()
-    tools = make_toolset(source)
-    library = make_library(tools.robot, source)
+    tools, library = tools_of(source)
     partial = options.out.with_suffix(".jsonl")
     head = json.dumps({"seed": options.seed, "digest": source.digest(("gated",), "shoot")})
     lines = partial.read_text(encoding="utf-8").split("\n") if partial.exists() else [head, ""]

@@ -20,7 +20,7 @@ from ator_ros.evaluation.policies import POLICIES, Toolset
 from ator_ros.evaluation.situation import Executions, Record, Settings
 from ator_ros.evaluation.statistics import outcomes, summarise
 from ator_ros.evaluation.storage import PartialResults
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, open_places, random_trial
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import portable_command, write_text
@@ -132,8 +132,7 @@ def searched(space: Space, execute: Executions, count: int, seed: Sequence[int])
 def situation(task: tuple[Settings, int]) -> Record:
     """Return the record of one situation; see `ator_ros.evaluation.situation.evaluate_trial`."""
     settings, index = task
-    tools = make_toolset(settings.source)
-    library = make_library(tools.robot, settings.source)
+    tools, library = tools_of(settings.source)
     trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=index)
     execute = Executions(tools, library, trial)
     chosen = {name: execute(POLICIES[name](tools, trial).chain) for name in settings.policies}

@@ -17,16 +17,16 @@ from typing import Any
 
 from tqdm import tqdm
 
-from ator_ros.drawing import BLUE, ORANGE, new_figure, save_svg
+from ator_ros.drawing import save_svg
 from ator_ros.evaluation.learning_curve import CurveSettings, LearningCurve, points
 from ator_ros.evaluation.running import RESUMES
 from ator_ros.files import portable_command, write_text
 from ator_ros.formats import Format
+from ator_ros.report.charts import learning_curve
 from ator_ros.report.terminal_tables import curve_table
 from ator_ros.tools.guard import guarded
 
 FORMAT = Format("ator_ros learning curve", 1, "learning curve")
-_COLOURS = {"heading": BLUE, "heading and speed": ORANGE}
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -50,24 +50,6 @@ def _number(text: str) -> int:
     if value < 1:
         raise argparse.ArgumentTypeError(f"expected a number of at least 1, got {text}")
     return value
-
-
-def chart(told: dict[str, dict[str, dict[str, Any]]]) -> Any:
-    """Draw the shares with their intervals against the episodes; dashed: described models."""
-    figure = new_figure(4.5, 3.2)
-    axes = figure.add_subplot()
-    for kind, colour in _COLOURS.items():
-        sizes = [size for size in told[kind] if size != "described"]
-        rows = [told[kind][size] for size in sizes]
-        x, y = [int(size) for size in sizes], [row["percent"] for row in rows]
-        below, above = ([abs(row["ci95"][end] - row["percent"]) for row in rows] for end in (0, 1))
-        axes.errorbar(x, y, yerr=[below, above], color=colour, marker="o", ms=3, lw=1.2, label=kind)
-        axes.axhline(told[kind]["described"]["percent"], color=colour, lw=0.8, ls="--")
-    axes.set_xscale("log")
-    axes.set_xlabel("episodes per action")
-    axes.set_ylabel("share of the oracle's gain, %")
-    axes.legend(frameon=False)
-    return figure
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -103,7 +85,7 @@ def _run(options: argparse.Namespace, settings: CurveSettings, words: Sequence[s
         "points": told,
     }
     write_text(options.out / "curve.json", FORMAT.text(result))
-    save_svg(chart(told), options.out / "curve.svg")
+    save_svg(learning_curve(told), options.out / "curve.svg")
     print(curve_table(told))
     print(f"wrote {options.out / 'curve.json'} and {options.out / 'curve.svg'}")
     return 0

@@ -21,7 +21,7 @@ from ator_ros.domains.soccer.ball import objects_of
 from ator_ros.domains.soccer.quality.action_quality import Task, execute_situation
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES, Toolset
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.files import portable_command, read_json, write_text
 from ator_ros.formats import Format
@@ -97,8 +97,7 @@ def main(words: list[str]) -> int:
     parser.add_argument("--out", type=Path, default=Path("over_ball_ruler.json"))
     options = parser.parse_args(words)
     source = ToolsetSource()
-    tools = make_toolset(source)
-    library = make_library(tools.robot, source)
+    tools, library = tools_of(source)
     trials = chains(tools, library, options.chains)
     points, file = as_points(trials, tools.robot), options.ruler / "situations_chain.json"
     if not file.exists():

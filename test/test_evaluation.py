@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pandas as pd
 import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.goal_variables import goal_values, with_values
 from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
 from ator_ros.domains.soccer.domain import SOCCER
@@ -32,7 +34,7 @@ from ator_ros.evaluation.heuristics import (
 )
 from ator_ros.evaluation.policies import MODEL_SETS, OBSERVED, POLICIES, Toolset
 from ator_ros.evaluation.situation import Executions
-from ator_ros.evaluation.toolset import BASELINES
+from ator_ros.evaluation.toolset import BASELINES, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import (
     Trial,
     open_speeds,
@@ -40,9 +42,8 @@ from ator_ros.evaluation.trials import (
     with_headings,
 )
 from ator_ros.execution.remaining import with_followed
-from ator_ros.refinement.gate import ThresholdGate
+from ator_ros.refinement.gate import OpenGate, ThresholdGate
 from ator_ros.resources import resource_path
-from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.objects import at_rest
 
@@ -211,6 +212,18 @@ def test_chains_are_executed_once_and_those_to_other_places_too(
         execute(chain)
     assert executed == chains
     assert execute.count == len(chains) == 5
+
+
+def test_a_gate_that_was_learned_meanwhile_is_used(tmp_path: Path) -> None:
+    shipped = resource_path("models")
+    for name in ("goToPose.json", "dribbleBall.json", "shoot.json"):
+        shutil.copy(shipped / name, tmp_path)
+    source = ToolsetSource(models=str(tmp_path))
+    before, _ = tools_of(source)
+    assert isinstance(before.gate, OpenGate)
+    assert tools_of(source)[0] is before
+    shutil.copy(shipped / "gate.json", tmp_path)
+    assert not isinstance(tools_of(source)[0].gate, OpenGate)
 
 
 def test_baselines_say_their_version(tmp_path: Path) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 
 from ator_ros.evaluation.chain_run import ChainRun
 from ator_ros.evaluation.noise import CONDITIONS, TRUTH, NoiseTask, execute, summarise
+from ator_ros.evaluation.noise_result import FORMAT, NoiseResult
+from ator_ros.files import read_json
+from ator_ros.schema import structured
+from ator_ros.simulation.sensors import REALISTIC_SIGHT
 from ator_ros.tools.noise import main
 
 
@@ -21,12 +24,12 @@ def test_a_row_compares_with_the_truth_in_the_same_situations() -> None:
     reasons = (f"lost the ball, it is {offset} m from the front" for offset in (0.16, 0.2))
     results += [{TRUTH: run(True), "all": run(False, reason=reason)} for reason in reasons]
     truth, noisy = summarise(results)
-    assert (truth["condition"], truth["success_percent"], truth["points_below_truth"]) == (TRUTH, 100.0, 0.0)
-    assert (noisy["success_percent"], noisy["points_below_truth"]) == (80.0, 20.0)
-    assert (truth["within_limit"], noisy["within_limit"]) == (True, False)
-    assert noisy["mean_duration_s"] == pytest.approx(11.0)
-    assert noisy["failures"] == {"lost the ball, it is # m from the front": 2}
-    low, high = noisy["points_below_truth_ci95"]
+    assert (truth.condition, truth.success_percent, truth.points_below_truth) == (TRUTH, 100.0, 0.0)
+    assert (noisy.success_percent, noisy.points_below_truth) == (80.0, 20.0)
+    assert (truth.within_limit, noisy.within_limit) == (True, False)
+    assert noisy.mean_duration_s == pytest.approx(11.0)
+    assert noisy.failures == {"lost the ball, it is # m from the front": 2}
+    low, high = noisy.points_below_truth_ci95
     assert low < 20.0 < high
 
 
@@ -53,9 +56,10 @@ def test_the_command_writes_its_result(tmp_path: Path, capsys: pytest.CaptureFix
         "bearing",
     ]
     assert main([*words, "--conditions", "noise", "--out", str(out)]) == 0
-    data = json.loads(out.read_text())
-    assert [row["condition"] for row in data["chains"]["dribble"]] == [TRUTH, "noise"]
-    assert data["command"].endswith("--out noise.json")
+    result = structured(FORMAT.content(read_json(out)), NoiseResult, closed=True)
+    assert [row.condition for row in result.chains["dribble"]] == [TRUTH, "noise"]
+    assert result.command.endswith("--out noise.json")
+    assert result.sensors.objects == {"ball": REALISTIC_SIGHT}
     assert "below truth" in capsys.readouterr().out
 
 

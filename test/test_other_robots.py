@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from robots import FIFTH, HEAVY, OTHERS, PIONEER, PLAIN, QUICK, SHIPPED, SLOW
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status
 from ator_ros.domains.soccer import situations
 from ator_ros.domains.soccer.domain import SOCCER
@@ -25,7 +26,7 @@ from ator_ros.nodes.simulation_settings import robots_of
 from ator_ros.performance.model_file import load_model
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Limits, NoHolderError, Robot, load_robot
-from ator_ros.simulation.run import TIME_LIMIT, place, run_action
+from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.world.state import Command, RobotState, World

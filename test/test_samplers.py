@@ -12,6 +12,7 @@ import pytest
 import yaml
 from robots import HEAVY, PIONEER, PLAIN
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.situation import NoPlaceError, drawn_until
 from ator_ros.domains.soccer import chains
 from ator_ros.domains.soccer.ball import BALL
@@ -21,7 +22,6 @@ from ator_ros.domains.soccer.planned.shooting_room import has_room
 from ator_ros.domains.soccer.quality.action_quality import situation_of, tasks
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot
-from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tools import collect
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World

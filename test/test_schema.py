@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pytest
 
 from ator_ros.formats import Format
-from ator_ros.schema import OneOf, SchemaError, Within, structured
+from ator_ros.schema import OneOf, SchemaError, Within, structured, unstructured
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,24 @@ def test_what_is_written_is_read_again() -> None:
     written = json.loads(form.text({"name": "a"}))
     assert form.current(written) == {**form.head(), "name": "a"}
     assert form.content(written) == {"name": "a"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Journey:
+    by: tuple[Near, ...]
+    note: str | None = None
+    took: float | None
+    carts: Mapping[str, Cart] = field(default_factory=dict)
+
+
+def test_a_dataclass_is_written_as_it_is_read_without_what_it_leaves_open() -> None:
+    bare = Journey(by=(Near("a", 1.0),), took=None)
+    plain = unstructured(bare)
+    assert json.loads(json.dumps(plain)) == {"by": [{"place": "a", "within": 1.0}], "took": None, "carts": {}}
+    noted = Journey(by=(), note="slow", took=2.0, carts={"a": structured(GOOD, Cart)})
+    assert list(unstructured(noted)) == ["by", "note", "took", "carts"]
+    for journey in (bare, noted):
+        assert structured(json.loads(json.dumps(unstructured(journey))), Journey, closed=True) == journey
 
 
 CHECKOUT = Path(__file__).resolve().parents[1]

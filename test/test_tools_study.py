@@ -9,8 +9,12 @@ from pathlib import Path
 import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.study_result import FORMAT, MeasuredAction, StudyResult
+from ator_ros.files import read_json
+from ator_ros.report.study_page import study_page
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
+from ator_ros.schema import structured, unstructured
 from ator_ros.tools.study import main
 from ator_ros.tools.work.study import possible_actions, possible_chain
 
@@ -39,20 +43,22 @@ def studied(robot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.long
 def test_it_says_what_the_actions_and_refinement_are_like(studied: Path, robot: Path) -> None:
-    data = json.loads((studied / "study.json").read_text(encoding="utf-8"))
-    assert data["robot_digest"] == load_robot(robot).digest() != load_robot().digest()
-    assert list(data["actions"]) == ["goToPose", "dribbleBall", "shoot"]
-    for row in data["actions"].values():
-        assert row["episodes"] == 40
-        assert 0.5 <= row["success"] <= 1.0
-        assert 1.0 < row["mean_duration_s"] < 30.0
-        assert row["accuracy"]["mae_s"] > 0.0
-    assert data["left_out"] == {}
-    evaluation = data["evaluation"]
+    told = structured(FORMAT.content(read_json(studied / "study.json")), StudyResult, closed=True)
+    assert told.robot_digest == load_robot(robot).digest() != load_robot().digest()
+    assert list(told.actions) == ["goToPose", "dribbleBall", "shoot"]
+    for row in told.actions.values():
+        assert row.episodes == 40
+        assert 0.5 <= row.success <= 1.0
+        assert row.mean_duration_s is not None
+        assert 1.0 < row.mean_duration_s < 30.0
+        assert row.accuracy["mae_s"] > 0.0
+    assert told.left_out == {}
+    evaluation = told.evaluation
+    assert evaluation is not None
     assert (evaluation["situations"], evaluation["seed"]) == (10, 8)
     assert {"naive", "refined", "gated", "gated_speed", "oracle"} <= evaluation.keys()
     model = json.loads((studied / "models" / "goToPose.json").read_text(encoding="utf-8"))
-    assert model["robot_digest"] == data["robot_digest"]
+    assert model["robot_digest"] == told.robot_digest
     page = (studied / "study.html").read_text(encoding="utf-8")
     assert "dribbleBall" in page
     assert (studied / "evaluation" / "report.html").is_file()
@@ -80,6 +86,18 @@ def test_a_folder_of_another_study_is_refused(
 ) -> None:
     assert main(command(robot, studied, seed="6")) == 1
     assert "settings.json: seed: expected 6 as in the folder's study, got 5" in capsys.readouterr().err
+
+
+def test_a_study_without_a_chain_is_written_read_and_shown() -> None:
+    actions = {"goToPose": MeasuredAction(4, 0.0, None, {}, {"lost": 4})}
+    whole = StudyResult(
+        "study", "cart", "0", "soccer", "default", actions, {"shoot": "no holder"}, None, None
+    )
+    read = structured(FORMAT.content(json.loads(FORMAT.text(unstructured(whole)))), StudyResult, closed=True)
+    assert read == whole
+    page = study_page(read)
+    assert "no holder" in page
+    assert "No chain of the domain can be executed" in page
 
 
 def test_a_robot_without_a_holder_is_studied_as_far_as_it_goes() -> None:

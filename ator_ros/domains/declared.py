@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from ator_ros.actions import DEFAULT_SET
+from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.actions.remote import RemoteCall
@@ -16,7 +16,6 @@ from ator_ros.domains.programs import Program
 from ator_ros.files import is_name
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
-from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.conditions import Condition, Statement, Term
 from ator_ros.tops.ranges import USUAL_RANGES, Range
 from ator_ros.tops.top import Top

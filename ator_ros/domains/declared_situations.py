@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until
@@ -17,7 +18,6 @@ from ator_ros.files import is_name
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
-from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import RobotState, World

@@ -17,7 +17,7 @@ from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.specification import ActionFactory, ActionSpec
-from ator_ros.domains import DEFAULT as DEFAULT
+from ator_ros.domains import DEFAULT
 from ator_ros.domains.consistency import inconsistencies
 from ator_ros.domains.measurements import Measurements
 from ator_ros.domains.presentation import Presentation

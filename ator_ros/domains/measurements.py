@@ -6,8 +6,47 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-Rows = Mapping[str, Mapping[str, float]]
-"""Numbers by their names, by case."""
+from ator_ros.robot.description import Robot
+
+
+@dataclass(frozen=True)
+class LongestTick:
+    """Processor time in ms of an action's longest tick: median over situations, the longest, its limit."""
+
+    median_of_longest_ms: float
+    longest_ms: float
+    limit_longest_ms: float
+    met: bool | None = None
+
+
+@dataclass(frozen=True)
+class PlannedPoints:
+    """Points of planning, the same on every machine.
+
+    Attributes
+    ----------
+    longest_points, limit_longest_points : int
+        Most points in one tick, and their limit.
+    largest_portion_points : int
+        Most points that are planned without looking at the time.
+    most_ticks : int
+        Most ticks that planning takes.
+    share_in_one_tick : float
+        Share of situations in which one tick is enough.
+    met : bool or None
+        Whether the limit is kept; None before it is judged.
+    """
+
+    longest_points: int
+    largest_portion_points: int
+    most_ticks: int
+    share_in_one_tick: float
+    limit_longest_points: int
+    met: bool | None = None
+
+
+Ticks = Mapping[str, LongestTick | PlannedPoints]
+"""By name of the case."""
 
 
 @dataclass(frozen=True)
@@ -80,13 +119,13 @@ class Measurements:
     Attributes
     ----------
     longest_ticks : callable or None
-        Measures the longest ticks of the actions where a way is hard to find: a part of `bench`.
+        Measures a robot's longest ticks of the actions where a way is hard to find: a part of `bench`.
     qualify : callable or None
         Measures success, regularity and speed of the actions, and writes and prints the result.
     paper_models : callable or None
         Returns, in Markdown, what models from the paper's features and experience are worth.
     """
 
-    longest_ticks: Callable[[], Rows] | None = None
+    longest_ticks: Callable[[Robot], Ticks] | None = None
     qualify: Callable[[QualityRun], None] | None = None
     paper_models: Callable[[PaperRun], str] | None = None

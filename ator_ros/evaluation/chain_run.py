@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.evaluation.along import Along, RefinedAlong
@@ -15,7 +16,7 @@ from ator_ros.execution.step_run import ActionRecord
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
-from ator_ros.simulation.run import TIME_LIMIT, judge, place, run
+from ator_ros.simulation.run import judge, place, run
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary

@@ -17,7 +17,7 @@ from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.situation import Executions, Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import RESAMPLES
 from ator_ros.evaluation.storage import PartialResults
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset, read_rows
+from ator_ros.evaluation.toolset import ToolsetSource, read_rows, tools_of
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.model_file import load_models, model_path, save_model
@@ -97,8 +97,7 @@ class LearningCurve:
     def __init__(self, settings: CurveSettings, folder: Path) -> None:
         self.settings, self._folder = settings, folder
         self._rows = read_rows([settings.table])
-        self._tools = make_toolset(settings.source)
-        self._library = make_library(self._tools.robot, settings.source)
+        self._tools, self._library = tools_of(settings.source)
         of_files = settings.source.digest((*settings.oracle.policies, OBSERVED_MODELS), settings.oracle.chain)
         tables = "".join(digest(rows) for rows in self._rows.values())
         portable = dataclasses.replace(settings, table=Path(settings.table).name)

@@ -7,18 +7,17 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
-from ator_ros.evaluation.policies import POLICIES, Toolset
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.noise_result import ConditionResult
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.simulation.sensors import REALISTIC, REALISTIC_SIGHT, SensorConfig, Sensors, Sight
-from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 from ator_ros.world.tracking import ObjectTracker
 
@@ -91,16 +90,9 @@ class NoiseTask:
     source: ToolsetSource = field(default_factory=ToolsetSource)
 
 
-@cache
-def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return toolset and library, made once per process."""
-    tools = make_toolset(source)
-    return tools, make_library(tools.robot, source)
-
-
 def execute(task: NoiseTask) -> dict[str, ChainRun]:
     """Execute one situation under each condition; the policy chooses the chain from the true state."""
-    tools, library = _tools(task.source)
+    tools, library = tools_of(task.source)
     trial = random_trial(tools.domain, task.chain, library, seed=task.seed, index=task.index)
     chain = POLICIES[task.policy](tools, trial).chain
     runs = {}
@@ -134,40 +126,33 @@ def _observer(condition: SensingCondition, objects: Sequence[str], seed: int) ->
     return observe
 
 
-def summarise(results: Sequence[Mapping[str, ChainRun]]) -> list[dict[str, Any]]:
-    """Return statistics of the runs of many situations, one row per condition.
-
-    Returns
-    -------
-    list of dict
-        condition; latency_s of the states and foreseen_s by the executor; success_percent; points_below_truth
-        with its 95 % bootstrap interval over situations; within_limit; mean_duration_s of the successes;
-        error_median_m and error_p95_m, by the truth, of the last goal; failures: what failed and how often.
-    """
+def summarise(results: Sequence[Mapping[str, ChainRun]]) -> tuple[ConditionResult, ...]:
+    """Return statistics of the runs of many situations, one result per condition."""
     truth = np.array([runs[TRUTH].success for runs in results])
-    return [_row(name, [runs[name] for runs in results], truth) for name in results[0]]
+    return tuple(_result(name, [runs[name] for runs in results], truth) for name in results[0])
 
 
-def _row(name: str, runs: Sequence[ChainRun], truth: Any) -> dict[str, Any]:
+def _result(name: str, runs: Sequence[ChainRun], truth: NDArray[np.bool_]) -> ConditionResult:
     success = np.array([run.success for run in runs])
     below = 100.0 * (truth.astype(float) - success)
     draws = np.random.default_rng(0).integers(len(below), size=(_RESAMPLES, len(below)))
+    interval = np.percentile(below[draws].mean(axis=1), (2.5, 97.5)).round(2)
     errors = np.array([run.error for run in runs if run.success and np.isfinite(run.error)])
     failures = Counter(_without_numbers(run.reason) for run in runs if not run.success)
     durations = [run.duration for run in runs if run.success]
-    return {
-        "condition": name,
-        "latency_s": CONDITIONS[name].sensors.latency,
-        "foreseen_s": CONDITIONS[name].foreseen,
-        "success_percent": round(100.0 * float(success.mean()), 2),
-        "points_below_truth": round(float(below.mean()), 2),
-        "points_below_truth_ci95": np.percentile(below[draws].mean(axis=1), (2.5, 97.5)).round(2).tolist(),
-        "within_limit": bool(below.mean() <= POINTS),
-        "mean_duration_s": round(float(np.mean(durations)), 3) if durations else None,
-        "error_median_m": round(float(np.median(errors)), 4) if errors.size else None,
-        "error_p95_m": round(float(np.percentile(errors, 95)), 4) if errors.size else None,
-        "failures": dict(failures.most_common(_MOST_REASONS)),
-    }
+    return ConditionResult(
+        condition=name,
+        latency_s=CONDITIONS[name].sensors.latency,
+        foreseen_s=CONDITIONS[name].foreseen,
+        success_percent=round(100.0 * float(success.mean()), 2),
+        points_below_truth=round(float(below.mean()), 2),
+        points_below_truth_ci95=tuple(interval.tolist()),
+        within_limit=bool(below.mean() <= POINTS),
+        mean_duration_s=round(float(np.mean(durations)), 3) if durations else None,
+        error_median_m=round(float(np.median(errors)), 4) if errors.size else None,
+        error_p95_m=round(float(np.percentile(errors, 95)), 4) if errors.size else None,
+        failures=dict(failures.most_common(_MOST_REASONS)),
+    )
 
 
 def _without_numbers(reason: str) -> str:

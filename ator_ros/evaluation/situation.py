@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 from ator_ros.actions.base import Goal
@@ -15,7 +14,7 @@ from ator_ros.evaluation.along import Along
 from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
 from ator_ros.evaluation.joint_oracle import Tried, best_headings
 from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import wrap_angle
 from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
@@ -100,13 +99,6 @@ class Executions:
         return len(self._runs)
 
 
-@cache
-def _tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return toolset and library, made once per process."""
-    tools = make_toolset(source)
-    return tools, make_library(tools.robot, source)
-
-
 def evaluate_trial(task: tuple[Settings, int]) -> Record:
     """Evaluate all policies in one situation.
 
@@ -122,7 +114,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "success"; "executed": number of chains executed.
     """
     settings, index = task
-    tools, library = _tools(settings.source)
+    tools, library = tools_of(settings.source)
     trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=index)
     execute = Executions(tools, library, trial)
     choices = {name: POLICIES[name](tools, trial) for name in settings.policies}

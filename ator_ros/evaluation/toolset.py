@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.domains.domain import DEFAULT, find_domain
+from ator_ros.domains import DEFAULT
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
 from ator_ros.evaluation.heuristics import arriving, bitbots, booster, load_baselines
 from ator_ros.evaluation.policies import OBSERVED, POLICIES, Models, Toolset
@@ -96,6 +98,14 @@ class ToolsetSource:
         models = {action: model_digest(load_model(file, robot, features)) for action, file in files.items()}
         return {"robot": robot.digest(), **models}
 
+    def stamps(self) -> tuple[tuple[str, int, int], ...]:
+        """Return name, time of change in ns, and size of each existing file that a toolset is made from."""
+        folders = (self.folder(), self.observed_folder())
+        files = [file for folder in folders for file in sorted(folder.glob("*.json"))]
+        files += [Path(name) for name in (self.robot, *self.experience) if name and Path(name).exists()]
+        stats = [file.stat() for file in files]
+        return tuple((str(f), stat.st_mtime_ns, stat.st_size) for f, stat in zip(files, stats, strict=True))
+
     def _actions(self, chain: str, robot: Robot) -> list[str]:
         """Return the action of each step of a chain."""
         trial = random_trial(find_domain(self.domain), chain, make_library(robot, self), seed=0, index=0)
@@ -178,6 +188,17 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     gates = {OBSERVED: _gate(observed, source.action_set)}
     gate = _gate(folder, source.action_set)
     return Toolset(domain, robot, models, gate, load_calibration_if_any(folder), gates)
+
+
+def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
+    """Return toolset and library, made once per process, and again after a file of the source has changed."""
+    return _made(source, source.stamps())
+
+
+@cache
+def _made(source: ToolsetSource, _stamps: tuple[tuple[str, int, int], ...]) -> tuple[Toolset, TopLibrary]:
+    tools = make_toolset(source)
+    return tools, make_library(tools.robot, source)
 
 
 def _gate(folder: Path, action_set: str) -> Gate:

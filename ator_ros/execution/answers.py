@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.phases import Phase
-from ator_ros.execution.progress import Progress
 from ator_ros.execution.refining import Question, Refining, refined_chain
 from ator_ros.execution.remaining import continuations, switched, with_followed
 from ator_ros.execution.transitions import GoalCourse, Signal
@@ -23,8 +23,8 @@ class Answers:
     ----------
     refining : Refining
         The questions.
-    progress : Progress
-        The chain.
+    executor : ChainExecutor
+        Owns the chain.
     course : GoalCourse
         The goal's phase.
     library : TopLibrary
@@ -36,12 +36,12 @@ class Answers:
     def __init__(
         self,
         refining: Refining,
-        progress: Progress,
+        executor: ChainExecutor,
         course: GoalCourse,
         library: TopLibrary,
         plans: Sequence[TopChain],
     ) -> None:
-        self._refining, self._progress, self._course, self._library = refining, progress, course, library
+        self._refining, self._executor, self._course, self._library = refining, executor, course, library
         self._plans, self._number = plans, 0
         self._answer: tuple[TopChain, str, int] | None = None
 
@@ -59,8 +59,8 @@ class Answers:
         question = self.question
         if question is None:
             return
-        if not self._progress.begun:
-            self._start_with(chain, refined, reason, chosen)
+        if self._course.phase is Phase.REFINING:
+            self._start_with(question, chain, refined, reason, chosen)
         elif chosen > len(question.others):
             self._refuse_choice(chosen, 1 + len(question.others))
         elif refined or chosen:
@@ -70,47 +70,53 @@ class Answers:
 
     def refuse(self, why: str) -> None:
         """Go on with the chain as it is because `question` has no valid answer."""
-        if not self._progress.begun:
-            self._number = self._plans.index(self._progress.chain)
+        if self._course.phase is Phase.REFINING:
+            self._number = self._plans.index(self._executor.chain)
         sent = "" if self._course.phase is Phase.EXECUTING else "executed as sent, "
         self._go_on(f"{sent}refinement failed: {why}", changed=False)
 
     def ask_again(self, world: World, now: float) -> None:
         """Ask about what remains, and about the other plans, if the world differs from what was told."""
-        progress, robot = self._progress, self._library.robot
-        cause = self._refining.cause(world, progress.chain, progress.index, progress.way)
+        executor, robot = self._executor, self._library.robot
+        cause = self._refining.cause(world, executor.chain, executor.index, executor.way)
         if not cause:
             return
-        step, resting = progress.index, at_rest(world, robot)
-        chain = with_followed(progress.chain, resting, robot, step=step)
+        step, resting = executor.index, at_rest(world, robot)
+        chain = with_followed(executor.chain, resting, robot, step=step)
         others = continuations(self._plans, self._number, chain, step, resting, robot)
         self._refining.ask(resting, chain, now, step=step, others=others, cause=cause)
 
-    def apply(self, world: World) -> None:
-        """Switch to the refined goals from the present state, if that is still possible."""
+    def apply(self, world: World) -> bool:
+        """Switch to the refined goals if there are some and it is still possible; return whether it was."""
         answer, question, self._answer = self._answer, self.question, None
         if answer is None or question is None:
-            return
-        if question.step != self._progress.index:
-            self.refuse("its step was over when the answer came")
-            return
+            return False
         refined, reason, chosen = answer
-        try:
-            changed = self._changed(question, refined, chosen, world)
-        except InvalidChainError as error:
-            self.refuse(f"its answer cannot be used: {error}")
-            return
-        if not self._progress.head_for(world, changed):
-            self.refuse("there is no way from here to the refined subgoal")
-            return
+        obstacle = self._switch(question, refined, chosen, world)
+        if obstacle:
+            self.refuse(obstacle)
+            return False
         if chosen:
             self._number = question.others[chosen - 1].number
             reason = f"alternative {self._number} is chosen: {reason}"
         self._go_on(reason, changed=True)
+        return True
+
+    def _switch(self, question: Question, refined: TopChain, chosen: int, world: World) -> str:
+        """Switch to the refined goals; return why that is impossible, or an empty text."""
+        if question.step != self._executor.index:
+            return "its step was over when the answer came"
+        try:
+            changed = self._changed(question, refined, chosen, world)
+        except InvalidChainError as error:
+            return f"its answer cannot be used: {error}"
+        if not self._executor.head_for(world, changed):
+            return "there is no way from here to the refined subgoal"
+        return ""
 
     def _changed(self, question: Question, refined: TopChain, chosen: int, world: World) -> TopChain:
         """Return the chain of the goal as an answer changes it; raises InvalidChainError."""
-        chain, step, robot = self._progress.chain, question.step, self._library.robot
+        chain, step, robot = self._executor.chain, question.step, self._library.robot
         if chosen:
             rest = question.others[chosen - 1].chain
             chain, question = switched(chain, step, rest), dataclasses.replace(question, chain=rest)
@@ -118,10 +124,9 @@ class Answers:
         chain = with_followed(chain, resting, robot, step=step)
         return refined_chain(chain, question, refined, resting, self._library)
 
-    def _start_with(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
-        progress, question = self._progress, self.question
-        assert progress.start is not None
-        assert question is not None
+    def _start_with(
+        self, question: Question, chain: TopChain, refined: bool, reason: str, chosen: int
+    ) -> None:
         if chosen >= len(self._plans):
             self._refuse_choice(chosen, len(self._plans))
             return
@@ -129,17 +134,18 @@ class Answers:
         asked = dataclasses.replace(question, chain=planned)
         reason = f"alternative {chosen} is chosen: {reason}" if chosen else reason
         try:
-            progress.choose(refined_chain(planned, asked, chain, progress.start, self._library))
+            executed = refined_chain(planned, asked, chain, question.world, self._library)
         except InvalidChainError as error:
             self.refuse(f"its answer cannot be used: {error}")
-        else:
-            self._number = chosen
-            self._go_on(reason, changed=refined and progress.chain != planned)
+            return
+        self._executor.choose(executed)
+        self._number = chosen
+        self._go_on(reason, changed=refined and executed != planned)
 
     def _refuse_choice(self, chosen: int, of: int) -> None:
         self.refuse(f"expected one of {of} chains to be chosen, got number {chosen}")
 
     def _go_on(self, why: str, *, changed: bool) -> None:
         if self.question is not None:
-            self._refining.close(why, changed=changed, elapsed=self._progress.elapsed)
+            self._refining.close(why, changed=changed, elapsed=self._executor.elapsed)
             self._course.take(Signal.ANSWERED)

@@ -12,7 +12,7 @@ from ator_ros.actions.base import Status, Step
 from ator_ros.execution.phases import Ending
 from ator_ros.execution.step_run import STOPPING, ActionRecord, StepRun
 from ator_ros.geometry import FloatArray
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import (
     at_object,
@@ -138,6 +138,11 @@ class ChainExecutor:
     def index(self) -> int:
         """Index of the step being executed, from 0."""
         return self._index
+
+    @property
+    def call(self) -> TopCall:
+        """The step being executed, with its present goal."""
+        return self._chain.calls[self._index]
 
     @property
     def elapsed(self) -> float:

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 from ator_ros.actions.base import Status
 from ator_ros.execution.answers import Answers
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.guards import Fault, Guards, missing
 from ator_ros.execution.phases import Deadlines, Ending, Phase
-from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.progress import Progress
+from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import Question, Refining
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.execution.transitions import GoalCourse, Signal
@@ -19,7 +19,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import missing_in, missing_object
+from ator_ros.tops.objects import at_rest, missing_in, missing_object
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, Command, World
 
@@ -28,6 +28,13 @@ _LONGEST_STOP = 2.0
 
 class Execution:
     """One goal, from its acceptance until the robot stands again; its phases are those of `transitions`.
+
+    Attributes
+    ----------
+    reason : str
+        A sentence on what happens now; after the end, on why it ended.
+    start : World or None
+        The state in which the chain started, before that the newest one; None if there was none.
 
     Parameters
     ----------
@@ -62,11 +69,15 @@ class Execution:
         alternatives: Sequence[TopChain] = (),
     ) -> None:
         self.reason = Phase.WAITING.value
+        self.start: World | None = None
         self._robot, self._deadlines, self._refining = library.robot, deadlines, refining
         self._course = GoalCourse()
-        self._progress = Progress(library, predictor, chain, time_limit=deadlines.action, fetches=fetches)
+        self._executor = ChainExecutor(
+            library, chain, time_limit=deadlines.action, predict=predictor.later, fetches=fetches
+        )
+        self._forecast = Forecast(predictor, self._executor)
         self._plans = (chain, *alternatives)
-        self._answers = Answers(refining, self._progress, self._course, library, self._plans)
+        self._answers = Answers(refining, self._executor, self._course, library, self._plans)
         self._guards = Guards(fence, library.robot, deadlines.longest_gap)
         self._seen: World | None = None
         self._accepted, self._heard = now, math.inf
@@ -87,42 +98,37 @@ class Execution:
     @property
     def chain(self) -> TopChain:
         """The chain with its present goals."""
-        return self._progress.chain
+        return self._executor.chain
 
     @property
     def records(self) -> list[ActionRecord]:
         """The actions that have ended."""
-        return self._progress.records
-
-    @property
-    def start(self) -> World | None:
-        """The state in which the chain started, before that the newest one; None if there was none."""
-        return self._progress.start
+        return self._executor.records
 
     @property
     def elapsed(self) -> float:
         """Time in s since the chain's start."""
-        return self._progress.elapsed
+        return self._executor.elapsed
 
     @property
     def step(self) -> int:
         """Index of the step being executed, from 0."""
-        return self._progress.index
+        return self._executor.index
 
     @property
     def top(self) -> Top:
         """The TOP of the step being executed."""
-        return self._progress.call.top
+        return self._executor.call.top
 
     @property
     def fetched(self) -> int:
         """Number of times that a lost object was fetched again."""
-        return self._progress.fetched
+        return self._executor.fetched
 
     @property
     def predicted(self) -> ChainPrediction | None:
         """The prediction of the chain; None before its start, and without models."""
-        return self._progress.predicted
+        return self._forecast.whole
 
     @property
     def refined(self) -> bool:
@@ -146,18 +152,18 @@ class Execution:
 
     def way(self) -> FloatArray | None:
         """Return the planned way of the action under way; see `Action.way`."""
-        return self._progress.way() if self.phase is Phase.EXECUTING else None
+        return self._executor.way() if self.phase is Phase.EXECUTING else None
 
     def predicted_remaining(self, now: float) -> float:
         """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
-        return 0.0 if self.ending is not None else self._progress.predicted_remaining(now)
+        return 0.0 if self.ending is not None else self._forecast.remaining(now)
 
     def silent(self, now: float) -> bool:
         """Return whether odometry has been missing for half its deadline, so that the robot should stand.
 
         A robot that another program moves cannot be paused: our commands would only disturb.
         """
-        released = self.phase is Phase.EXECUTING and self._progress.released
+        released = self.phase is Phase.EXECUTING and self._executor.released
         waiting = self.phase is not Phase.ENDED and not released
         return waiting and now - self._heard > self._deadlines.silence
 
@@ -208,7 +214,7 @@ class Execution:
         if self.ending is not None:
             return
         if self._seen is not None:
-            self._progress.break_off(self._seen, ending, reason)
+            self._executor.break_off(self._seen, ending, reason)
         self._course.take(ending)
         self.reason = reason
         if math.isinf(self._heard):  # odometry never came: its deadline counts from the acceptance
@@ -226,11 +232,9 @@ class Execution:
         if self.phase is Phase.STOPPING:
             self._course.take(Signal.DROPPED)
 
-    # Continuation
-
     def _begin(self, world: World, now: float) -> bool:
         """Start once all objects that the chain needs are known; return whether it is executed now."""
-        self._progress.start = world
+        self.start = world
         unknown = missing_in(self.chain.calls, world)
         if unknown is not None:
             self.reason = f"waiting for the {unknown[0]}"
@@ -249,7 +253,7 @@ class Execution:
         for plan in self._plans:
             violations = plan.violations(world, self._robot)
             if not violations:
-                self._progress.choose(plan)
+                self._executor.choose(plan)
                 return True
             reasons.append("; ".join(violations))
         self.end(Ending.REFUSED, f"no valid plan: {' | '.join(reasons)}")
@@ -265,17 +269,19 @@ class Execution:
             self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}")
 
     def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command | None:
-        progress = self._progress
-        if not progress.begun:
-            progress.begin(world)
-        fault = self._guards.check(world, progress.call, overdue)
+        executor = self._executor
+        if not self._forecast.begun:
+            self.start = world  # later than the first state if refinement took time
+            self._forecast.begin(world)
+        fault = self._guards.check(world, executor.call, overdue)
         if isinstance(fault, Fault):
             return self._stop(*fault)
-        if fault is not None and not progress.released:
+        if fault is not None and not executor.released:
             self.reason = fault
             return STOP
-        self._answers.apply(world)
-        step = progress.step(world)
+        if self._answers.apply(world):
+            self._forecast.change(at_rest(world, self._robot))
+        step = executor.step(world)
         self.reason = step.message
         if step.status is Status.RUNNING:
             self._answers.ask_again(world, now)
@@ -283,12 +289,10 @@ class Execution:
         unknown = missing_object(self.top, world)  # of the step that has just begun
         if unknown is not None:
             return self._stop(*missing(unknown, self.top))
-        if step.status is Status.SUCCEEDED:
-            return self._stop(Ending.SUCCEEDED, step.message)
-        if progress.lost is not None:
-            reason = f"{progress.lost} lost in {self.top.name}: {step.message}"
-            return self._stop(Ending.OBJECT_LOST, reason)
-        return self._stop(Ending.FAILED, step.message)
+        last = self.records[-1]
+        if last.lost is not None:
+            return self._stop(Ending.OBJECT_LOST, f"{last.lost} lost in {self.top.name}: {step.message}")
+        return self._stop(last.ending, step.message)
 
     def _stop(self, ending: Ending, reason: str) -> Command:
         self.end(ending, reason)

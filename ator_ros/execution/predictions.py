@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.refinement.calibration import Calibration, chosen_headings
 from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
 from ator_ros.refinement.free_variables import PredictsPerformance
@@ -63,3 +66,66 @@ class Predictor:
             [(part, prediction)], world, self._models, self._robot, chosen=chosen
         )
         return corrected.actions[0]
+
+    def later(self, world: World, chain: TopChain, step: int) -> Callable[[], Mapping[str, float] | None]:
+        """Return what predicts as `action` does when it is called: not in the tick that starts the step."""
+        return functools.partial(self.action, world, chain, step)
+
+
+class _Predicted(NamedTuple):
+    """The prediction of a chain from a step (from 0) on, as of a time in s."""
+
+    step: int
+    time: float
+    prediction: Callable[[], ChainPrediction | None]
+
+
+class Forecast:
+    """What is predicted of a chain under execution: of all of it, and of what remains since its last change.
+
+    Predictions are computed on first use, so that they do not delay a command.
+
+    Parameters
+    ----------
+    predictor : Predictor
+        Predicts chains.
+    executor : ChainExecutor
+        Executes the chain.
+    """
+
+    def __init__(self, predictor: Predictor, executor: ChainExecutor) -> None:
+        self._predictor, self._executor = predictor, executor
+        self._whole: _Predicted | None = None
+        self._rest: _Predicted | None = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether the chain has started."""
+        return self._whole is not None
+
+    def begin(self, world: World) -> None:
+        """Predict the chain from the state `world`, in which it starts."""
+        self._whole = self._rest = self._from(0, world)
+
+    def change(self, world: World) -> None:
+        """Predict from the state `world` what remains of the chain, which has changed."""
+        self._rest = self._from(self._executor.index, world)
+
+    def _from(self, step: int, world: World) -> _Predicted:
+        rest = TopChain(self._executor.chain.calls[step:])
+        prediction = functools.cache(functools.partial(self._predictor.chain, world, rest))
+        return _Predicted(step, world.time, prediction)
+
+    @property
+    def whole(self) -> ChainPrediction | None:
+        """The prediction of the chain with which it started; None before, and without models."""
+        return None if self._whole is None else self._whole.prediction()
+
+    def remaining(self, now: float) -> float:
+        """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
+        rest, step, records = self._rest, self._executor.index, self._executor.records
+        predicted = None if rest is None or step < rest.step else rest.prediction()
+        if rest is None or predicted is None:
+            return math.nan
+        began = max(rest.time, records[-1].end.time) if records else rest.time
+        return remaining(predicted, step - rest.step, now - began)

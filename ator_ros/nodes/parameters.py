@@ -14,7 +14,8 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from ator_ros.domains.domain import DEFAULT, Domain, DomainError, find_domain
+from ator_ros.domains import DEFAULT
+from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
 

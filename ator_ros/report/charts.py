@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal
-from ator_ros.drawing import BLUE, GREEN, GREY, ORANGE, RED, bars, binned, draw_robot, new_figure
+from ator_ros.drawing import BLUE, GREEN, GREY, ORANGE, RED, bars, binned, draw_robot, marked, new_figure
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -18,6 +18,7 @@ from ator_ros.world.state import World
 
 Record = Mapping[str, Any]
 _STREAM_COLOURS = {"shipped": BLUE, "learning": ORANGE, "offline": GREEN, "oracle": RED}
+_CURVE_COLOURS = {"heading": BLUE, "heading and speed": ORANGE}
 
 
 def gain_bars(summary: Mapping[str, Any]) -> Any:
@@ -174,6 +175,30 @@ def stream_gains(streams: Mapping[str, Sequence[Record]]) -> Any:
         axes.set_xlabel("chains played")
         axes.set_ylabel("mean gain over naive, s")
         axes.legend(frameon=False)
+    return figure
+
+
+def learning_curve(points: Mapping[str, Mapping[str, Record]]) -> Any:
+    """Draw the shares of the oracle's gain, with intervals, against the episodes; dashed: described models.
+
+    Parameters
+    ----------
+    points : mapping
+        By what is open, and by number of episodes or "described": see `evaluation.learning_curve.points`.
+    """
+    figure = new_figure(4.5, 3.2)
+    axes = figure.add_subplot()
+    for kind, colour in _CURVE_COLOURS.items():
+        sizes = [size for size in points[kind] if size != "described"]
+        rows = [points[kind][size] for size in sizes]
+        x, y = [int(size) for size in sizes], [row["percent"] for row in rows]
+        below, above = ([abs(row["ci95"][end] - row["percent"]) for row in rows] for end in (0, 1))
+        marked(axes, x, y, errors=[below, above], colour=colour, label=kind)
+        axes.axhline(points[kind]["described"]["percent"], color=colour, lw=0.8, ls="--")
+    axes.set_xscale("log")
+    axes.set_xlabel("episodes per action")
+    axes.set_ylabel("share of the oracle's gain, %")
+    axes.legend(frameon=False)
     return figure
 
 

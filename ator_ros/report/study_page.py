@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ator_ros.evaluation.study_result import MeasuredAction, StudyResult
 from ator_ros.report.page import cards, code, page, paragraph, section, table
 from ator_ros.report.terminal_tables import evaluation_table
 
 
-def study_page(result: Mapping[str, Any]) -> str:
-    """Return the page of what `study` has found out; `result` is the content of `study.json`."""
-    title = f"{result['robot']}: actions and their refinement"
+def study_page(result: StudyResult) -> str:
+    """Return the page of what `study` has found out."""
+    title = f"{result.robot}: actions and their refinement"
     body = [
         f"<h1>{title}</h1>",
-        paragraph(f"Domain {result['domain']}, action set {result['action_set']}.", "lead"),
-        _gains(result["evaluation"]),
-        section("Actions", _actions(result["actions"])),
-        _left_out(result["left_out"]),
+        paragraph(f"Domain {result.domain}, action set {result.action_set}.", "lead"),
+        _gains(result.evaluation),
+        section("Actions", _actions(result.actions)),
+        _left_out(result.left_out),
         _evaluation(result),
-        section("To repeat this", code(result["command"])),
+        section("To repeat this", code(result.command)),
     ]
     return page(title, body)
 
@@ -32,14 +33,14 @@ def _gains(evaluation: Mapping[str, Any] | None) -> str:
     )
 
 
-def _actions(actions: Mapping[str, Any]) -> str:
+def _actions(actions: Mapping[str, MeasuredAction]) -> str:
     head = ("action", "episodes", "success", "mean duration, s", "model's MAE, s", "RMSE, s")
     rows = []
     for name, row in actions.items():
-        accuracy = row["accuracy"]
+        accuracy = row.accuracy
         errors = [f"{accuracy[key]:.3f}" if key in accuracy else "-" for key in ("mae_s", "rmse_s")]
-        mean = "-" if row["mean_duration_s"] is None else f"{row['mean_duration_s']:.2f}"
-        rows.append((name, str(row["episodes"]), f"{100 * row['success']:.2f} %", mean, *errors))
+        mean = "-" if row.mean_duration_s is None else f"{row.mean_duration_s:.2f}"
+        rows.append((name, str(row.episodes), f"{100 * row.success:.2f} %", mean, *errors))
     return table(head, rows)
 
 
@@ -49,11 +50,11 @@ def _left_out(left_out: Mapping[str, str]) -> str:
     return section("What this robot cannot do", table(("action", "why"), list(left_out.items())))
 
 
-def _evaluation(result: Mapping[str, Any]) -> str:
-    if result["evaluation"] is None:
+def _evaluation(result: StudyResult) -> str:
+    if result.evaluation is None:
         return section("Refinement", paragraph("No chain of the domain can be executed by this robot."))
     return section(
-        f"Refinement of the chain {result['chain']}",
-        code(evaluation_table(result["evaluation"])),
+        f"Refinement of the chain {result.chain}",
+        code(evaluation_table(result.evaluation)),
         '<p><a href="evaluation/report.html">The evaluation in full</a></p>',
     )

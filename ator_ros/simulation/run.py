@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
-from ator_ros.actions import TIME_LIMIT as TIME_LIMIT
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, Goal, Point, Status, Step, started
 from ator_ros.geometry import wrap_angle
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation

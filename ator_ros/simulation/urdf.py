@@ -1,12 +1,11 @@
-"""The robot's description as URDF, for pybullet and for RViz; as a program it prints that of a file."""
+"""The robot's description as URDF, for pybullet and for RViz."""
 
 from __future__ import annotations
 
-import sys
 from string import Template
 
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Holder, Robot, load_robot
+from ator_ros.robot.description import Holder, Robot
 
 WHEEL_MASS = 0.4
 """Mass in kg of a wheel; of a light robot's, `WHEEL_SHARE` of its mass."""
@@ -82,7 +81,3 @@ def _fingers(tag: str, holder: Holder | None, front: float, material: str = "") 
     place = {"x": front + holder.length / 2, "y": (holder.gap + holder.thickness) / 2}
     both = (_FINGER.format(tag=tag, side=side, material=material, **place, **sizes) for side in ("", "-"))
     return "\n    ".join(both)
-
-
-if __name__ == "__main__":
-    print(robot_urdf(load_robot(sys.argv[1] if len(sys.argv) > 1 else None)))

@@ -14,7 +14,8 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.domains.domain import DEFAULT, find_domain
+from ator_ros.domains import DEFAULT
+from ator_ros.domains.domain import find_domain
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
 

@@ -106,7 +106,7 @@ class Desk:
 
     def take(self, draft: Draft) -> None:
         """Go to another draft: what is executed is stopped, and robot and objects are placed."""
-        self._stop()
+        self.stop()
         self._edited(draft)
         self._displaced, self._follows = True, False
 
@@ -180,7 +180,7 @@ class Desk:
 
     def play(self, *labels: str) -> None:
         """Execute the chain from the draft's start: `NAIVE`, `REFINED`, or one after the other, a race."""
-        self._stop()
+        self.stop()
         self.runs.clear()
         self._waiting = [Run(label) for label in labels]
         self.race = Race(*self._waiting) if len(self._waiting) == 2 else None
@@ -197,10 +197,6 @@ class Desk:
         self._stale, self._follows, self._looked = True, True, -math.inf
         self._displaced, self.paused = False, False
 
-    def stop(self) -> None:
-        """Cancel what is executed."""
-        self._stop()
-
     def back(self) -> None:
         """Put everything back to the draft's start."""
         self.take(self.draft)
@@ -210,7 +206,8 @@ class Desk:
         self.stage.pause(paused=paused)
         self.paused = paused
 
-    def _stop(self) -> None:
+    def stop(self) -> None:
+        """Cancel what is executed, and what waits for its turn."""
         self._waiting.clear()
         if self._executing:
             self.stage.stop()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from ator_ros.domains.measurements import Measurements, PaperRun, QualityRun, Rows
+from ator_ros.domains.measurements import Measurements, PaperRun, QualityRun, Ticks
+from ator_ros.robot.description import Robot
 
 
-def _longest_ticks() -> Rows:
+def _longest_ticks(robot: Robot) -> Ticks:
     from ator_ros.domains.soccer.quality.longest_ticks import measure
 
-    return measure()
+    return measure(robot)
 
 
 def _qualify(asked: QualityRun) -> None:

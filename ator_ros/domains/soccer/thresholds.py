@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.situation import NoPlaceError
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.ranges import ARRIVAL_SPEED
 from ator_ros.robot.description import Limits, Robot
-from ator_ros.simulation.run import TIME_LIMIT
 from ator_ros.tops.objects import lost_beyond
 
 _BODY_ROOM = 0.1  # m between a robot and what it must not touch

@@ -9,12 +9,13 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
+from ator_ros.schema import SchemaError, structured
 from ator_ros.tools.benchmarks import peer_program
+from ator_ros.tools.benchmarks.rows import MeasuredLearner
 
 PACKAGES = (
     "linear-tree==0.3.5",
@@ -54,15 +55,23 @@ def python_of(folder: Path) -> Path:
     return python
 
 
-def run_package(name: str, python: Path, table: Path, work: Path) -> dict[str, Any]:
-    """Measure a learner of `peer_program` in its own environment; `table` is the npz file of the rows."""
+def run_package(name: str, python: Path, table: Path, work: Path) -> MeasuredLearner:
+    """Measure a learner of `peer_program` in its own environment; `table` is the npz file of the rows.
+
+    Raises
+    ------
+    NotRunError
+        It fails, or what it measures is no number.
+    """
     result = work / f"{name}.json"
     _run([str(python), str(Path(peer_program.__file__)), name, str(table), str(result)], name)
-    measured: dict[str, Any] = json.loads(result.read_text(encoding="utf-8"))
-    return measured
+    try:
+        return structured(json.loads(result.read_text(encoding="utf-8")), MeasuredLearner)
+    except SchemaError as error:
+        raise NotRunError(f"{name}: {error}") from error
 
 
-def run_weka(data: Mapping[str, FloatArray], names: Sequence[str], work: Path) -> dict[str, Any]:
+def run_weka(data: Mapping[str, FloatArray], names: Sequence[str], work: Path) -> MeasuredLearner:
     """Measure Weka's M5P with its defaults, from the command line.
 
     It tells the time to build the model by itself, so that starting Java and reading files doesn't count; its
@@ -83,13 +92,13 @@ def run_weka(data: Mapping[str, FloatArray], names: Sequence[str], work: Path) -
         words += [option, str(path)]
     text = _run(words, "Weka")
     on_test = text[text.find("=== Error on test data") :]
-    return {
-        "fit_s": _number(text, r"Time taken to build model: *([\d.]+) seconds"),
-        "rmse_s": _number(on_test, r"Root mean squared error *([\d.]+)"),
-        "mae_s": _number(on_test, r"Mean absolute error *([\d.]+)"),
-        "leaves": int(_number(text, r"Number of Rules *: *(\d+)")),
-        "version": _weka_version(),
-    }
+    return MeasuredLearner(
+        fit_s=_number(text, r"Time taken to build model: *([\d.]+) seconds"),
+        rmse_s=_number(on_test, r"Root mean squared error *([\d.]+)"),
+        mae_s=_number(on_test, r"Mean absolute error *([\d.]+)"),
+        leaves=int(_number(text, r"Number of Rules *: *(\d+)")),
+        version=_weka_version(),
+    )
 
 
 def _weka_version() -> str:

@@ -11,10 +11,11 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tools.benchmarks.requests import long_chain
+from ator_ros.tools.benchmarks.rows import LongChainTime, RefinementTime
 from ator_ros.tops.library import TopLibrary
 
 SEED = 801
@@ -34,7 +35,9 @@ LENGTHS = (2, 4, 8, 16, 32)
 """Steps of the chains that show how the time grows."""
 
 
-def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]:
+def measure(
+    source: ToolsetSource, requests: int = 200, rounds: int = 5
+) -> dict[str, RefinementTime | LongChainTime]:
     """Return for each case the median and the 99th percentile in ms, and the limit where there is one.
 
     Beside them are the times of chains of LENGTHS.
@@ -42,9 +45,7 @@ def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]
     The cases are measured in turn, `rounds` times. On a machine that is shared with others the slowest round
     tells of them, so the quietest one counts; the slowest median is told beside it.
     """
-    source = ToolsetSource()
-    tools = make_toolset(source)
-    library = make_library(tools.robot, source)
+    tools, library = tools_of(source)
     refiner = tools.refiner(gated=True)
     names = list(tools.domain.chains)
     trials = [
@@ -62,10 +63,13 @@ def measure(requests: int = 200, rounds: int = 5) -> dict[str, dict[str, float]]
     for _ in range(rounds):
         for name, chains in naive.items():
             times[name].append(_times(refiner, chains))
-    return {name: _row(name, times[name]) for name in CASES} | _growth(refiner, library, max(rounds, 1))
+    return {
+        **{name: best_round(name, times[name]) for name in CASES},
+        **_growth(refiner, library, max(rounds, 1)),
+    }
 
 
-def _growth(refiner: Refiner, library: TopLibrary, rounds: int) -> dict[str, dict[str, float]]:
+def _growth(refiner: Refiner, library: TopLibrary, rounds: int) -> dict[str, LongChainTime]:
     """Return the time in ms, per step and in all, of chains of LENGTHS with open headings and speeds."""
     chains = {length: long_chain(library, length) for length in LENGTHS}
     times: dict[int, list[float]] = {length: [] for length in LENGTHS}
@@ -75,22 +79,22 @@ def _growth(refiner: Refiner, library: TopLibrary, rounds: int) -> dict[str, dic
             refiner.refine(world, chain)
             times[length].append(1000.0 * (time.process_time() - began))
     return {
-        f"{length} steps, headings and speeds": {
-            "least_ms": round(min(each), 3),
-            "least_ms_per_step": round(min(each) / length, 3),
-        }
+        f"{length} steps, headings and speeds": LongChainTime(
+            round(min(each), 3), round(min(each) / length, 3)
+        )
         for length, each in times.items()
     }
 
 
-def _row(name: str, rounds: Sequence[Sequence[float]]) -> dict[str, float]:
+def best_round(name: str, rounds: Sequence[Sequence[float]]) -> RefinementTime:
+    """Return the times in ms of a case in its quietest round, and the slowest round's median."""
     quietest = min(rounds, key=statistics.median)
-    row = {
-        "median_ms": round(statistics.median(quietest), 3),
-        "p99_ms": round(statistics.quantiles(quietest, n=100)[-1], 3),
-        "slowest_median_ms": round(max(map(statistics.median, rounds)), 3),
-    }
-    return {**row, "limit_ms": LIMITS_MS[name]} if name in LIMITS_MS else row
+    return RefinementTime(
+        median_ms=round(statistics.median(quietest), 3),
+        p99_ms=round(statistics.quantiles(quietest, n=100)[-1], 3),
+        slowest_median_ms=round(max(map(statistics.median, rounds)), 3),
+        limit_ms=LIMITS_MS.get(name),
+    )
 
 
 def _times(refiner: Refiner, requests: Sequence[tuple[Trial, Any]]) -> list[float]:

@@ -33,6 +33,7 @@ from ator_ros.refinement.alternatives import Selection, choosing
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
 from ator_ros.tools.benchmarks.requests import worst_request
+from ator_ros.tools.benchmarks.rows import DelayedTrip, RoundTrip, ServiceTime
 from ator_ros.tools.processes import own_nodes
 
 SEED = 802
@@ -48,6 +49,8 @@ _UNTIL_ASKED = 10.0
 REFINE = "refine_subgoal"
 
 Answer = Callable[[RefineSubgoal.Request, RefineSubgoal.Response], RefineSubgoal.Response]
+Rows = dict[str, ServiceTime | RoundTrip | DelayedTrip]
+"""By name of the case."""
 
 
 def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> RefineSubgoal.Response:
@@ -85,7 +88,7 @@ def yardstick(name: str) -> Node:
     return node
 
 
-def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
+def measure(requests: int = 1000) -> Rows:
     """Return medians and 99th percentiles, and how the node's memory grows over `requests` requests.
 
     The last row is of requests beside which another process asks for the worst that there is.
@@ -98,9 +101,15 @@ def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
         program = [sys.executable, "-m", "ator_ros.tools.benchmarks.service"]
         others = [subprocess.Popen([*program, name], env=environment) for name in YARDSTICKS]
         try:
-            rows = _measured(nodes.domain, nodes.pid("refinement"), requests)
+            empty, messages, trip = _measured(nodes.domain, nodes.pid("refinement"), requests)
             others.append(subprocess.Popen([*program, WORST], env=environment))
-            return rows | _delayed(nodes.domain, requests, rows["round trip"]["median_ms"])
+            delayed = _delayed(nodes.domain, requests, trip.median_ms)
+            return {
+                "empty": empty,
+                "messages alone": messages,
+                "round trip": trip,
+                "beside worst-case requests": delayed,
+            }
         finally:
             for other in others:
                 other.terminate()
@@ -108,34 +117,36 @@ def measure(requests: int = 1000) -> dict[str, dict[str, float]]:
                 other.wait()
 
 
-def _measured(domain: int, pid: int, requests: int) -> dict[str, dict[str, float]]:
+def _measured(domain: int, pid: int, requests: int) -> tuple[ServiceTime, ServiceTime, RoundTrip]:
+    """Measure the services that are compared with, and the round trip of a refinement."""
     with _clients(domain, [*YARDSTICKS, REFINE]) as clients:
         _times(clients, _WARM_UP, 0)
         before = resident_mib(pid)
         empty, messages, ours = _times(clients, requests, _WARM_UP)
         growth = resident_mib(pid) - before
-    trip = _row(ours, empty)
-    return {
-        "empty": _row(empty, empty),
-        "messages alone": _row(messages, empty),
-        "round trip": {
-            "requests": requests,
-            **trip,
-            "limit_ratio": LIMIT_RATIO,
-            "limit_p99_ms": LIMIT_P99_MS,
-            "memory_growth_mib": round(growth, 2),
-        },
-    }
+    trip = RoundTrip(
+        requests=requests,
+        **vars(_row(ours, empty)),
+        limit_ratio=LIMIT_RATIO,
+        limit_p99_ms=LIMIT_P99_MS,
+        memory_growth_mib=round(growth, 2),
+    )
+    return _row(empty, empty), _row(messages, empty), trip
 
 
-def _delayed(domain: int, requests: int, alone: float) -> dict[str, dict[str, float]]:
+def _delayed(domain: int, requests: int, alone: float) -> DelayedTrip:
     """Measure round trips while another client asks one worst-case request after the other."""
     with _clients(domain, [REFINE]) as clients:
         time.sleep(_UNTIL_ASKED)
         (times,) = _times(clients, requests, _WARM_UP)
-    row = {**_row(times, times), "max_ms": round(max(times), 3)}
-    delay = {"p99_delay_ms": round(row["p99_ms"] - alone, 3), "limit_p99_delay_ms": LIMIT_DELAY_MS}
-    return {"beside worst-case requests": {"requests": requests, **row, **delay}}
+    row = _row(times, times)
+    return DelayedTrip(
+        requests=requests,
+        **vars(row),
+        max_ms=round(max(times), 3),
+        p99_delay_ms=round(row.p99_ms - alone, 3),
+        limit_p99_delay_ms=LIMIT_DELAY_MS,
+    )
 
 
 def _ask_the_worst() -> None:
@@ -146,13 +157,13 @@ def _ask_the_worst() -> None:
             client.call(request, timeout_sec=_PATIENCE)
 
 
-def _row(times: Sequence[float], empty: Sequence[float]) -> dict[str, float]:
+def _row(times: Sequence[float], empty: Sequence[float]) -> ServiceTime:
     median = statistics.median(times)
-    return {
-        "median_ms": round(median, 3),
-        "p99_ms": round(statistics.quantiles(times, n=100)[-1], 3),
-        "ratio": round(median / statistics.median(empty), 2),
-    }
+    return ServiceTime(
+        median_ms=round(median, 3),
+        p99_ms=round(statistics.quantiles(times, n=100)[-1], 3),
+        ratio=round(median / statistics.median(empty), 2),
+    )
 
 
 @contextmanager

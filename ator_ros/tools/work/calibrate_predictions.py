@@ -16,7 +16,7 @@ from ator_ros.evaluation.calibration_learning import (
 )
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.storage import RESULT, read_result, to_records
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.files import read_json, write_text
 from ator_ros.printable import short
 from ator_ros.refinement.calibration import Calibration
@@ -36,8 +36,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     if len(sets) != 1:
         raise EvaluationError(f"expected evaluations of one action set, got {', '.join(sorted(sets))}")
     source = source_of(options, domain=domain.name, action_set=sets.pop())
-    tools = make_toolset(source)
-    library = make_library(tools.robot, source)
+    tools, library = tools_of(source)
     examples: list[StepExample] = []
     learned_from: list[dict[str, Any]] = []
     for folder, result in results:

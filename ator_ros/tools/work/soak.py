@@ -4,38 +4,25 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import sys
-from typing import Any
 
 from ator_ros.domains.domain import Domain
-from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
-from ator_ros.formats import Format
-from ator_ros.tools.work.soak_report import MEANING, Soak, summary
+from ator_ros.schema import unstructured
+from ator_ros.tools.work.soak_report import Soak, report_of
+from ator_ros.tools.work.soak_result import FORMAT, SoakReport
 from ator_ros.tools.work.soak_run import run_soak
-
-FORMAT = Format("ator_ros soak", 1, "report of a soak")
-
-
-def report_of(soak: Soak, options: argparse.Namespace, command: str) -> dict[str, Any]:
-    """Return the report to write, also during the run; it explains its own entries."""
-    return {
-        "command": command,
-        "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}",
-        "versions": library_versions(),
-        "meaning": MEANING,
-        **summary(soak, real_time=options.real_time_factor == 1.0),
-    }
 
 
 def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     """Do what the command line asks for; the exit code is 1 where something is worse than it should be."""
 
+    def reported(soak: Soak) -> SoakReport:
+        return report_of(soak, command, real_time=options.real_time_factor == 1.0)
+
     def write(soak: Soak) -> None:
         if soak.answers:
-            write_text(options.out, FORMAT.text(report_of(soak, options, command)))
+            write_text(options.out, FORMAT.text(unstructured(reported(soak))))
 
     try:
         soak = run_soak(options, domain, write=write)
@@ -50,6 +37,6 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
             f"soak: expected chains after the warm-up, {options.duration:g} s are too short", file=sys.stderr
         )
         return 1
-    report = report_of(soak, options, command)
-    print(json.dumps(report, indent=1))
-    return 1 if report["worse"] else 0
+    report = reported(soak)
+    print(json.dumps(unstructured(report), indent=1))
+    return 1 if report.worse else 0

@@ -5,12 +5,22 @@ from __future__ import annotations
 import itertools
 import math
 import os
+import platform
 import statistics
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
+
+from ator_ros.experience.table import library_versions
+from ator_ros.tools.work.soak_result import (
+    CpuShares,
+    Milliseconds,
+    NodeGrowth,
+    SoakReport,
+    TickLateness,
+)
 
 T = TypeVar("T")
 NODES = ("simulation", "refinement", "executor")
@@ -82,60 +92,66 @@ def sample(pid: int) -> Sample:
     )
 
 
-def summary(soak: Soak, *, real_time: bool = False) -> dict[str, Any]:
-    """Return the observations, the first fifth beside the last one, and `worse`: limits that were exceeded.
+def report_of(soak: Soak, command: str, *, real_time: bool = False) -> SoakReport:
+    """Compare the first fifth of the observations with the last one; find the limits that were exceeded.
 
     Parameters
     ----------
     soak : Soak
         What was seen.
+    command : str
+        The command that asked.
     real_time : bool
         Whether time went as it does on a robot: then ticks and CPU are judged, too.
     """
     nodes, worse = _nodes(soak)
     answers = [[answer.told - answer.asked for answer in chain] for chain in soak.answers]
     both = [_milliseconds(list(itertools.chain(*end))) for end in _ends(answers)]
-    first, last = (part.get("median", 0.0) for part in both)
+    first, last = (part.median or 0.0 for part in both)
     if last > LATER * first + LATER_MS:
         worse.append(f"the median time to a command grew from {first:.1f} to {last:.1f} ms")
     if len(soak.failures) > FAILED_SHARE * soak.chains:
         worse.append(f"{len(soak.failures)} of {soak.chains} chains failed")
-    cpu = {
-        "idle": {name: round(share, 4) for name, share in soak.idle_cpu.items()},
-        "chains": {name: round(used / max(soak.busy, 1e-9), 4) for name, used in soak.busy_cpu.items()},
-    }
-    report: dict[str, Any] = {
-        "chains": soak.chains,
-        "failed": len(soak.failures),
-        "failures": dict(Counter(soak.failures).most_common(_REASONS)),
-        "hiccups": soak.hiccups,
-        "nodes": nodes,
-        "odom_to_command_ms": both,
-        "cpu": cpu,
-        "worse": worse,
-    }
+    cpu = CpuShares(
+        idle={name: round(share, 4) for name, share in soak.idle_cpu.items()},
+        chains={name: round(used / max(soak.busy, 1e-9), 4) for name, used in soak.busy_cpu.items()},
+    )
+    lateness = _judge_ticks(soak, worse) if real_time else None
     if real_time:
-        report["tick_lateness_ms"] = _judge_ticks(soak, worse)
         _judge_cpu(cpu, worse)
-    return report
+    return SoakReport(
+        command=command,
+        machine=f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}",
+        versions=library_versions(),
+        meaning=MEANING,
+        chains=soak.chains,
+        failed=len(soak.failures),
+        failures=dict(Counter(soak.failures).most_common(_REASONS)),
+        hiccups=tuple(soak.hiccups),
+        nodes=nodes,
+        odom_to_command_ms=tuple(both),
+        cpu=cpu,
+        worse=tuple(worse),
+        tick_lateness_ms=lateness,
+    )
 
 
-def _nodes(soak: Soak) -> tuple[dict[str, Any], list[str]]:
+def _nodes(soak: Soak) -> tuple[dict[str, NodeGrowth], list[str]]:
     worse: list[str] = []
-    nodes: dict[str, Any] = {}
+    nodes: dict[str, NodeGrowth] = {}
     for name, samples in soak.samples.items():
-        row: dict[str, list[float]] = {}
+        row: dict[str, tuple[float, ...]] = {}
         for measure in ("memory", "threads", "files"):
             before, after = (statistics.median(getattr(s, measure) for s in end) for end in _ends(samples))
-            row[measure] = [round(before, 2), round(after, 2)]
+            row[measure] = (round(before, 2), round(after, 2))
             room = max(MEMORY_MIB, MEMORY_SHARE * before) if measure == "memory" else 0.0
             if after > before + room:
                 worse.append(f"{measure} of {name} grew from {before:.2f} to {after:.2f}")
-        nodes[name] = row
+        nodes[name] = NodeGrowth(**row)
     return nodes, worse
 
 
-def _judge_ticks(soak: Soak, worse: list[str]) -> dict[str, float]:
+def _judge_ticks(soak: Soak, worse: list[str]) -> TickLateness:
     """Return how punctual the commands were: each is due at its stamp, relative to the chain's median."""
     lateness: list[float] = []
     for chain in soak.answers:
@@ -144,11 +160,11 @@ def _judge_ticks(soak: Soak, worse: list[str]) -> dict[str, float]:
     within = sum(late <= PUNCTUAL_S for late in lateness) / max(1, len(lateness))
     if within < PUNCTUAL_SHARE:
         worse.append(f"expected {PUNCTUAL_SHARE:.0%} of the ticks within 5 ms, got {within:.2%}")
-    return {"ticks": len(lateness), "share_within_5_ms": round(within, 4), **_milliseconds(lateness)}
+    return TickLateness(len(lateness), round(within, 4), **vars(_milliseconds(lateness)))
 
 
-def _judge_cpu(cpu: dict[str, dict[str, float]], worse: list[str]) -> None:
-    executor, refinement = cpu["chains"]["executor"], cpu["idle"].get("refinement", 0.0)
+def _judge_cpu(cpu: CpuShares, worse: list[str]) -> None:
+    executor, refinement = cpu.chains["executor"], cpu.idle.get("refinement", 0.0)
     if executor >= EXECUTOR_CPU:
         worse.append(f"the executor takes {executor:.1%} of a core, expected less than {EXECUTOR_CPU:.0%}")
     if refinement >= IDLE_REFINEMENT_CPU:
@@ -160,9 +176,8 @@ def _ends(values: Sequence[T]) -> tuple[Sequence[T], Sequence[T]]:
     return values[:count], values[-count:]
 
 
-def _milliseconds(times: list[float]) -> dict[str, float]:
+def _milliseconds(times: list[float]) -> Milliseconds:
     if len(times) < 2:
-        return {}
+        return Milliseconds()
     steps = statistics.quantiles(times, n=100)
-    named = {"median": steps[49], "p99": steps[98], "max": max(times)}
-    return {name: round(1e3 * value, 3) for name, value in named.items()}
+    return Milliseconds(*(round(1e3 * value, 3) for value in (steps[49], steps[98], max(times))))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,21 @@ import numpy as np
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.storage import RESULT, read_result
+from ator_ros.evaluation.study_result import (
+    FORMAT,
+    SETTINGS,
+    MeasuredAction,
+    StudyResult,
+    StudySettings,
+)
 from ator_ros.evaluation.toolset import GATE, ToolsetSource, make_library
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import read_json, write_text
-from ator_ros.formats import Format
 from ator_ros.performance.model_file import load_model
 from ator_ros.report.study_page import study_page
 from ator_ros.robot.description import ConfigError, Robot
-from ator_ros.schema import SchemaError
+from ator_ros.schema import SchemaError, structured, unstructured
 from ator_ros.tools import collect, evaluate, gate, train
 from ator_ros.tools.command_line import settled, source_of
 from ator_ros.tools.guard import INTERRUPTED
@@ -31,8 +38,6 @@ from ator_ros.tools.work import gate as gating
 from ator_ros.tools.work import train as training
 from ator_ros.tops.library import TopLibrary
 
-FORMAT = Format("ator_ros study", 1, "study")
-SETTINGS = Format("ator_ros study settings", 1, "settings file of a study")
 POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
 MARGIN_S = "1.0"
 """Headings predicted to take this much longer than the best are not executed by the oracle."""
@@ -59,18 +64,18 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         print(f"study: without an evaluation: no chain of {domain.name} has only {', '.join(learned)}")
     else:
         evaluation = _evaluated(options, source, chain)
-    result = {
-        "command": command,
-        "robot": robot.name,
-        "robot_digest": robot.digest(),
-        "domain": domain.name,
-        "action_set": options.action_set,
-        "actions": {name: _measured(options, name, source, robot) for name in actions},
-        "left_out": left_out,
-        "chain": chain,
-        "evaluation": evaluation,
-    }
-    write_text(options.out / "study.json", FORMAT.text(result))
+    result = StudyResult(
+        command=command,
+        robot=robot.name,
+        robot_digest=robot.digest(),
+        domain=domain.name,
+        action_set=options.action_set,
+        actions={name: _measured(options, name, source, robot) for name in actions},
+        left_out=left_out,
+        chain=chain,
+        evaluation=evaluation,
+    )
+    write_text(options.out / "study.json", FORMAT.text(unstructured(result)))
     write_text(options.out / "study.html", study_page(result))
     print(f"wrote {options.out / 'study.json'} and {options.out / 'study.html'}")
     return 0
@@ -78,18 +83,18 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 
 def _begin(options: argparse.Namespace, robot: Robot) -> None:
     """Make sure that the folder is empty, or one of the same study."""
-    names = ("domain", "action_set", "episodes", "situations", "seed", "chain", "oracle")
-    ours = {"robot_digest": robot.digest(), **{name: getattr(options, name) for name in names}}
+    names = (item.name for item in fields(StudySettings) if item.name != "robot_digest")
+    ours = StudySettings(robot.digest(), **{name: getattr(options, name) for name in names})
     file = options.out / "settings.json"
     if not file.exists():
-        write_text(file, SETTINGS.text(ours))
+        write_text(file, SETTINGS.text(unstructured(ours)))
         return
     try:
-        theirs = SETTINGS.current(read_json(file))
+        theirs = structured(SETTINGS.content(read_json(file)), StudySettings)
     except SchemaError as error:
         raise EvaluationError(f"{file}: {error}: choose another --out") from error
-    for name, value in ours.items():
-        found = theirs.get(name)
+    for name, value in vars(ours).items():
+        found = getattr(theirs, name)
         if found != value:
             raise EvaluationError(
                 f"{file}: {name}: expected {value!r} as in the folder's study, got {found!r}: "
@@ -194,19 +199,17 @@ def _evaluated(options: argparse.Namespace, source: ToolsetSource, chain: str) -
 
 def _measured(
     options: argparse.Namespace, action: str, source: ToolsetSource, robot: Robot
-) -> dict[str, Any]:
-    """Return how an action did over all its episodes, and how accurate its model is."""
+) -> MeasuredAction:
     kinds = [options.out / kind / f"{action}.parquet" for kind in ("experience", "fresh")]
     tables = [read_experience(table).frame for table in kinds]
     ends = join(table.drop_duplicates("episode", keep="last") for table in tables)
     done = ends[ends["success"]]
     file, features = source.folder() / f"{action}.json", find_domain(options.domain).known_features
-    return {
-        "episodes": len(ends),
-        "success": round(len(done) / len(ends), 5),
-        "mean_duration_s": round(float(done["duration"].mean()), 3) if len(done) else None,
-        "accuracy": load_model(file, robot, features).metadata["accuracy"] if file.exists() else {},
-        "failures": {
-            str(why): int(n) for why, n in ends.loc[~ends["success"], "reason"].value_counts().items()
-        },
-    }
+    failures = ends.loc[~ends["success"], "reason"].value_counts()
+    return MeasuredAction(
+        episodes=len(ends),
+        success=round(len(done) / len(ends), 5),
+        mean_duration_s=round(float(done["duration"].mean()), 3) if len(done) else None,
+        accuracy=load_model(file, robot, features).metadata["accuracy"] if file.exists() else {},
+        failures={str(why): int(count) for why, count in failures.items()},
+    )

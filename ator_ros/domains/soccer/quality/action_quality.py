@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.domains.soccer.ball import ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
+from ator_ros.domains.soccer.quality.quality_result import KindResult, Regularity
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.run import judge, place, run_action
@@ -160,39 +160,39 @@ def _touched_early(situation: Situation, ball: ObjectState | None, pose: Pose, r
     return moved and not caught
 
 
-def summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def summary(kind: str, outcomes: Sequence[Outcome]) -> KindResult:
     """Return counts, shares in percent and durations in s of the executions of one kind."""
     durations = np.array([outcome.duration for outcome in outcomes if outcome.success])
     failures = sorted({outcome.reason for outcome in outcomes if not outcome.success})
-    return {
-        "kind": kind,
-        "situations": len(outcomes),
-        "success_percent": round(100.0 * len(durations) / len(outcomes), 2),
-        "ball_moved_early_percent": round(100.0 * float(np.mean([o.early for o in outcomes])), 2),
-        "mean_duration_s": round(float(durations.mean()), 3) if len(durations) else None,
-        "greatest_command_over_limit": round(max(outcome.excess for outcome in outcomes), 3),
-        **_around_plan([outcome for outcome in outcomes if outcome.success]),
-        "failures": failures[:10],
-    }
+    mean, deviation = _around_plan([outcome for outcome in outcomes if outcome.success])
+    return KindResult(
+        kind=kind,
+        situations=len(outcomes),
+        success_percent=round(100.0 * len(durations) / len(outcomes), 2),
+        ball_moved_early_percent=round(100.0 * float(np.mean([o.early for o in outcomes])), 2),
+        mean_duration_s=round(float(durations.mean()), 3) if len(durations) else None,
+        greatest_command_over_limit=round(max(outcome.excess for outcome in outcomes), 3),
+        over_plan_mean_s=mean,
+        over_plan_std_s=deviation,
+        failures=tuple(failures[:10]),
+    )
 
 
-def _around_plan(outcomes: Sequence[Outcome]) -> dict[str, float]:
-    """Return mean and standard deviation (s) of actual minus planned durations; empty without plans.
+def _around_plan(outcomes: Sequence[Outcome]) -> tuple[float, float] | tuple[None, None]:
+    """Return mean and standard deviation (s) of actual minus planned durations; None without plans.
 
     Runs that had no plan are left out: an action that ends at once has none.
     """
     over = np.array([outcome.duration - outcome.planned for outcome in outcomes])
     over = over[~np.isnan(over)]
-    if not len(over):
-        return {}
-    return {"over_plan_mean_s": round(float(over.mean()), 3), "over_plan_std_s": round(float(over.std()), 3)}
+    return (round(float(over.mean()), 3), round(float(over.std()), 3)) if len(over) else (None, None)
 
 
-def regularity(base: Sequence[Outcome], turned: Sequence[Outcome]) -> dict[str, float]:
+def regularity(base: Sequence[Outcome], turned: Sequence[Outcome]) -> Regularity:
     """Return percentiles of the absolute change of duration (s) when the start is turned by a degree."""
     changes = [abs(one.duration - other.duration) for one, other in zip(base, turned, strict=True)
                if one.success and other.success]  # fmt: skip
-    return {f"p{level}_s": round(float(np.percentile(changes, level)), 3) for level in (50, 95, 99, 100)}
+    return Regularity(*(round(float(np.percentile(changes, level)), 3) for level in (50, 95, 99, 100)))
 
 
 def tasks(

@@ -11,6 +11,7 @@ from contextlib import ExitStack, suppress
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, started
+from ator_ros.domains.measurements import LongestTick, PlannedPoints, Ticks
 from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
@@ -27,9 +28,9 @@ LIMIT_MS = 40.0
 _TICKS = 40
 
 
-def measure(situations: int = 120) -> dict[str, dict[str, float]]:
+def measure(robot: Robot, situations: int = 120) -> Ticks:
     """Measure the longest tick of each action set: processor time in ms over the first two seconds."""
-    robot, results = SOCCER.robot(), {}
+    results: dict[str, LongestTick | PlannedPoints] = {}
     for name in SOCCER.action_sets:
         actions = SOCCER.actions(name)
         longest = []
@@ -37,15 +38,13 @@ def measure(situations: int = 120) -> dict[str, dict[str, float]]:
             tick_times(actions[action].factory(robot), world, goal)
         for action, world, goal in hard_situations(robot, situations, seed=17):
             longest.append(max(tick_times(actions[action].factory(robot), world, goal)))
-        results[f"longest executor tick, {name}"] = {
-            "median_of_longest_ms": round(1000.0 * float(np.median(longest)), 1),
-            "longest_ms": round(1000.0 * max(longest), 1),
-            "limit_longest_ms": LIMIT_MS,
-        }
+        median = round(1000.0 * float(np.median(longest)), 1)
+        tick = LongestTick(median, round(1000.0 * max(longest), 1), LIMIT_MS)
+        results[f"longest executor tick, {name}"] = tick
     return results | {"planning in a tick, default": _counted(robot, situations)}
 
 
-def _counted(robot: Robot, situations: int) -> dict[str, float]:
+def _counted(robot: Robot, situations: int) -> PlannedPoints:
     """Count the points of planning in ticks: the same on every computer."""
     actions = SOCCER.actions()
     spent = [
@@ -53,13 +52,13 @@ def _counted(robot: Robot, situations: int) -> dict[str, float]:
         for action, world, goal in hard_situations(robot, situations, seed=17)
         if isinstance(planned := actions[action].factory(robot), PlannedAction)
     ]
-    return {
-        "longest_points": max(sum(points) for slices in spent for points in slices),
-        "largest_portion_points": max(max(points, default=0) for slices in spent for points in slices),
-        "most_ticks": max(map(len, spent)),
-        "share_in_one_tick": round(float(np.mean([len(slices) == 1 for slices in spent])), 3),
-        "limit_longest_points": SLICE,
-    }
+    return PlannedPoints(
+        longest_points=max(sum(points) for slices in spent for points in slices),
+        largest_portion_points=max(max(points, default=0) for slices in spent for points in slices),
+        most_ticks=max(map(len, spent)),
+        share_in_one_tick=round(float(np.mean([len(slices) == 1 for slices in spent])), 3),
+        limit_longest_points=SLICE,
+    )
 
 
 def tick_times(action: Action, world: World, goal: Goal) -> list[float]:

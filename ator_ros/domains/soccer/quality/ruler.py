@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from ator_ros.domains.soccer.quality.action_quality import Outcome
+from ator_ros.domains.soccer.quality.quality_result import OverOptimal
 from ator_ros.files import UnreadableError, read_json, write_text
 
 
-def over_time_optimal(kind: str, outcomes: Sequence[Outcome], folder: Path) -> dict[str, Any]:
+def over_time_optimal(kind: str, outcomes: Sequence[Outcome], folder: Path) -> OverOptimal | None:
     """Compare durations with those of time-optimal motion between the same poses, if they are known.
 
     Parameters
@@ -30,31 +31,27 @@ def over_time_optimal(kind: str, outcomes: Sequence[Outcome], folder: Path) -> d
 
     Returns
     -------
-    dict
-        ``pairs`` (how many), ``time_optimal_mean_s``, ``over_time_optimal``; empty without times.
+    OverOptimal or None
+        None without times.
     """
     pairs_file, times_file = folder / f"pairs_{kind}.json", folder / f"optimal_{kind}.json"
     pairs = [[list(pose) for pose in outcome.poses] for outcome in outcomes]
     if not times_file.is_file():
         write_text(pairs_file, json.dumps(pairs))
-        return {}
+        return None
     times = _read(times_file)
     if _read(pairs_file) != pairs or not isinstance(times, list) or len(times) != len(pairs):
         print(f"{times_file}: left out: expected times of the {len(pairs)} pairs driven", file=sys.stderr)
-        return {}
+        return None
     both = [
         (outcome.duration, time)
         for outcome, time in zip(outcomes, times, strict=True)
         if outcome.success and isinstance(time, float)
     ]
     if not both:
-        return {}
+        return None
     own, best = np.mean(both, axis=0)
-    return {
-        "pairs": len(both),
-        "time_optimal_mean_s": round(best, 3),
-        "over_time_optimal": round(own / best, 3),
-    }
+    return OverOptimal(len(both), round(float(best), 3), round(float(own / best), 3))
 
 
 def _read(file: Path) -> Any:
