@@ -17,7 +17,7 @@ _LEADS = (0.0, 0.4, 1.0)
 """By how much in m the straight before the turn may be longer than its change of speed needs."""
 
 
-class Turns(NamedTuple):
+class HeldTurns(NamedTuple):
     """Where turns with the ball lead, driven as fast as it allows.
 
     Attributes
@@ -58,7 +58,7 @@ class Mouth(NamedTuple):
 
 @compiled
 def fastest_run_ups(
-    starts: FloatArray, speeds: FloatArray, slants: FloatArray, turns: Turns, mouth: Mouth, rates: Rates,
+    starts: FloatArray, speeds: FloatArray, slants: FloatArray, turns: HeldTurns, mouth: Mouth, rates: Rates,
     result: FloatArray,
 ) -> None:  # fmt: skip
     """Write the time in s until the ball is in the goal, infinite where no run-up leads there; NaN for NaN.
@@ -109,7 +109,7 @@ def _least_time(start: tuple[float, float, float, float], mouth: Mouth, rates: R
 
 @compiled
 def _fastest_turn(
-    start: tuple[float, float, float, float], most: float, slants: FloatArray, turns: Turns, mouth: Mouth,
+    start: tuple[float, float, float, float], most: float, slants: FloatArray, turns: HeldTurns, mouth: Mouth,
     rates: Rates,
 ) -> float:  # fmt: skip
     """Return the time in s of the fastest turn and shot from a start, infinite unless it is below `most`."""

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.domains.soccer.ball import BALL
-from ator_ros.domains.soccer.compiled_run_ups import ANGLES, LARGEST, Mouth, Turns, fastest_run_ups
+from ator_ros.domains.soccer.compiled_run_ups import ANGLES, LARGEST, HeldTurns, Mouth, fastest_run_ups
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.holding import MOST_GAINED, RUN_UP_RATES, held_limits, keeps_ball
 from ator_ros.domains.soccer.planned.planned_action import planned_limits
@@ -47,7 +47,7 @@ def run_up_times(robot: Robot, starts: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=8)
-def _tables(robot: Robot) -> tuple[Limits, Turns, Mouth]:
+def _tables(robot: Robot) -> tuple[Limits, HeldTurns, Mouth]:
     """Return what plans may use of the limits with the ball, the turns that they allow, and the goal."""
     limits = planned_limits(robot, held_limits(robot, "a shot"))
     gain = min(robot.holder_for("a shot").limits.a, robot.limits.a)
@@ -61,7 +61,7 @@ def _tables(robot: Robot) -> tuple[Limits, Turns, Mouth]:
         for change, rate in zip(gains, row, strict=True)
     ]
     table = displacement_table(angles, ways, limits).reshape(_SPEEDS, len(gains), 2, ANGLES)
-    turns = Turns(np.ascontiguousarray(table.transpose(0, 3, 1, 2)), rates, gains, float(speeds[1]))
+    turns = HeldTurns(np.ascontiguousarray(table.transpose(0, 3, 1, 2)), rates, gains, float(speeds[1]))
     field, ball = field_of(robot), robot.scene.objects[BALL]
     mouth = Mouth(
         robot.hold, robot.reach, ball.radius, ball.rolling_deceleration, robot.limits.brake,
