@@ -82,8 +82,8 @@ def free_port(host: str, port: int) -> int:
             family, _, _, _, place = socket.getaddrinfo(host, number, type=socket.SOCK_STREAM)[0]
             with socket.create_server(place, family=family):
                 return number
-        except OSError as error:
-            if error.errno != errno.EADDRINUSE:
+        except (OSError, ValueError) as error:  # no name at all is a ValueError
+            if not isinstance(error, OSError) or error.errno != errno.EADDRINUSE:
                 raise OSError(f"expected an address of this machine, got {host!r}: {error}") from error
     raise OSError(f"expected a free port from {port} on at {host}, got none")
 
