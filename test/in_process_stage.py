@@ -17,6 +17,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice, advice_of
 from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.guest import Guest
 from ator_ros.viewing.history import History
 from ator_ros.viewing.runs import Run
 from ator_ros.viewing.stage import StageError
@@ -36,6 +37,7 @@ class InProcessStage:
         self.calls: list[str] = []
         self.history, self.learned, self.silence, self.refused = History(), "", 0.0, ""
         self.executed: list[TopChain] = []
+        self.guest: Guest | None = None
 
     def way(self) -> FloatArray | None:
         return None
@@ -43,14 +45,14 @@ class InProcessStage:
     def world(self) -> World | None:
         return self.state
 
-    def refine(self, draft: Draft) -> Advice:
+    def refine(self, draft: Draft, *, as_given: bool = False) -> Advice:
         self.asked.append(draft)
         violations = draft.chain.violations(draft.world, self.robot)
         if violations:
             raise StageError(violations[0])
         try:
             chains, objective = (draft.chain, *draft.alternatives), draft.objective
-            choice = choosing(self.refiner, draft.world, chains, objective, placeholders=True)
+            choice = choosing(self.refiner, draft.world, chains, objective, placeholders=not as_given)
             selection = completed(choice)
             return advice_of(selection.refinement, selection if draft.alternatives else None)
         except RefinementError as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.tools import collect
+from ator_ros.tools import collect, view
 from ator_ros.tools.option_types import whole
 
 NUMBERS = {
@@ -50,6 +50,39 @@ def test_no_jobs_are_refused(command: str, text: str, capsys: pytest.CaptureFixt
     told = capsys.readouterr().err.splitlines()[-1]
     expected = f"expected a whole number from 1, got {text!r}; or -1, one per core"
     assert told == f"{command}: error: argument --jobs: {expected}"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        *(
+            (["--robots", name], "expected a namespace of at most 100 letters")
+            for name in (
+                "a b",
+                "../x",
+                "//ann",
+                "/",
+                "",
+                "ann/",
+                "ann//x",
+                "1abc",
+                "é",
+                "a" * 101,
+                "__ns",
+                "a\nb",
+            )
+        ),
+        (["--robots", "ann", "/ann"], "--robots: expected different names, got ann ann"),
+        *((["--frame", name], "expected the name of a frame") for name in ("a b", "/odom", "é", "x" * 101)),
+    ],
+)
+def test_a_view_of_names_that_are_none_is_refused(
+    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        view.main(["--attach", *words])
+    assert ended.value.code == 2
+    assert told in capsys.readouterr().err.splitlines()[-1]
 
 
 DESTINATIONS = {

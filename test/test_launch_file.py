@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import subprocess
@@ -99,6 +100,24 @@ def test_robot_state_publisher_gets_the_description_of_the_robot_that_is_named()
     words = command_of(value, robot=CONFIG / "pioneer.yaml")
     printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     assert printed.strip() == robot_urdf(load_robot(CONFIG / "pioneer.yaml")).strip()
+
+
+@pytest.mark.parametrize(("there", "told"), [(True, "true"), (False, "false")])
+def test_robot_state_publisher_starts_where_it_is_installed(tmp_path: Path, there: bool, told: str) -> None:
+    (publisher,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"]
+    assert publisher.get("if") == "$(var robot_state_publisher)"  # whatever rviz is
+    (group,) = LAUNCH.findall("group")
+    assert publisher in list(group)  # in each namespace
+    marker = tmp_path / "share" / "ament_index" / "resource_index" / "packages" / "robot_state_publisher"
+    marker.parent.mkdir(parents=True)
+    if there:
+        marker.touch()
+    prefixes = {"AMENT_PREFIX_PATH": f"{tmp_path}:{share_folder().parents[1]}"}
+    words = command_of(default_of("robot_state_publisher"))
+    done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, **prefixes})
+    assert (done.returncode, done.stdout, done.stderr) == (0, told, "")
+    empty = {**os.environ, "AMENT_PREFIX_PATH": ""}
+    assert subprocess.run(words, capture_output=True, text=True, env=empty).stdout == "false"
 
 
 def test_what_it_names_is_declared() -> None:

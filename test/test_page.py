@@ -6,7 +6,7 @@ import gc
 import socket
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from free_port import free_port
@@ -22,6 +22,9 @@ from ator_ros.page.page import Page
 from ator_ros.page.serving import LOOPBACK, served
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.viewing.desk import Desk
+from ator_ros.viewing.guest import OTHERS, Guest
+from ator_ros.viewing.runs import Run
+from ator_ros.viewing.situations import drawn
 
 ROBOT = SOCCER.robot()
 
@@ -115,6 +118,26 @@ def test_a_drag_to_what_is_no_place_moves_nothing(
     client.close()
 
 
+def test_two_clients_that_drag_the_same_thing_pull_where_each_took_hold(shown: Shown) -> None:
+    first, second = shown.join(), shown.join()
+    ball = shown.stage.state.objects["ball"]
+    for client, off in ((first, 0.05), (second, -0.05)):
+        client.look()
+        client.until(lambda client=client: "/objects/ball" in client.scene, "the ball")
+        client.drag("/objects/ball/body", ball.x + off, ball.y, "start")
+        client.until(lambda: shown.page.inbox.take() != [], "the hold")
+    for client, off in ((first, 0.05), (second, -0.05)):
+        client.drag("/objects/ball/body", ball.x + 1.0 + off, ball.y)
+        wishes: list[Callable[[], None]] = []
+        client.until(lambda wishes=wishes: wishes.extend(shown.page.inbox.take()) or wishes, "the drag")
+        shown.desk.step(wishes)
+        assert shown.stage.state.objects["ball"].x == pytest.approx(ball.x + 1.0, abs=0.01)
+        shown.desk.step([lambda: shown.desk.move_object("ball", ball.x, ball.y)])
+        shown.go_on()
+    first.close()
+    second.close()
+
+
 class Contested(deque[object]):
     """Waiting clients, of which one comes or goes whenever another thread looks at them."""
 
@@ -155,6 +178,24 @@ def test_of_several_robots_all_are_shown_and_one_is_chosen(shown: Shown) -> None
     client.close()
 
 
+def test_a_chain_of_others_is_drawn_and_told(shown: Shown) -> None:
+    client = shown.join()
+    draft = drawn(SOCCER, shown.stage.libraries, "dribble", seed=3, index=1)
+    guest = Guest("a" * 32, draft, Run(OTHERS), begun=True, refined=True, reason="gain of 1.2 s")
+    guest.run.actual.append(2.5)
+    guest.run.status = "of others: executing"
+    shown.stage.guest = guest
+    before = client.drawn["/chain/ring0"]
+    shown.go_on()
+    for words in ("of others: executing", "**refined:** gain of 1.2 s", "| others, driven | 2.50 |"):
+        client.until(lambda words=words: words in client.text(), words)
+    client.until(lambda: client.drawn["/chain/ring0"] > before, "the ring of another situation")
+    assert {"/chain/naive/legs", "/chain/chain/legs", "/chain/ring0", "/chain/chosen0"} <= set(client.scene)
+    shown.go_on()
+    client.until(lambda: "/trails/others" in client.scene, "the trail")
+    client.close()
+
+
 def test_a_port_that_is_taken_is_passed_over() -> None:
     with socket.create_server((LOOPBACK, 0)) as taken:
         port = taken.getsockname()[1]
@@ -166,5 +207,8 @@ def test_a_port_that_is_taken_is_passed_over() -> None:
 def test_where_no_page_can_be_served_is_told() -> None:
     with pytest.raises(OSError, match=r"expected an address of this machine, got '203\.0\.113\.7': "):
         served(SOCCER, ROBOT, host="203.0.113.7")
+    for nothing in ("x" * 70, "\x00"):
+        with pytest.raises(OSError, match="expected an address of this machine"):
+            served(SOCCER, ROBOT, host=nothing)
     with socket.create_server((LOOPBACK, 65535)), pytest.raises(OSError, match="a free port from 65535 on"):
         served(SOCCER, ROBOT, port=65535)

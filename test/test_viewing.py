@@ -12,6 +12,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.refinement.answer import SubgoalCurve
 from ator_ros.robot.wheels import Wheels
+from ator_ros.tools.work import view
 from ator_ros.viewing import panel
 from ator_ros.viewing.chain_picture import picture_of
 from ator_ros.viewing.desk import NAIVE, REFINED, Desk
@@ -251,3 +252,34 @@ def test_wheels_roll_with_the_base() -> None:
     before = list(wheels.angles)
     wheels.roll(0.1, 1.0, 0.0)  # a clock that goes back
     assert wheels.angles == before
+
+
+class Enough(Exception):  # noqa: N818 (no error)
+    """The loop has run long enough."""
+
+
+def test_a_drag_is_refined_at_half_the_rate_at_which_it_is_shown_and_to_its_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("viser", reason="needs viser: docs/install.md")
+    desk, stage = desk_and_stage()
+    asked, rounds = len(stage.asked), iter(range(31))
+
+    class Shown:
+        inbox = Inbox()
+
+        def update(self, *_: object) -> None:
+            pass
+
+    def drag() -> None:
+        number = next(rounds, None)
+        if number is None:
+            raise Enough
+        if number < 25:  # a second
+            Shown.inbox.put("ball", lambda: desk.move_object("ball", 0.01 * number, 0.5))
+
+    monkeypatch.setattr("ator_ros.page.page.Page", Shown)
+    with pytest.raises(Enough):
+        view._loop(desk, Shown(), Wheels(ROBOT), drag)
+    assert len(stage.asked) - asked == 13
+    assert stage.asked[-1].world.objects["ball"].x == pytest.approx(0.24)

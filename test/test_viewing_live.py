@@ -35,10 +35,10 @@ class RunningStage(InProcessStage):
     def see(self, time: float, pose: Pose, ball: tuple[float, float]) -> None:
         self.state = World(time, RobotState(pose), {"ball": ObjectState(*ball)})
 
-    def refine(self, draft: Draft) -> Advice:
+    def refine(self, draft: Draft, *, as_given: bool = False) -> Advice:
         if self.absent:
             raise AbsentError("expected the service refine_subgoal, it is not there")
-        return super().refine(draft)
+        return super().refine(draft, as_given=as_given)
 
 
 @pytest.fixture

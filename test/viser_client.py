@@ -30,7 +30,7 @@ class ViserClient:
     scene : dict
         Position of each node that is there, by name; None until one is sent.
     drawn : Counter
-        How often each node was sent.
+        How often each node was sent, or its lines were.
     fields : dict of str to str
         Identifiers of the panel's fields, by label.
     patience : float
@@ -64,6 +64,8 @@ class ViserClient:
                 del self.scene[node]
         elif kind == "SetPositionMessage":
             self.scene[str(name)] = tuple(message["position"])
+        elif kind == "SceneNodeUpdateMessage" and "points" in message["updates"]:
+            self.drawn[str(name)] += 1
         elif kind == "GuiUpdateMessage":
             self._write(message["uuid"], message["updates"])
         elif "container_uuid" in message and "props" in message:

@@ -17,8 +17,8 @@ from ator_ros.viewing.advice import Advice, Candidate
 from ator_ros.viewing.draft import Draft
 
 
-def request_of(draft: Draft, *, frame: str) -> RefineSubgoal.Request:
-    """Write what refine_subgoal is asked about a draft."""
+def request_of(draft: Draft, *, frame: str, as_given: bool = False) -> RefineSubgoal.Request:
+    """Write what refine_subgoal is asked about a draft; `as_given`: its open values are no placeholders."""
     chain, *others = chains_of(draft, frame=frame)
     return RefineSubgoal.Request(
         situation=situation_of(draft.world, frame=frame),
@@ -26,6 +26,7 @@ def request_of(draft: Draft, *, frame: str) -> RefineSubgoal.Request:
         objective=objective_of(draft.objective),
         alternatives=others,
         want_curve=True,
+        as_given=as_given,
     )
 
 

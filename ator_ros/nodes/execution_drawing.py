@@ -11,12 +11,14 @@ from nav_msgs.msg import Path
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
+from ator_interfaces.msg import ChainPerformance
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.phases import Phase
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.conversions import pose_of, stamp_of
 from ator_ros.nodes.drawn import Drawn
+from ator_ros.nodes.goal_run import GoalRun
 from ator_ros.nodes.markers import marker_array, object_array
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.robot.description import Robot
@@ -28,6 +30,7 @@ from ator_ros.world.state import World
 _PERIOD = 0.2
 """Time in s, on odometry's clock, between two updates of the way, which an action may replan in each tick."""
 _OBJECTS_PERIOD = 0.1
+_TELL_PERIOD = 0.5
 _MOST_POSES = 60
 NO_WAY = np.zeros((0, 3))
 
@@ -39,6 +42,8 @@ class ExecutionDrawing:
         planned_path (nav_msgs/Path): the way that the action under way has planned; empty where it has none.
         chain_markers (visualization_msgs/MarkerArray): the chain under way; its present subgoal in orange.
         object_markers (visualization_msgs/MarkerArray): the objects, ten times a second to who listens.
+        chain_under_way (ator_interfaces/ChainPerformance): the chain under way, at each change and twice a
+            second, as far as it is known; predictions are not, and its outcome has code 0 until it ends.
         scene_markers (visualization_msgs/MarkerArray): area, bays, and the domain's lines.
 
     Parameters
@@ -58,11 +63,24 @@ class ExecutionDrawing:
         self._objects = node.create_publisher(MarkerArray, "object_markers", LATCHED)
         self._surroundings = Drawn(node, MarkerArray, "scene_markers")
         self._surroundings.offer(lambda: marker_array(surroundings(domain, robot), "scene", frame))
+        self._under_way = Drawn(node, ChainPerformance, "chain_under_way")
+        self._told: tuple[tuple[object, ...], float] = ((), -math.inf)
         self._drawn: tuple[TopChain | None, int] = (None, 0)
         self._way, self._looked, self._shown = NO_WAY, -math.inf, -math.inf
 
-    def follow(self, execution: Execution, world: World | None) -> None:
-        """Draw the chain under way, and nothing once it has ended; `world` is the newest state."""
+    def follow(self, run: GoalRun, world: World | None) -> None:
+        """Tell of the goal under way, and draw its chain until it ends; `world` is the newest state."""
+        if world is not None:
+            self._tell(run, world)
+        self._draw(run.execution, world)
+
+    def _tell(self, run: GoalRun, world: World) -> None:
+        told, when = self._told
+        if run.stage != told or abs(world.time - when) >= _TELL_PERIOD:
+            self._told = run.stage, world.time
+            self._under_way.offer(partial(run.so_far, world))
+
+    def _draw(self, execution: Execution, world: World | None) -> None:
         under_way = execution.phase is Phase.EXECUTING and world is not None
         drawn = (execution.chain if under_way else None, execution.step)
         now = 0.0 if world is None else world.time

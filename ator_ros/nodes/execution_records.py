@@ -7,7 +7,7 @@ import math
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
 from ator_ros.execution.execution import Execution
-from ator_ros.execution.phases import Ending
+from ator_ros.execution.phases import Ending, Phase
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.nodes.conversions import call_of, chain_of, performance_of, situation_of
 from ator_ros.nodes.refinement_answers import chain_performance_of
@@ -74,6 +74,35 @@ def chain_record_of(
         outcome=outcome_of(ending, execution.reason),
     )
     message.header = situation_of(end, frame=frame).header
+    return message
+
+
+def chain_so_far_of(
+    execution: Execution,
+    actions: list[ActionPerformance],
+    *,
+    world: World,
+    chain_id: str,
+    action_set: str,
+    frame: str,
+) -> ChainPerformance:
+    """Write how the execution of a chain goes, cheaply; `world` is the last state known."""
+    waits = execution.phase in (Phase.WAITING, Phase.REFINING)
+    ending = execution.ending
+    message = ChainPerformance(
+        chain_id=chain_id,
+        chain=chain_of(execution.chain, action_set=action_set, frame=frame),
+        start=situation_of(execution.start or world, frame=frame),
+        refined=execution.refined,
+        refinement=execution.refinement,
+        fetched=execution.fetched,
+        refined_again=execution.refined_again,
+        predicted=performance_of(),
+        actual=performance_of({} if waits else {"duration": execution.elapsed}),
+        actions=actions,
+        outcome=Outcome(reason=execution.reason) if ending is None else outcome_of(ending, execution.reason),
+    )
+    message.header = situation_of(world, frame=frame).header
     return message
 
 

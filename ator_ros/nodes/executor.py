@@ -65,7 +65,7 @@ class ExecutorNode(Node):
         cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active, unless a server executes it.
         performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
-        planned_path and markers (see `ExecutionDrawing`); /diagnostics, once a second.
+        chain_under_way, planned_path and markers (see `ExecutionDrawing`); /diagnostics, once a second.
     Calls
         refine_subgoal and plan_chains, when a goal asks for them; the domain's action servers.
     """
@@ -243,7 +243,7 @@ class ExecutorNode(Node):
             self._actions.publish(record)
         run.request_refinement()
         run.publish_feedback()
-        self._drawing.follow(run.execution, self._world)
+        self._drawing.follow(run, self._world)
         if not run.ended:
             return
         self._run = None

@@ -21,7 +21,13 @@ from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, Refining
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
-from ator_ros.nodes.execution_records import action_record_of, actual, chain_record_of, outcome_of
+from ator_ros.nodes.execution_records import (
+    action_record_of,
+    actual,
+    chain_record_of,
+    chain_so_far_of,
+    outcome_of,
+)
 from ator_ros.nodes.executor_settings import deadlines_of
 from ator_ros.printable import printable
 from ator_ros.tops.chain import TopChain
@@ -91,7 +97,7 @@ class GoalRun:
             alternatives=others,
         )
         self._library, self._refinement, self._frame, self._fence = library, refinement, frame, fence
-        self._chain_id = id_of(handle)
+        self._named = {"chain_id": id_of(handle), "action_set": library.action_set, "frame": frame}
         self._records: list[ActionPerformance] = []
         self._request: Future | None = None
         self._asked: Question | None = None
@@ -113,17 +119,21 @@ class GoalRun:
     def new_records(self) -> list[ActionPerformance]:
         """Return the records of the actions that have ended since the last call."""
         new = [
-            action_record_of(
-                record,
-                self.execution,
-                chain_id=self._chain_id,
-                action_set=self._library.action_set,
-                frame=self._frame,
-            )
+            action_record_of(record, self.execution, **self._named)
             for record in self.execution.records[len(self._records) :]
         ]
         self._records += new
         return new
+
+    @property
+    def stage(self) -> tuple[object, ...]:
+        """What others should learn of at once when it changes."""
+        run, records = self.execution, len(self._records)
+        return self._named["chain_id"], run.phase, run.step, records, run.refined, run.refined_again
+
+    def so_far(self, world: World) -> ChainPerformance:
+        """Return how it goes; `world` is the last state known."""
+        return chain_so_far_of(self.execution, self._records, world=world, **self._named)
 
     def publish_feedback(self) -> None:
         """Publish feedback when the status changes, otherwise every 0.1 s."""
@@ -137,7 +147,7 @@ class GoalRun:
         phase, reason = execution.phase.value, execution.reason
         doing = phase if reason == phase else f"{phase}: {reason}"
         feedback = ExecuteChain.Feedback(
-            chain_id=self._chain_id,
+            chain_id=self._named["chain_id"],
             step=execution.step,
             steps=len(execution.chain),
             top=execution.top.name,
@@ -199,14 +209,7 @@ class GoalRun:
         if world is None:
             return unstarted(self.handle, ending, self.execution.reason, frame=self._frame)
         conclude(self.handle, ending)
-        record = chain_record_of(
-            self.execution,
-            self._records,
-            end=world,
-            chain_id=self._chain_id,
-            action_set=self._library.action_set,
-            frame=self._frame,
-        )
+        record = chain_record_of(self.execution, self._records, end=world, **self._named)
         return ExecuteChain.Result(outcome=record.outcome, record=record)
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 import threading
 import time
+import uuid
+from collections import deque
 from functools import partial
 from typing import Any
 
+from action_msgs.msg import GoalInfo
 from rclpy.action import ActionClient
 from rclpy.task import Future
 
@@ -24,6 +27,7 @@ _SILENT = 5.0
 
 Real ones, and by the stamps, too, as long as there is an executor.
 """
+_MOST_SENT = 100
 _LOST = "lost: the executor does not answer"
 
 
@@ -42,6 +46,7 @@ class LiveChain:
         self._goal: Any = None
         self._steered = self._news = False
         self._alive = (0.0, 0.0)
+        self._sent = deque[str](maxlen=_MOST_SENT)
         self._server = ActionClient(own.node, ExecuteChain, "execute_chain")
         own.node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
 
@@ -49,6 +54,10 @@ class LiveChain:
         """Wait until the executor answers; raises StageError if it does not in time."""
         self._own.until(self._server.server_is_ready, "the action execute_chain")
         self._own.meet("execute_chain")
+
+    def is_ours(self, chain_id: str) -> bool:
+        """Return whether a chain of this identifier was sent from here."""
+        return chain_id in tuple(self._sent)
 
     def _take_action(self, message: ActionPerformance) -> None:
         run = self._run
@@ -68,7 +77,13 @@ class LiveChain:
             self._news = True
             told.set()
 
-        future = self._own.within(lambda: self._server.send_goal_async(goal, feedback_callback=hear))
+        name = uuid.uuid4()
+        self._sent.append(name.hex)  # before anything is told of it
+        own = GoalInfo().goal_id
+        own.uuid = list(name.bytes)
+        future = self._own.within(
+            lambda: self._server.send_goal_async(goal, feedback_callback=hear, goal_uuid=own)
+        )
         self._goal = handle = self._own.answer(future, "execute_chain")
         if not handle.accepted:
             raise StageError("the executor accepts no goal")

@@ -16,6 +16,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.advice import advice_from, goal_of, request_of
 from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes.guests import Guests
 from ator_ros.nodes.heard import Heard
 from ator_ros.nodes.live_chain import LiveChain
 from ator_ros.nodes.placing import Placing
@@ -26,6 +27,7 @@ from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.robot.description import Robot
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.guest import Guest
 from ator_ros.viewing.runs import Run
 from ator_ros.viewing.stage import AbsentError, StageError
 from ator_ros.world.state import World
@@ -71,6 +73,7 @@ class LiveStage:
         ]
         self._settings = node.create_client(GetParameters, "executor/get_parameters")
         self._chain = LiveChain(own)
+        self._guests = Guests(own, self._libraries, frame=frame, is_ours=self._chain.is_ours)
 
     def ready(self, *, simulated: bool) -> None:
         """Wait until refinement and executor answer, and where it is `simulated` the simulation, too.
@@ -130,14 +133,19 @@ class LiveStage:
         """Return the latest state without lost objects."""
         return self._seen.world()
 
+    @property
+    def guest(self) -> Guest | None:
+        """The chain that somebody else sent last."""
+        return self._guests.present
+
     # Refinement
 
-    def refine(self, draft: Draft) -> Advice:
+    def refine(self, draft: Draft, *, as_given: bool = False) -> Advice:
         """Ask the node `refinement`."""
         library = self._libraries[draft.action_set]
         if not self._refine.service_is_ready():
             raise AbsentError(f"expected the service {self._refine.srv_name}, it is not there")
-        request = request_of(draft, frame=self._frame)
+        request = request_of(draft, frame=self._frame, as_given=as_given)
         answer = self._own.call(self._refine, request)
         if not answer.accepted:
             raise StageError(answer.reason)
@@ -224,14 +232,19 @@ class LiveStage:
     def watch(self) -> None:
         """End the run under way as lost where its executor is gone, or silent."""
         world = self._seen.world()
-        self._chain.watch(0.0 if world is None else world.time)
+        stamp = 0.0 if world is None else world.time
+        self._chain.watch(stamp)
+        self._guests.watch(stamp)
 
     def stop(self) -> None:
-        """Cancel what is executed; wait until it has ended."""
-        if not self._chain.under_way:
+        """Cancel what is executed, whoever sent it; wait until it has ended."""
+        guest = self.guest
+        if not self._chain.under_way and (guest is None or guest.run.ended):
             return
         try:
             if self.can_place:
                 self.pause(paused=False)  # the robot can stand only in time
         finally:
-            self._chain.cancel()
+            if self._chain.under_way:
+                self._chain.cancel()
+            self._guests.cancel()

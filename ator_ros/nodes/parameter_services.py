@@ -1,4 +1,7 @@
-"""Requests to change parameters that rclpy cannot read: it raises for them, which would end the node."""
+"""Requests to change parameters that rclpy takes wrong.
+
+It raises for types that it does not know, which would end the node, and takes one without a name as declared.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ Callback = Callable[[Any, Any], Any]
 
 
 def refuse_unknown_types(node: Node) -> None:
-    """Have a node refuse parameters whose type ROS does not know, instead of ending.
+    """Have a node refuse parameters without a name, or of a type that ROS does not know.
 
     Parameters
     ----------
@@ -56,6 +59,8 @@ def _all_or_none(callback: Callback, request: Any, response: Any) -> Any:
 
 def _refusal(item: Any) -> SetParametersResult | None:
     """Return why a parameter of a request cannot be read; None if it can."""
+    if not item.name:
+        return SetParametersResult(successful=False, reason="expected the name of a parameter, got none")
     kind = item.value.type
     if kind in _TYPES:
         return None

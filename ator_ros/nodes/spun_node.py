@@ -38,6 +38,11 @@ class SpunNode:
         Real time in s that each thing may take.
     fails : type
         Of the error that is raised when something does not come in time, or a service says that it failed.
+
+    Raises
+    ------
+    fails
+        The ROS arguments are none.
     """
 
     def __init__(
@@ -52,8 +57,13 @@ class SpunNode:
     ) -> None:
         self._check, self.patience, self._fails = check, patience, fails
         self._context = rclpy.Context()
-        self._context.init(args=list(words), domain_id=domain)
-        self.node = Node(name, context=self._context)
+        try:
+            self._context.init(args=list(words), domain_id=domain)
+            self.node = Node(name, context=self._context)
+        except RuntimeError as error:  # of rcl, in several lines
+            raise fails(
+                f"expected arguments of ROS, got {list(words)}: {' '.join(str(error).split())}"
+            ) from error
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, daemon=True)

@@ -45,7 +45,7 @@ class Canvas:
 
     def __init__(self, server: viser.ViserServer, group: str, height: float = _ABOVE_FLOOR) -> None:
         self._scene, self._group, self._height = server.scene, group, height
-        self._shown: dict[str, tuple[bytes, viser.SceneNodeHandle]] = {}
+        self._shown: dict[str, tuple[bytes, viser.LineSegmentsHandle]] = {}
 
     def draw(self, shapes: Iterable[Shape]) -> None:
         """Show these shapes, and no others of this group."""
@@ -61,15 +61,20 @@ class Canvas:
                 if name in self._shown:
                     self._shown.pop(name)[1].remove()
                 continue
-            heights = np.full((*points.shape[:2], 1), self._height)
-            # A node of the same name takes the place of the old one.
-            handle = self._scene.add_line_segments(
-                f"{self._group}/{name}",
-                np.concatenate([points, heights], axis=2).astype(np.float32),
-                np.repeat((255 * colours).astype(np.uint8)[:, None, :], 2, axis=1),
-                thickness=width,
-            )
-            self._shown[name] = digest, handle
+            self._shown[name] = digest, self._drawn(name, points, colours, width)
+
+    def _drawn(
+        self, name: str, points: np.ndarray, colours: np.ndarray, width: float
+    ) -> viser.LineSegmentsHandle:
+        """Draw a shape; one that is there is changed, which costs a fraction of a new one."""
+        heights = np.full((*points.shape[:2], 1), self._height)
+        places = np.concatenate([points, heights], axis=2).astype(np.float32)
+        paint = np.repeat((255 * colours).astype(np.uint8)[:, None, :], 2, axis=1)
+        if name not in self._shown:
+            return self._scene.add_line_segments(f"{self._group}/{name}", places, paint, thickness=width)
+        handle = self._shown[name][1]
+        handle.points, handle.colors, handle.thickness = places, paint, width
+        return handle
 
 
 def _lines(shape: Shape) -> tuple[np.ndarray, np.ndarray, float]:

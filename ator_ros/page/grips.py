@@ -82,7 +82,7 @@ class Grip:
             )
             knob.on_drag("left")(self._turn)
         self._reach = radius + _TURNING
-        self._offset = (0.0, 0.0)
+        self._offsets: dict[int, tuple[float, float]] = {}
 
     def show(self, pose: Pose | None) -> None:
         """Show it at a pose; None hides it."""
@@ -101,9 +101,13 @@ class Grip:
         place = self._pointed(event, self._height)
         if place is None:
             return
+        client = event.client.client_id  # each pulls where it has taken hold
         if event.phase == "start":
-            self._offset = (self._pose.x - place[0], self._pose.y - place[1])
-        self._moved(self._pose._replace(x=place[0] + self._offset[0], y=place[1] + self._offset[1]))
+            self._offsets[client] = (self._pose.x - place[0], self._pose.y - place[1])
+        x, y = self._offsets.get(client, (0.0, 0.0))
+        if event.phase == "end":
+            self._offsets.pop(client, None)
+        self._moved(self._pose._replace(x=place[0] + x, y=place[1] + y))
 
     async def _turn(self, event: Any) -> None:
         place = self._pointed(event, _KNOB)

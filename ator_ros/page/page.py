@@ -17,12 +17,13 @@ from ator_ros.robot.description import Robot
 from ator_ros.viewing import panel
 from ator_ros.viewing.chain_picture import alternatives, picture_of
 from ator_ros.viewing.desk import NAIVE, REFINED, Desk
+from ator_ros.viewing.guest import OTHERS
 from ator_ros.viewing.inbox import Inbox
 from ator_ros.viewing.shapes import BLUE, ORANGE, YELLOW, polyline
 from ator_ros.viewing.stage import NO_STAGES, ViewStage
 from ator_ros.world.state import World
 
-_TRAILS = {NAIVE: ORANGE, REFINED: BLUE}
+_TRAILS = {NAIVE: ORANGE, REFINED: BLUE, OTHERS: BLUE}
 _WRITE_PERIOD = 0.2
 _TRAIL_WIDTH = 0.025
 _GOAL_RADIUS = 0.16
@@ -146,10 +147,10 @@ class Page:
             grip.show(None if there is None else Pose(there.x, there.y, 0.0))
 
     def _show_chain(self) -> None:
-        desk = self._desk
-        start = desk.draft.world.robot.pose
-        others = alternatives(start, desk.draft.alternatives)
-        self._chain.draw(others if desk.advice is None else [*others, *picture_of(start, desk.advice)])
+        draft, advice = self._desk.shown
+        start = draft.world.robot.pose
+        others = alternatives(start, draft.alternatives)
+        self._chain.draw(others if advice is None else [*others, *picture_of(start, advice)])
         self._controls.show_open()
 
     def _show_grips(self) -> None:
@@ -171,8 +172,9 @@ class Page:
             world, paused=desk.paused, status=status, silence=stage.silence, refused=stage.refused
         )
         write(controls.clock, told)
-        write(controls.times, panel.times(desk.advice, desk.runs))
-        write(controls.gate, panel.gate(desk.advice, desk.problem))
+        draft, advice = desk.shown
+        write(controls.times, panel.times(advice, desk.runs))
+        write(controls.gate, panel.gate(advice, desk.problem))
         write(controls.verdict, desk.race.verdict if desk.race else "")
         self._history.show(desk.stage.history, desk.stage.learned)
         way = desk.stage.way()
@@ -182,9 +184,9 @@ class Page:
             for run in desk.runs
         )
         self._trails.draw([planned, *driven])
-        if desk.advice is not None:
-            models = self._models.get(desk.draft.action_set, {})
-            told = panel.rules(desk.draft.world, desk.advice.chain, self._robot, models)
+        if advice is not None:
+            models = self._models.get(draft.action_set, {})
+            told = panel.rules(draft.world, advice.chain, self._robot, models)
             write(controls.rules, told)
 
     def close(self) -> None:

@@ -16,6 +16,7 @@ import viser
 
 from ator_ros.domains.domain import Domain
 from ator_ros.page.drawing import Canvas
+from ator_ros.page.origins import only_own_page
 from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
 from ator_ros.viewing.surroundings import surroundings
@@ -81,8 +82,8 @@ def free_port(host: str, port: int) -> int:
             family, _, _, _, place = socket.getaddrinfo(host, number, type=socket.SOCK_STREAM)[0]
             with socket.create_server(place, family=family):
                 return number
-        except OSError as error:
-            if error.errno != errno.EADDRINUSE:
+        except (OSError, ValueError) as error:  # no name at all is a ValueError
+            if not isinstance(error, OSError) or error.errno != errno.EADDRINUSE:
                 raise OSError(f"expected an address of this machine, got {host!r}: {error}") from error
     raise OSError(f"expected a free port from {port} on at {host}, got none")
 
@@ -98,7 +99,7 @@ def served(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 80
     port = free_port(host, port)
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that goes away is no error
     logging.getLogger("asyncio").addFilter(_ONE_LINE)  # ignored where it is there already
-    with contextlib.redirect_stdout(io.StringIO()):  # viser tells its address in a frame
+    with contextlib.redirect_stdout(io.StringIO()), only_own_page(host):  # viser tells its address in a frame
         server = viser.ViserServer(host=host, port=port, label="ator_ros", verbose=False)
     server._websock_server.get_message_buffer().message_event.__class__ = _LoopsEvent
     area, (position, look_at, fov) = robot.scene.area, camera_over(robot)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 from ator_ros.files import reserved
 
+_NAMESPACE = re.compile(r"(?!__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+_FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
+_LONGEST_NAME = 100
 _ROOM = 100_000  # bytes of a result whose size is not known beforehand
 
 
@@ -69,3 +73,22 @@ def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:
         return number
 
     return read
+
+
+def namespace(text: str) -> str:
+    """Read a ROS namespace, with or without the / before it, which is left out; a type for argparse."""
+    name = text.removeprefix("/")
+    if len(name) > _LONGEST_NAME or not _NAMESPACE.fullmatch(name):
+        raise argparse.ArgumentTypeError(
+            f"expected a namespace of at most {_LONGEST_NAME} letters, digits, _ and /, got {text[:80]!r}"
+        )
+    return name
+
+
+def frame(text: str) -> str:
+    """Read the name of a frame; a type for argparse."""
+    if len(text) > _LONGEST_NAME or not _FRAME.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"expected the name of a frame, without a / before it, got {text[:80]!r}"
+        )
+    return text

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.tools.command_line import add_factor, add_models, add_setting
-from ator_ros.tools.option_types import whole
+from ator_ros.tools.option_types import frame, namespace, whole
 
 _PORTS = (1024, 65535)
 
@@ -39,12 +39,15 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--robots",
         nargs="+",
+        type=namespace,
         default=[],
         metavar="NAMESPACE",
         help="with --attach: robots to show, each with the nodes of its namespace; one is chosen on the page",
     )
     parser.add_argument(
-        "--frame", default="", help="frame of odometry (default: odom; with --robots NAMESPACE/odom)"
+        "--frame",
+        type=frame,
+        help="frame of odometry (default: odom; with --robots NAMESPACE/odom)",
     )
     add_setting(parser, action_set=False)
     add_models(parser)
@@ -60,6 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(own)
     if options.robots and not options.attach:
         parser.error("--robots: expected --attach, too: what it names must run")
+    if len(set(options.robots)) < len(options.robots):
+        parser.error(f"--robots: expected different names, got {' '.join(options.robots)}")
     if options.shown is not None and not _is_evaluation(options.shown):
         if options.attach:
             parser.error(f"--attach: expected the folder of an evaluation beside it, got {options.shown}")

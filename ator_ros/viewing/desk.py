@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
+from ator_ros.evaluation.trials import Trial
 from ator_ros.geometry import Pose
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.objective import expected_time
-from ator_ros.tops.library import LeftOutError, TopLibrary
+from ator_ros.tops.library import TopLibrary
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.guest import OTHERS
+from ator_ros.viewing.onlooker import Onlooker
 from ator_ros.viewing.runs import Race, Run
+from ator_ros.viewing.situations import drawn, first
 from ator_ros.viewing.stage import AbsentError, StageError, ViewStage
 from ator_ros.world.state import World
 
-_MOVED = 0.01
-"""Distance in m, or difference in rad, by which a robot that is followed must have moved to ask again."""
 _PATIENCE = 25
 """Steps after which a refinement that was not there is asked again."""
 _LOOK_AGAIN = 0.2
@@ -70,34 +69,18 @@ class Desk:
         self._stale, self._displaced = True, True
         self._follows, self._looked = False, -math.inf
         self._absent = 0
-        self.chain_name, self.draft = self._first()
+        self._onlooker = Onlooker()
+        self.chain_name, self.draft = first(domain, libraries)
 
     # Situations
 
-    def _first(self) -> tuple[str, Draft]:
-        """Return the first chain for whose steps there are actions, and its first situation."""
-        *others, last = self.domain.chains
-        for name in others:
-            with contextlib.suppress(LeftOutError):
-                return name, self._drawn(name, self.seed, self.index)
-        return last, self._drawn(last, self.seed, self.index)
-
-    def _drawn(self, chain: str, seed: int, index: int) -> Draft:
-        """Return the draft of a situation, with action set and objective as they are."""
-        action_set = self.draft.action_set if hasattr(self, "draft") else next(iter(self.libraries))
-        trial = random_trial(self.domain, chain, self.libraries[action_set], seed=seed, index=index)
-        objective = self.draft.objective if hasattr(self, "draft") else expected_time(self.domain.time_limit)
-        return Draft(trial.world, open_speeds(trial.chain), action_set, objective)
-
     def situation(self, *, chain: str = "", seed: int | None = None, index: int | None = None) -> None:
         """Go to a situation of a chain of the domain; what is not named stays."""
-        wanted = (
-            chain or self.chain_name,
-            self.seed if seed is None else seed,
-            self.index if index is None else index,
-        )
-        draft = self._drawn(*wanted)  # where there is no such situation, nothing is changed
-        self.chain_name, self.seed, self.index = wanted
+        named = chain or self.chain_name
+        number = self.seed if seed is None else seed
+        place = self.index if index is None else index
+        draft = drawn(self.domain, self.libraries, named, seed=number, index=place, like=self.draft)
+        self.chain_name, self.seed, self.index = named, number, place  # where there is one
         self.take(draft)
 
     def show(self, trial: Trial) -> None:
@@ -196,6 +179,13 @@ class Desk:
         self.race = self.advice = None  # both were about another robot
         self._stale, self._follows, self._looked = True, True, -math.inf
         self._displaced, self.paused = False, False
+        self._onlooker.leave()
+
+    def stop(self) -> None:
+        """Cancel what is executed, whoever sent it, and what waits for its turn."""
+        self._waiting.clear()
+        if self._executing:
+            self.stage.stop()
 
     def back(self) -> None:
         """Put everything back to the draft's start."""
@@ -206,11 +196,10 @@ class Desk:
         self.stage.pause(paused=paused)
         self.paused = paused
 
-    def stop(self) -> None:
-        """Cancel what is executed, and what waits for its turn."""
-        self._waiting.clear()
-        if self._executing:
-            self.stage.stop()
+    @property
+    def shown(self) -> tuple[Draft, Advice | None]:
+        """What is drawn: the draft and its advice, or those of a chain of others while it is under way."""
+        return self._onlooker.shown or (self.draft, self.advice)
 
     @property
     def run(self) -> Run | None:
@@ -232,6 +221,7 @@ class Desk:
         world = self.stage.world()
         if world is None:
             return
+        self._look_on()
         if (self._follows and not self._executing) or not (self.playing or self.stage.can_place):
             self._follow(world)
         if self._stale:
@@ -249,16 +239,27 @@ class Desk:
         elif self._displaced and not self.runs and not self._waiting:
             self._tried(self._restored)
 
+    def _look_on(self) -> None:
+        """Show a chain of others that is under way; what is played here goes first."""
+        ours = self._waiting or any(not run.ended and run.label != OTHERS for run in self.runs)
+        looking = self._onlooker
+        if not (looking.leave() if ours else looking.look(self.stage, self.draft.objective)):
+            return
+        self.edition += 1
+        if looking.guest is None:
+            self._stale = True
+        elif self.run is not looking.guest.run:
+            self.runs, self.race = [looking.guest.run], None
+            self._displaced, self._follows, self._looked = False, True, -math.inf
+
     def _tried(self, wish: Callable[[], None]) -> None:
         try:
             wish()
+            return
         except LookupError:
-            self._failed("expected something of the present chain")
+            self.problem = "expected something of the present chain"
         except _MISTAKES as error:
-            self._failed(str(error))
-
-    def _failed(self, problem: str) -> None:
-        self.problem = problem
+            self.problem = str(error)
         self.edition += 1
         self._waiting.clear()
 
@@ -267,10 +268,8 @@ class Desk:
         if abs(world.time - self._looked) < _LOOK_AGAIN:
             return
         self._looked = world.time
-        draft, former = self.draft.at(world), self.draft.world
-        x, y, yaw = former.robot.pose.relative(draft.world.robot.pose)
-        moved = max(math.hypot(x, y), abs(yaw)) > _MOVED or set(draft.world.objects) != set(former.objects)
-        if moved or draft.chain != self.draft.chain:
+        draft = self.draft.at(world)
+        if draft.differs(self.draft):
             self.draft, self._stale = draft, True
 
     def _ask(self) -> None:

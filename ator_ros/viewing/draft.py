@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 
 from ator_ros.geometry import Pose
@@ -13,6 +14,8 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import followed
 from ator_ros.world.state import ObjectState, RobotState, World
 
+_MOVED = 0.01
+"""Distance in m, or difference in rad, by which a robot that is followed must have moved to ask again."""
 _SAME_PLACE = 0.15
 """Distance in m up to which a goal counts as lying at an object that its step follows."""
 
@@ -65,6 +68,12 @@ class Draft:
         for name, there in here.objects.items():
             draft = draft.with_object(name, there.x, there.y)
         return dataclasses.replace(draft, world=here)
+
+    def differs(self, other: Draft) -> bool:
+        """Return whether the robot stands elsewhere, or objects or chain are others, so as to ask again."""
+        x, y, yaw = other.world.robot.pose.relative(self.world.robot.pose)
+        moved = max(math.hypot(x, y), abs(yaw)) > _MOVED
+        return moved or set(self.world.objects) != set(other.world.objects) or self.chain != other.chain
 
     def with_goal(self, step: int, pose: Pose) -> Draft:
         """Return the draft with the goal of a step (from 0) at `pose`."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.refinement.answer import SubgoalCurve
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.shapes import BLUE, Segments
@@ -27,14 +25,12 @@ def times_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
     """
     if _HEADING not in curve.names:
         return np.zeros(0), np.zeros(0)
-    best: dict[float, float] = {}
-    column = curve.names.index(_HEADING)
-    for value, cost in zip(curve.values[:, column].tolist(), curve.totals.tolist(), strict=True):
-        if math.isfinite(cost):
-            heading = round(wrap_angle(value), 6)
-            best[heading] = min(cost, best.get(heading, math.inf))
-    headings = sorted(best)
-    return np.array(headings), np.array([best[heading] for heading in headings])
+    known = np.isfinite(curve.totals)
+    column = curve.values[known, curve.names.index(_HEADING)]
+    headings, number = np.unique(np.round(wrap_angles(column), 6), return_inverse=True)
+    costs = np.full(len(headings), np.inf)
+    np.minimum.at(costs, number, curve.totals[known])
+    return headings, costs
 
 
 def rings_of(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
@@ -49,12 +45,8 @@ def rings_of(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
     pose = chain.calls[curve.subgoal].goal.pose
     least, most = float(costs.min()), float(costs.max())
     shares = (costs - least) / (most - least) if most > least else np.zeros(len(costs))
-    points = np.array(
-        [
-            _behind(pose, heading, share)
-            for heading, share in zip(headings.tolist(), shares.tolist(), strict=True)
-        ]
-    )
+    reach = _INNER + _DEPTH * shares
+    points = np.stack([pose.x - reach * np.cos(headings), pose.y - reach * np.sin(headings)], axis=1)
     colours = np.stack([shares, 0.8 * (1.0 - shares), np.zeros(len(shares))], axis=1)
     ring = Segments(
         f"ring{curve.subgoal}", np.stack([points, np.roll(points, -1, axis=0)], axis=1), colours, _WIDTH

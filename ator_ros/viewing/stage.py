@@ -9,6 +9,7 @@ from typing import Protocol
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft
+from ator_ros.viewing.guest import Guest
 from ator_ros.viewing.history import History
 from ator_ros.viewing.runs import Run
 from ator_ros.world.state import World
@@ -45,14 +46,21 @@ class ViewStage(Protocol):
     def refused(self) -> str:
         """Why robot or objects are not where they were put last; empty where they are."""
 
+    @property
+    def guest(self) -> Guest | None:
+        """The chain that somebody else sent last, under way or over; None where the last one is ours."""
+
     def way(self) -> FloatArray | None:
         """Return the planned way of the action under way, shape (n, 2): x and y in m; None without one."""
 
     def world(self) -> World | None:
         """Return the newest state; None before the first one."""
 
-    def refine(self, draft: Draft) -> Advice:
-        """Return what refinement says of a draft; raises AbsentError where nobody refines at present."""
+    def refine(self, draft: Draft, *, as_given: bool = False) -> Advice:
+        """Return what refinement says of a draft; raises AbsentError where nobody refines at present.
+
+        By default values of open variables are placeholders; `as_given` the chain is compared with them.
+        """
 
     def place_robot(self, pose: Pose) -> None:
         """Put the robot somewhere, at rest; not waited for."""
@@ -73,10 +81,10 @@ class ViewStage(Protocol):
         """
 
     def watch(self) -> None:
-        """End the run under way as lost where nobody executes it any more."""
+        """End the run under way as lost where nobody executes it any more, that of others, too."""
 
     def stop(self) -> None:
-        """Cancel what is executed."""
+        """Cancel what is executed, whoever sent it."""
 
     def pause(self, *, paused: bool) -> None:
         """Pause or resume time."""

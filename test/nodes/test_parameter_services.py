@@ -1,4 +1,4 @@
-"""Parameters of types that ROS does not know, for which rclpy raises."""
+"""Parameters that rclpy takes wrong: of types that ROS does not know, and without a name."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ def test_a_parameter_of_an_unknown_type_is_refused_and_the_node_goes_on(start: S
     client.robot()
     number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=3.0)
     known = Parameter(name="real_time_factor", value=number)
-    wanted = [Parameter(name="seed", value=ParameterValue(type=99)), known]
+    wanted = [Parameter(name="seed", value=ParameterValue(type=99)), Parameter(value=number), known]
     apart = client.call(
         SetParameters, "simulation/set_parameters", SetParameters.Request(parameters=wanted)
     ).results
-    assert [result.successful for result in apart] == [False, True]
+    assert [result.successful for result in apart] == [False, False, True]
     assert apart[0].reason == "parameter 'seed': expected a type from 0 to 9, got 99"
+    assert apart[1].reason == "expected the name of a parameter, got none"
     together = SetParametersAtomically.Request(parameters=wanted)
     name = "simulation/set_parameters_atomically"
     assert not client.call(SetParametersAtomically, name, together).result.successful
