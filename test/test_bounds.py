@@ -25,6 +25,7 @@ CHECKED = (
     "test_model_tree.py",
     "test_performance_model.py",
     "test_refinement_search.py",
+    "test_run_up_times.py",
     "test_shipped_models.py",
     "test_tree_storage.py",
 )

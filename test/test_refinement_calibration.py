@@ -271,5 +271,5 @@ def test_one_action_is_learned_again_and_the_others_keep_what_they_have() -> Non
     kept, learned = Calibration({"drive": here, "push": here}), Calibration({"drive": there, "push": there})
     assert joined(kept, learned, None) == learned
     assert joined(kept, learned, ["push"]) == Calibration({"drive": here, "push": there})
-    with pytest.raises(EvaluationError, match="--actions: expected some of drive, push, got 'kick'"):
+    with pytest.raises(EvaluationError, match="--actions: kick: expected chains of more situations"):
         joined(kept, learned, ["kick"])

@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 from robots import OTHERS, PIONEER
 
+from ator_ros.domains.soccer import run_up_times as run_up_times_module
 from ator_ros.domains.soccer import situations
+from ator_ros.domains.soccer.compiled_run_ups import _shot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.features import shot
 from ator_ros.domains.soccer.planned.holding import run_up_sides
-from ator_ros.domains.soccer.planned.release import scoring_time
+from ator_ros.domains.soccer.planned.release import release, scoring_time
 from ator_ros.domains.soccer.planned.run_up import run_up
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.geometry import FloatArray, Pose
+from ator_ros.motion.durations import rates_of
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import GENERAL
 from ator_ros.robot.description import Robot
@@ -75,6 +78,26 @@ def test_left_and_right_are_alike() -> None:
     starts = columns(drawn(PIONEER, 30))
     mirrored = starts * np.array([1.0, -1.0, -1.0, 1.0])[:, None]
     assert run_up_times(PIONEER, mirrored) == pytest.approx(run_up_times(PIONEER, starts))
+
+
+def test_shots_are_those_of_the_planner() -> None:
+    rng, (limits, _, setting) = np.random.default_rng(6), run_up_times_module._tables(PIONEER)
+    x, y, heading, speed = rng.uniform((-3.0, -2.0, -1.0, 0.0), (0.0, 2.0, 1.0, limits.v), (1000, 4)).T
+    planned_shots = release(PIONEER, x, y, heading, speed, limits)
+    lines = setting.half_width - np.abs(y + PIONEER.hold * np.sin(heading)
+                                        - (x + PIONEER.hold * np.cos(heading)) * np.tan(heading))  # fmt: skip
+    meets = lines * np.cos(heading) - setting.reach >= setting.room
+    rows = zip(x, y, np.cos(heading), np.sin(heading), speed, strict=True)
+    times = np.array([_shot(*row, setting, rates_of(limits)) for row in rows])
+    assert 50 < planned_shots.allowed.sum() < 950
+    assert np.array_equal(meets & np.isfinite(times), planned_shots.allowed)
+    allowed = planned_shots.allowed
+    assert times[allowed] == pytest.approx(planned_shots.time[allowed], abs=1e-9)
+
+
+def test_starts_of_another_shape_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"starts: expected shape \(4, n\), got \(3, 2\)"):
+        run_up_times(PIONEER, np.zeros((3, 2)))
 
 
 def test_both_goals_are_alike() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -134,8 +134,19 @@ def _fit(examples: Sequence[StepExample], model: str) -> Shortfall:
     )
 
 
-def cross_validated(examples: Sequence[StepExample], models: Models) -> dict[str, dict[str, Any]]:
+def cross_validated(
+    examples: Sequence[StepExample],
+    models: Models,
+    finish: Callable[[Calibration], Calibration] = lambda fitted: fitted,
+) -> dict[str, dict[str, Any]]:
     """Return the mean errors of predicted chain durations, cross-validated over situations.
+
+    Parameters
+    ----------
+    examples, models
+        See `fit_calibration`.
+    finish : callable, optional
+        Returns what is used of a fitted calibration.
 
     Returns
     -------
@@ -151,7 +162,7 @@ def cross_validated(examples: Sequence[StepExample], models: Models) -> dict[str
     for fold in range(FOLDS):
         held_out = {situations[number] for number in order[fold::FOLDS]}
         rest = [example for example in examples if example.situation not in held_out]
-        calibration = fit_calibration(rest, models)
+        calibration = finish(fit_calibration(rest, models))
         for example in examples:
             if example.situation in held_out:
                 key = (example.chain, example.policy, example.situation)

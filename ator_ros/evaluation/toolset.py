@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 
 import pandas as pd
@@ -99,12 +100,16 @@ class ToolsetSource:
         return {"robot": robot.digest(), **models}
 
     def stamps(self) -> tuple[tuple[str, int, int], ...]:
-        """Return name, time of change in ns, and size of each existing file that a toolset is made from."""
+        """Return name, time of change in ns, and size of models, gates, experience and a robot's own file."""
         folders = (self.folder(), self.observed_folder())
         files = [file for folder in folders for file in sorted(folder.glob("*.json"))]
-        files += [Path(name) for name in (self.robot, *self.experience) if name and Path(name).exists()]
-        stats = [file.stat() for file in files]
-        return tuple((str(f), stat.st_mtime_ns, stat.st_size) for f, stat in zip(files, stats, strict=True))
+        files += [Path(name) for name in (self.robot, *self.experience) if name]
+        stamps = []
+        for file in files:
+            with suppress(FileNotFoundError):
+                stat = file.stat()
+                stamps.append((str(file), stat.st_mtime_ns, stat.st_size))
+        return tuple(stamps)
 
     def _actions(self, chain: str, robot: Robot) -> list[str]:
         """Return the action of each step of a chain."""
@@ -195,7 +200,7 @@ def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
     return _made(source, source.stamps())
 
 
-@cache
+@lru_cache(maxsize=4)
 def _made(source: ToolsetSource, _stamps: tuple[tuple[str, int, int], ...]) -> tuple[Toolset, TopLibrary]:
     tools = make_toolset(source)
     return tools, make_library(tools.robot, source)

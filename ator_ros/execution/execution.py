@@ -33,8 +33,6 @@ class Execution:
     ----------
     reason : str
         A sentence on what happens now; after the end, on why it ended.
-    start : World or None
-        The state in which the chain started, before that the newest one; None if there was none.
 
     Parameters
     ----------
@@ -69,7 +67,7 @@ class Execution:
         alternatives: Sequence[TopChain] = (),
     ) -> None:
         self.reason = Phase.WAITING.value
-        self.start: World | None = None
+        self._start: World | None = None
         self._robot, self._deadlines, self._refining = library.robot, deadlines, refining
         self._course = GoalCourse()
         self._executor = ChainExecutor(
@@ -104,6 +102,11 @@ class Execution:
     def records(self) -> list[ActionRecord]:
         """The actions that have ended."""
         return self._executor.records
+
+    @property
+    def start(self) -> World | None:
+        """The state in which the chain started, before that the newest one; None if there was none."""
+        return self._start
 
     @property
     def elapsed(self) -> float:
@@ -234,7 +237,7 @@ class Execution:
 
     def _begin(self, world: World, now: float) -> bool:
         """Start once all objects that the chain needs are known; return whether it is executed now."""
-        self.start = world
+        self._start = world
         unknown = missing_in(self.chain.calls, world)
         if unknown is not None:
             self.reason = f"waiting for the {unknown[0]}"
@@ -271,7 +274,7 @@ class Execution:
     def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command | None:
         executor = self._executor
         if not self._forecast.begun:
-            self.start = world  # later than the first state if refinement took time
+            self._start = world  # later than the first state if refinement took time
             self._forecast.begin(world)
         fault = self._guards.check(world, executor.call, overdue)
         if isinstance(fault, Fault):

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import sys
 
-from ator_ros.robot.description import load_robot
+from ator_ros.robot.description import ConfigError, load_robot
 from ator_ros.simulation.urdf import robot_urdf
 
+
+def main() -> None:
+    """Run the command line; end with one line where the file describes no robot."""
+    if len(sys.argv) != 2:
+        sys.exit(f"described: expected the file of a robot, got {sys.argv[1:]}")
+    try:
+        sys.stdout.write(robot_urdf(load_robot(sys.argv[1])))
+    except ConfigError as error:
+        sys.exit(f"described: {error}")
+
+
 if __name__ == "__main__":
-    (path,) = sys.argv[1:]
-    print(robot_urdf(load_robot(path)))
+    main()

@@ -118,16 +118,14 @@ class Geometry:
         return self._angles[2]
 
     @cached_property
-    def _openings(self) -> FloatArray:
-        """What `derive_openings` writes, shape (4, n); until then the speed stays what it is."""
+    def openings(self) -> FloatArray:
+        """States in which the initial rotation has stopped: x, y (m), heading (rad), the time (s); (4, n).
+
+        The speed stays what it is until then.
+        """
         openings = np.empty((4, self._table.shape[1]))
         derive_openings(self._table, self.robot.limits.aw, openings)
         return openings
-
-    @property
-    def opened(self) -> FloatArray:
-        """Where the start's rotation is lost: x, y (m) and heading (rad), and the time in s until then."""
-        return self._openings
 
     def fastest_to(
         self, family: Family, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray
@@ -144,13 +142,13 @@ class Geometry:
         goals = (column.reshape(-1, self._table.shape[1]) for column in (x, y, heading, speed))
         to_x, to_y, headings, arrivals = goals
         ends = np.empty((5, *to_x.shape))
-        see_ends(self._openings, self._table[V], to_x, to_y, headings, arrivals, ends)
-        return fastest_motions(ends, family, hold=self.robot.hold).after(self._openings[3])
+        see_ends(self.openings, self._table[V], to_x, to_y, headings, arrivals, ends)
+        return fastest_motions(ends, family, hold=self.robot.hold).after(self.openings[3])
 
     @cached_property
     def path(self) -> Motions:
         """The fastest turn-straight-turn path at the limits that were observed."""
-        d, (from_x, from_y, yaw, opening) = self.direct, self._openings
+        d, (from_x, from_y, yaw, opening) = self.direct, self.openings
         x, y = self.destination
         dx, dy, cos, sin = x - from_x, y - from_y, np.cos(yaw), np.sin(yaw)
         turn = wrap_angles(d["yawg"] - yaw)

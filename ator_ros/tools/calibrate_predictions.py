@@ -29,7 +29,7 @@ def arguments() -> argparse.ArgumentParser:
         "--actions",
         nargs="+",
         metavar="NAME",
-        help="learn only what predictions of these actions miss; the file keeps the others' (default: all)",
+        help="learn the corrections of these actions only; the file keeps those of the others (default: all)",
     )
     parser.add_argument(
         "--report",

@@ -25,8 +25,8 @@ _DRIBBLING = (
     "dribble_turn",
 )
 _SHOOTING = ("hold_dist", "hold_angle", "run_up_time", "hold_off_axis", "heading_off_axis", "v")
-# The paper's actions end a shot at a place before the line, as the ideal shots do.
-_SHOOTING_ALONG_CURVES = tuple("shot_time" if name == "run_up_time" else name for name in _SHOOTING)
+# `BezierShoot` ends at a fixed place before the line, so its ideal time is `shot_time`.
+_SHOOTING_ALONG_CURVES = ("hold_dist", "hold_angle", "shot_time", "hold_off_axis", "heading_off_axis", "v")
 
 ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
     {

@@ -6,13 +6,12 @@ import math
 from typing import NamedTuple
 
 from ator_ros.compiled import compiled
+from ator_ros.domains.soccer.planned.holding import LARGEST_TURN
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Rates, change_distance, forward_time, turn_time
 
-LARGEST = math.radians(300.0)
-"""Greatest angle in rad of a turn."""
 ANGLES = 151
-"""Entries of a table: turns to the left by 0 to `LARGEST`."""
+"""Entries of a table: turns to the left by 0 to `LARGEST_TURN`."""
 _LEADS = (0.0, 0.4, 1.0)
 """By how much in m the straight before the turn may be longer than its change of speed needs."""
 
@@ -38,7 +37,7 @@ class HeldTurns(NamedTuple):
     step: float
 
 
-class Mouth(NamedTuple):
+class ShotSetting(NamedTuple):
     """What counts of robot, ball and goal for a shot: lengths in m, decelerations in m/s^2.
 
     `roll` is how far the ball is sent before it is let go, in m per (m/s)^2; `room` is kept from posts and
@@ -58,8 +57,8 @@ class Mouth(NamedTuple):
 
 @compiled
 def fastest_run_ups(
-    starts: FloatArray, speeds: FloatArray, slants: FloatArray, turns: HeldTurns, mouth: Mouth, rates: Rates,
-    result: FloatArray,
+    starts: FloatArray, speeds: FloatArray, slants: FloatArray, turns: HeldTurns, setting: ShotSetting,
+    rates: Rates, result: FloatArray,
 ) -> None:  # fmt: skip
     """Write the time in s until the ball is in the goal, infinite where no run-up leads there; NaN for NaN.
 
@@ -71,8 +70,8 @@ def fastest_run_ups(
         At which turns may begin besides the speed of the start, in m/s.
     slants : ndarray, shape (k, 4)
         Headings in rad in which the ball may be sent, their cosine, sine and tangent.
-    turns, mouth, rates
-        How turns are driven, the goal, and the limits with the ball.
+    turns, setting, rates
+        How turns are driven, robot, ball and goal, and the limits with the ball.
     result : ndarray, shape (n,)
         The times.
     """
@@ -82,25 +81,27 @@ def fastest_run_ups(
             result[at] = math.nan
             continue
         v, best = min(max(starts[3, at], 0.0), rates.v), math.inf
-        all_round = _least_time((x, y, yaw, v), mouth, rates) + turn_time(math.pi, rates.w, rates.aw)
+        all_round = _least_time((x, y, yaw, v), setting, rates) + turn_time(math.pi, rates.w, rates.aw)
         for lead in _LEADS:
             if lead > 0.0 and best < all_round:
-                break  # a turn leads there without a detour
-            for number in range(-1, len(speeds)):
-                begin = v if number < 0 else speeds[number]
-                length = abs(change_distance(v, begin, rates)) + lead
+                break  # a longer lead saves at most tenths of a second where no detour is made
+            for entry in range(-1, len(speeds)):
+                begin = v if entry < 0 else speeds[entry]
+                if entry >= 0 and begin == v:
+                    continue
+                length = change_distance(v, begin, rates) + lead
                 straight = forward_time(length, v, begin, rates)
                 start = (x + length * math.cos(yaw), y + length * math.sin(yaw), yaw, begin)
-                if straight + _least_time(start, mouth, rates) < best:
-                    found = _fastest_turn(start, best - straight, slants, turns, mouth, rates)
+                if straight + _least_time(start, setting, rates) < best:
+                    found = _fastest_turn(start, best - straight, slants, turns, setting, rates)
                     best = min(best, straight + found)
         result[at] = best
 
 
 @compiled
-def _least_time(start: tuple[float, float, float, float], mouth: Mouth, rates: Rates) -> float:
-    """Return a time in s in which no robot gets the ball from a start to the line, whatever its heading."""
-    way, speed = max(-mouth.hold - start[0], 0.0), start[3]
+def _least_time(start: tuple[float, float, float, float], setting: ShotSetting, rates: Rates) -> float:
+    """Return a lower bound in s of the time from a start until the ball is at the line."""
+    way, speed = max(-setting.hold - start[0], 0.0), start[3]
     gained = (rates.v * rates.v - speed * speed) / (2.0 * rates.a)
     if way <= gained:
         return (math.sqrt(speed * speed + 2.0 * rates.a * way) - speed) / rates.a
@@ -109,30 +110,30 @@ def _least_time(start: tuple[float, float, float, float], mouth: Mouth, rates: R
 
 @compiled
 def _fastest_turn(
-    start: tuple[float, float, float, float], most: float, slants: FloatArray, turns: HeldTurns, mouth: Mouth,
-    rates: Rates,
+    start: tuple[float, float, float, float], most: float, slants: FloatArray, turns: HeldTurns,
+    setting: ShotSetting, rates: Rates,
 ) -> float:  # fmt: skip
     """Return the time in s of the fastest turn and shot from a start, infinite unless it is below `most`."""
     x, y, yaw, speed = start
     row = min(int(speed * (1.0 / turns.step) + 0.5), len(turns.table) - 1)
     ahead, aside = math.cos(yaw), math.sin(yaw)
     best, result = most, math.inf
-    for way in range(2):
-        if way and turn_time(math.pi, rates.w, rates.aw) >= best:
+    for round_about in range(2):
+        if round_about and turn_time(math.pi, rates.w, rates.aw) >= best:
             break
         for number in range(len(slants)):
             slant, cos, sin, tan = slants[number]
             angle = (slant - yaw + math.pi) % (2.0 * math.pi) - math.pi
-            angle -= way * math.copysign(2.0 * math.pi, angle)  # the other way round
+            angle -= round_about * math.copysign(2.0 * math.pi, angle)  # the other way round
             size, side = abs(angle), math.copysign(1.0, angle)
-            if not size < LARGEST:
+            if not size < LARGEST_TURN:
                 continue
-            widest = mouth.half_width - (mouth.reach + mouth.room) / cos
-            aim = y + mouth.hold * sin - (x + mouth.hold * cos) * tan
+            widest = setting.half_width - (setting.reach + setting.room) / cos
+            aim = y + setting.hold * sin - (x + setting.hold * cos) * tan
             # By how much farther to the left the ball crosses the line for each m of a displacement.
             forward_aim, left_aim = aside - ahead * tan, side * (ahead + aside * tan)
-            place = size * ((ANGLES - 1) / LARGEST)
-            low = int(place)
+            place = size * ((ANGLES - 1) / LARGEST_TURN)
+            low = min(int(place), ANGLES - 2)
             share = place - low
             for gain in range(len(turns.gains)):
                 forward = turns.table[row, low, gain, 0]
@@ -146,28 +147,30 @@ def _fastest_turn(
                     to_x = x + ahead * forward - aside * side * left
                     to_y = y + aside * forward + ahead * side * left
                     after = min(speed + turns.gains[gain] * turning, rates.v)
-                    time = turning + _shot(to_x, to_y, cos, sin, after, mouth, rates)
+                    time = turning + _shot(to_x, to_y, cos, sin, after, setting, rates)
                     if time < best:
                         best, result = time, time
     return result
 
 
 @compiled
-def _shot(x: float, y: float, cos: float, sin: float, speed: float, mouth: Mouth, rates: Rates) -> float:
+def _shot(
+    x: float, y: float, cos: float, sin: float, speed: float, setting: ShotSetting, rates: Rates
+) -> float:
     """Return the time in s from the beginning of the straight until the ball is in the goal.
 
     It is infinite where the robot is too near the line or would touch the goal, as in `release`.
     """
-    way = (mouth.radius - x - mouth.hold * cos) / cos
+    way = (setting.radius - x - setting.hold * cos) / cos
     if way < 0.0:
         return math.inf
-    gaining = (way - mouth.roll * speed * speed) / (1.0 + 2.0 * mouth.roll * rates.a)
-    pushed = max(gaining, way - mouth.roll * rates.v * rates.v, 0.0)
+    gaining = (way - setting.roll * speed * speed) / (1.0 + 2.0 * setting.roll * rates.a)
+    pushed = max(gaining, way - setting.roll * rates.v * rates.v, 0.0)
     released = min(math.sqrt(speed * speed + 2.0 * rates.a * pushed), rates.v)
-    stop = pushed + released * released / (2.0 * mouth.braking)
-    inside = mouth.depth - mouth.reach - (x + stop * cos)
-    if min(inside, mouth.half_width - mouth.reach - abs(y + stop * sin)) < mouth.room:
+    stop = pushed + released * released / (2.0 * setting.braking)
+    inside = setting.depth - setting.reach - (x + stop * cos)
+    if min(inside, setting.half_width - setting.reach - abs(y + stop * sin)) < setting.room:
         return math.inf
-    left = math.sqrt(max(released * released - 2.0 * mouth.rolling * (way - pushed), 0.0))
-    time: float = forward_time(pushed, speed, released, rates) + (released - left) / mouth.rolling
+    left = math.sqrt(max(released * released - 2.0 * setting.rolling * (way - pushed), 0.0))
+    time: float = forward_time(pushed, speed, released, rates) + (released - left) / setting.rolling
     return time

@@ -17,8 +17,7 @@ from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, variables
 from ator_ros.performance.hold import hold_angle, hold_bearing, hold_dist
 
-# The ideal shots to fixed places, nine of them: where into the goal's mouth, in shares
-# of its width from the middle, in which direction (rad).
+# The nine ideal shots to fixed places: share of the mouth's width from its middle, and direction (rad).
 _AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
 
 
@@ -57,11 +56,11 @@ def shot(geometry: Geometry) -> Motions:
 
 
 def run_up(geometry: Geometry) -> FloatArray:
-    """Return the time in s until the ball is in the goal on the fastest ideal run-up with one turn.
+    """Return the time in s until the ball is in the goal, on the fastest run-up with one turn.
 
-    Where none leads there, it is that of the fastest shot with two turns.
+    Where there is none, return the time of the fastest shot with two turns.
     """
-    d, (x, y, yaw, opening) = geometry.direct, geometry.opened
+    d, (x, y, yaw, opening) = geometry.direct, geometry.openings
     side = np.where(d["xg"] > 0.0, 1.0, -1.0)
     turned = np.where(d["xg"] > 0.0, 0.0, np.pi)
     times = run_up_times(

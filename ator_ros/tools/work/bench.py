@@ -84,4 +84,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _begun(file: Path) -> BenchReport:
     """Return the report that is there; an empty one where there is none."""
-    return structured(FORMAT.content(read_json(file)), BenchReport) if file.exists() else BenchReport()
+    if not file.exists():
+        return BenchReport()
+    return structured(FORMAT.content(read_json(file)), BenchReport, closed=True)

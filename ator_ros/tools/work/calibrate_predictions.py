@@ -37,6 +37,10 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         raise EvaluationError(f"expected evaluations of one action set, got {', '.join(sorted(sets))}")
     source = source_of(options, domain=domain.name, action_set=sets.pop())
     tools, library = tools_of(source)
+    for name in options.actions or ():
+        if name not in tools.models["learned"]:
+            known = ", ".join(tools.models["learned"])
+            raise EvaluationError(f"--actions: expected some of {known}, got {short(name)}")
     examples: list[StepExample] = []
     learned_from: list[dict[str, Any]] = []
     for folder, result in results:
@@ -49,11 +53,17 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
             raise EvaluationError(f"{folder / RESULT}: {error}") from error
         learned_from.append({"seed": seed, "chain": chain, "situations": len(records)})
     models, path = tools.models["learned"], source.folder() / CALIBRATION
-    learned, checked = fit_calibration(examples, models), cross_validated(examples, models)
-    calibration = joined(load_calibration_if_any(path.parent), learned, options.actions)
+    kept = load_calibration_if_any(path.parent)
+
+    def finish(fitted: Calibration) -> Calibration:
+        return joined(kept, fitted, options.actions)
+
+    calibration = finish(fit_calibration(examples, models))
+    checked = cross_validated(examples, models, finish)
     training = {"command": command, "chains": learned_from, "cross_validation": checked}
     if options.actions and path.exists():
-        training["others"] = read_json(path).get("training")
+        before = read_json(path).get("training", {})
+        training["others"] = before.get("others", before)
     save_calibration(path, calibration, training)
     _report(checked)
     print(f"wrote {path}: {', '.join(calibration.shortfalls)}")
@@ -61,20 +71,18 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 
 
 def joined(kept: Calibration, learned: Calibration, actions: Sequence[str] | None) -> Calibration:
-    """Return what was learned, of `actions` only where they are given: the others keep what they have.
+    """Return what was learned; where `actions` are given, of these only, and what is `kept` of the others.
 
     Raises
     ------
     EvaluationError
-        Nothing was learned of one of them.
+        One of them has too few examples.
     """
     if actions is None:
         return learned
     for name in actions:
         if name not in learned.shortfalls:
-            raise EvaluationError(
-                f"--actions: expected some of {', '.join(learned.shortfalls)}, got {short(name)}"
-            )
+            raise EvaluationError(f"--actions: {name}: expected chains of more situations, got too few")
     return Calibration({**kept.shortfalls, **{name: learned.shortfalls[name] for name in actions}})
 
 

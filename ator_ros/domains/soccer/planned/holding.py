@@ -26,7 +26,7 @@ _RUN_UP_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
 _RUN_UP_GAINS = (*(step / 16 for step in range(15)), MOST_GAINED)
 RUN_UP_RATES = tuple(1.0 - 0.02 * step for step in range(40))
 _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
-_LARGEST_TURN = math.radians(300.0)
+LARGEST_TURN = math.radians(300.0)
 _DIGITS = 6  # of m/s and m/s^2: the same ways to drive have the same numbers, by which tables are kept
 
 
@@ -69,7 +69,7 @@ def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
     for rate in _RATES[::2]:
         for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
             lead = _straight(limits, speed, v)
-            for change in _shares(_ENTRY_GAINS, _gain(robot)):
+            for change in _shares(_ENTRY_GAINS, gain_of(robot)):
                 turn = TurnDriving(v, change, rate * limits.w)
                 if keeps_ball(robot, turn, limits.v):
                     sides.append(Side(lead, speed, turn))
@@ -82,7 +82,7 @@ def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]
     sides = []
     for v in sorted({*_shares(_RUN_UP_SPEEDS, limits.v), speed}):
         lead = _straight(limits, speed, v)
-        for change in _shares(_RUN_UP_GAINS, _gain(robot)):
+        for change in _shares(_RUN_UP_GAINS, gain_of(robot)):
             turns = (TurnDriving(v, change, rate * limits.w) for rate in RUN_UP_RATES)
             kept = (turn for turn in turns if keeps_ball(robot, turn, limits.v))
             sides += [Side(lead, speed, turn) for turn in itertools.islice(kept, 1)]
@@ -118,11 +118,11 @@ def exit_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
 def keeps_ball(robot: Robot, turn: TurnDriving, fastest: float) -> bool:
     """Return whether a turn keeps the ball, also at the speed `fastest` (m/s), where it gains no more."""
     v, gain, w = turn.speed, turn.acceleration, turn.turn_rate
-    lasts = v + gain * _LARGEST_TURN / w < fastest
+    lasts = v + gain * LARGEST_TURN / w < fastest
     return push(robot, v, w, gain) >= MARGIN and (lasts or push(robot, fastest, w, 0.0) >= MARGIN)
 
 
-def _gain(robot: Robot) -> float:
+def gain_of(robot: Robot) -> float:
     """Return the greatest gain of speed with the ball in m/s^2."""
     return min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
 
