@@ -81,8 +81,6 @@ class Execution:
         self._accepted, self._heard = now, math.inf
         self._stopped_at = math.inf
 
-    # What is known of it
-
     @property
     def phase(self) -> Phase:
         """The present phase."""

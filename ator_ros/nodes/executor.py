@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 import time
-from collections.abc import Mapping
 from typing import Any
 
 from rclpy.action import CancelResponse
@@ -72,7 +71,9 @@ class ExecutorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("executor")
-        self._settings = declare_with_domain(self, parameters_for, self._change)
+        self._settings = declare_with_domain(
+            self, parameters_for, lambda values: self._inputs.take_timeouts(values)
+        )
         robot = robot_of(self._settings)
         self._domain = domain = domain_of(self._settings)
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
@@ -97,9 +98,6 @@ class ExecutorNode(Node):
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
         self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
         self.get_logger().info("ready for chains")
-
-    def _change(self, values: Mapping[str, Any]) -> None:
-        self._inputs.take_timeouts(values)
 
     def _offer(self, robot: Robot) -> None:
         settings, bounds = self._settings, bounds_of(robot)
@@ -260,8 +258,7 @@ class ExecutorNode(Node):
         """Send a command, as of now or of the state that it `answers`; None where others move the robot."""
         if self._inputs.time is not None:
             now = time.monotonic()
-            after = 0.0 if answers else now - self._heard
-            self._driving.sent(self._inputs.time + after, command, now)
+            self._driving.sent(self._inputs.time + (0.0 if answers else now - self._heard), command, now)
         if command is not None:
             self._commands.publish(command, self._inputs.time or 0.0)
 
