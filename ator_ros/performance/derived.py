@@ -18,7 +18,7 @@ from ator_ros.performance.compiled_geometry import (
     derive_ways,
     see_ends,
 )
-from ator_ros.performance.direct import DIRECT_VARIABLES, Direct, V, direct_table
+from ator_ros.performance.direct import Direct, V, direct_table
 from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.performance.paths import path_times
 from ator_ros.robot.description import Robot
@@ -49,9 +49,8 @@ class Geometry:
         *,
         further: Iterable[str] = (),
     ) -> None:
-        further = tuple(further)
-        self._table = direct_table(direct, further)
-        self.direct = dict(zip((*DIRECT_VARIABLES, *further), self._table, strict=True))
+        self.direct = direct_table(direct, further)
+        self._table = self.direct.table
         self.robot = robot
         self.driving = driving if driving is not None else plain_driving(robot)
         self._kept: dict[Callable[[Geometry], Any], Any] = {}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -31,8 +32,45 @@ X, Y, YAW, V, W, XG, YG, YAWG, SPEEDG, HOLD = range(len(DIRECT_VARIABLES))
 Direct = Mapping[str, Any]
 
 
-def direct_table(direct: Direct, further: Iterable[str] = ()) -> FloatArray:
-    """Bring direct variables into the rows of a table, shape (names, n).
+class DirectTable(Mapping[str, FloatArray]):
+    """Direct variables of n situations by name, each a row of one table.
+
+    Parameters
+    ----------
+    names : tuple of str
+        All DIRECT_VARIABLES, and after them those that stand for declared goal variables, sorted.
+    table : ndarray, shape (names, n)
+        Their values.
+    """
+
+    __slots__ = ("_rows", "names", "table")
+
+    def __init__(self, names: tuple[str, ...], table: FloatArray) -> None:
+        self.names, self.table, self._rows = names, table, _rows_of(names)
+
+    def __getitem__(self, name: str) -> FloatArray:
+        row: FloatArray = self.table[self._rows[name]]
+        return row
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+@lru_cache(maxsize=64)
+def _rows_of(names: tuple[str, ...]) -> dict[str, int]:
+    return {name: row for row, name in enumerate(names)}
+
+
+def names_with(further: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of a table's rows: DIRECT_VARIABLES and `further` ones."""
+    return (*DIRECT_VARIABLES, *further)
+
+
+def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
+    """Bring direct variables into the rows of a table; one that is such a table stays as it is.
 
     Scalars are spread, so that one situation and a thousand go through the same operations: numpy computes
     them the same to the last bit only then.
@@ -49,7 +87,9 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> FloatArray:
     ValueError
         A variable is missing or not finite, or the shapes don't go together.
     """
-    names = (*DIRECT_VARIABLES, *further)
+    names = names_with(further)
+    if isinstance(direct, DirectTable) and direct.names == names:
+        return _finite(direct)
     missing = [name for name in names if name not in direct]
     if missing:
         raise ValueError(f"direct variables: expected {', '.join(names)}; missing: {', '.join(missing)}")
@@ -62,10 +102,15 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> FloatArray:
     table = np.empty((len(given), count))
     for row, values in zip(table, given, strict=True):
         row.fill(values) if isinstance(values, float) else np.copyto(row, values)
-    if not np.isfinite(table).all():
-        wrong = [name for name, row in zip(names, table, strict=True) if not np.isfinite(row).all()]
+    return _finite(DirectTable(names, table))
+
+
+def _finite(direct: DirectTable) -> DirectTable:
+    """Return the same; raises ValueError where a number is not finite."""
+    if not np.isfinite(direct.table).all():
+        wrong = [name for name, row in direct.items() if not np.isfinite(row).all()]
         raise ValueError(f"direct variables: expected finite numbers; not finite: {', '.join(wrong)}")
-    return table
+    return direct
 
 
 def _number_or_array(value: Any) -> float | FloatArray:

@@ -12,15 +12,14 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.performance.direct import DirectTable
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import FreeVariable, PredictsPerformance
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.projection import (
-    Columns,
     columns_after,
-    direct_columns,
+    direct_rows,
     goal_columns,
-    stacked,
     start_columns,
 )
 from ator_ros.refinement.slices import Slices, completed
@@ -120,6 +119,7 @@ class ChainModel:
         self._fields = tuple(dict.fromkeys(REPORTED + objective.needs))
         #: What the chain itself holds, shapes (k,).
         self.given = [_values(call.goal, names) for call, names in zip(chain.calls, self.names, strict=True)]
+        self._given = [values.tolist() for values in self.given]
         self._as_given: dict[str, _Alone] = {}
         self._searched: list[list[_Searched]] = [[] for _ in chain.calls]
         self._memory: Memory = {} if memory is None else memory
@@ -187,8 +187,8 @@ class ChainModel:
 
     def _is_given(self, index: int, before: FloatArray, after: FloatArray) -> bool:
         """Return whether both sides of a step, shapes (k,), are as in the chain itself."""
-        return np.array_equal(after, self.given[index]) and (
-            index == 0 or np.array_equal(before, self.given[index - 1])
+        return after.tolist() == self._given[index] and (
+            index == 0 or before.tolist() == self._given[index - 1]
         )
 
     def _step_as_given(self, index: int, model: PredictsPerformance) -> _Alone:
@@ -199,7 +199,8 @@ class ChainModel:
         action = self._calls[index].top.action
         if action not in self._as_given:
             steps = [step for step, call in enumerate(self._calls) if call.top.action == action]
-            direct = stacked([self._direct_as_given(step) for step in steps])
+            tables = [self._direct_as_given(step) for step in steps]
+            direct = DirectTable(tables[0].names, np.hstack([each.table for each in tables]))
             with np.errstate(all="ignore"):
                 prediction = self._checked(index, model.predict(direct, self._fields))
                 cost = self._cost(prediction)
@@ -207,7 +208,7 @@ class ChainModel:
             self._as_given[action] = _Alone(rows, prediction, cost)
         return self._as_given[action]
 
-    def _direct_as_given(self, index: int) -> Columns:
+    def _direct_as_given(self, index: int) -> DirectTable:
         before = self.given[index - 1] if index else np.zeros(0)
         return self._direct(index, before[None, :], self.given[index][None, :])
 
@@ -215,7 +216,7 @@ class ChainModel:
         cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
         return cost
 
-    def _direct(self, index: int, before: FloatArray, after: FloatArray) -> Columns:
+    def _direct(self, index: int, before: FloatArray, after: FloatArray) -> DirectTable:
         """Return the direct variables of one action, for candidates on both sides."""
         start = self._start
         if index:
@@ -223,11 +224,13 @@ class ChainModel:
             reached = goal_columns(previous, self.names[index - 1], before)
             start = columns_after(reached, previous.point, self._robot)
         goal = self._calls[index].goal
-        return direct_columns(start, goal_columns(goal, self.names[index], after), goal.point)
+        return direct_rows(start, goal_columns(goal, self.names[index], after), goal.point)
 
     def _predict(self, index: int, model: PredictsPerformance, before: FloatArray, after: FloatArray) -> Any:
         direct = self._direct(index, before, after)
-        key = (self._calls[index].top.action, self._fields, *map(_hashable, direct.values()))
+        if len(before) > 1:  # no other search has the same pairs
+            return self._checked(index, model.predict(direct, self._fields))
+        key = (self._calls[index].top.action, self._fields, direct.table.tobytes())
         if key not in self._memory:
             self._memory[key] = self._checked(index, model.predict(direct, self._fields))
         return self._memory[key]
@@ -274,10 +277,6 @@ def _equal_rows(table: FloatArray, row: FloatArray) -> BoolArray:
     for column in range(1, len(row)):
         equal = equal & (table[:, column] == row[column])
     return equal
-
-
-def _hashable(value: float | FloatArray) -> float | bytes:
-    return value.tobytes() if isinstance(value, np.ndarray) else value
 
 
 def _row(value: Any, row: int) -> float:

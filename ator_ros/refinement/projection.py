@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import direct_name, goal_values
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.direct import DirectTable, names_with
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
 Columns = dict[str, float | FloatArray]
+
+_START = ("x", "y", "yaw", "v", "w")
 
 
 def start_columns(world: World) -> Columns:
@@ -63,6 +66,21 @@ def direct_columns(start: Mapping[str, Any], goal: Mapping[str, Any], point: Poi
     return columns
 
 
+def direct_rows(start: Mapping[str, Any], goal: Mapping[str, Any], point: Point) -> DirectTable:
+    """Return the same as a table: a row of each, as long as there are candidates."""
+    declared = sorted(goal.keys() - GOAL_VARIABLES) if len(goal) > len(GOAL_VARIABLES) else []
+    columns = [start[name] for name in _START]
+    columns += [goal[name] for name in GOAL_VARIABLES]
+    columns.append(1.0 if point is Point.HOLD else 0.0)
+    columns += [goal[name] for name in declared]
+    differing = [row for row, column in enumerate(columns) if isinstance(column, np.ndarray)]
+    alike = np.array([0.0 if row in differing else column for row, column in enumerate(columns)])
+    table = alike[:, None].repeat(len(columns[differing[0]]) if differing else 1, axis=1)
+    for row in differing:
+        table[row] = columns[row]
+    return DirectTable(names_with(map(direct_name, declared)), table)
+
+
 def chain_situations(world: World, chain: TopChain, robot: Robot) -> list[Columns]:
     """Return the direct variables of each action of `chain`, all of whose subgoals are reached exactly."""
     start, situations = start_columns(world), []
@@ -71,12 +89,3 @@ def chain_situations(world: World, chain: TopChain, robot: Robot) -> list[Column
         situations.append(direct_columns(start, goal, call.goal.point))
         start = columns_after(goal, call.goal.point, robot)
     return situations
-
-
-def stacked(situations: Sequence[Columns]) -> Columns:
-    """Return the columns, shape (n,), of n situations; those of a single one stay numbers."""
-    if len(situations) == 1:
-        return situations[0]
-    return {
-        name: np.array([situation[name] for situation in situations], dtype=float) for name in situations[0]
-    }

@@ -98,6 +98,10 @@ class Robot:
     scene: Scene
     holder: Holder | None = None
 
+    def __hash__(self) -> int:
+        """Hash the name alone, as tables are looked up by the robot in every search."""
+        return hash(self.name)
+
     @property
     def holder_length(self) -> float:
         """Length in m by which the holder stands out; 0 without one."""
