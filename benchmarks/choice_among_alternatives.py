@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+from resumed import OtherResultsError, resumed
 
 from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.ball import BALL
@@ -155,19 +155,15 @@ def main(words: list[str]) -> int:
     source = ToolsetSource()
     tools, library = tools_of(source)
     partial = options.out.with_suffix(".jsonl")
-    head = json.dumps({"seed": options.seed, "digest": source.digest(("gated",), "shoot")})
-    lines = partial.read_text(encoding="utf-8").split("\n") if partial.exists() else [head, ""]
-    if lines[0] != head:
-        print(f"{partial}: expected results of the same seed and models, got others", file=sys.stderr)
+    identity = {"seed": options.seed, "digest": source.digest(("gated",), "shoot")}
+    try:
+        records = resumed(
+            partial, identity, range(options.situations),
+            lambda index: evaluated(tools, library, options.seed, index),
+        )  # fmt: skip
+    except OtherResultsError as error:
+        print(error, file=sys.stderr)
         return 2
-    records = [json.loads(line) for line in lines[1:-1]]
-    write_text(partial, "\n".join([head, *lines[1:-1], ""]))  # without a line that was cut off
-    todo = range(len(records), options.situations)
-    with partial.open("a", encoding="utf-8") as file:
-        for index in tqdm(todo, initial=len(records), total=options.situations, disable=None):
-            records.append(evaluated(tools, library, options.seed, index))
-            file.write(json.dumps(records[-1], separators=(",", ":")) + "\n")
-            file.flush()
     result = {"command": portable_command("choice_among_alternatives", words), **summary(records)}
     write_text(options.out, FORMAT.text({**result, "records": records}))
     print(json.dumps(result, indent=1))

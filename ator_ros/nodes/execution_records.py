@@ -60,20 +60,12 @@ def chain_record_of(
 ) -> ChainPerformance:
     """Write how the execution of a chain went; `end` is the last state known."""
     ending = execution.ending or Ending.FAILED
-    message = ChainPerformance(
-        chain_id=chain_id,
-        chain=chain_of(execution.chain, action_set=action_set, frame=frame),
-        start=situation_of(execution.start or end, frame=frame),
-        refined=execution.refined,
-        refinement=execution.refinement,
-        fetched=execution.fetched,
-        refined_again=execution.refined_again,
-        predicted=chain_performance_of(execution.predicted),
-        actual=actual(execution.elapsed, ending),
-        actions=actions,
-        outcome=outcome_of(ending, execution.reason),
+    message = chain_so_far_of(
+        execution, actions, world=end, chain_id=chain_id, action_set=action_set, frame=frame
     )
-    message.header = situation_of(end, frame=frame).header
+    message.predicted = chain_performance_of(execution.predicted)
+    message.actual = actual(execution.elapsed, ending)
+    message.outcome = outcome_of(ending, execution.reason)
     return message
 
 

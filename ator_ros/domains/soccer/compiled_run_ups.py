@@ -136,10 +136,7 @@ def _fastest_turn(
             low = min(int(place), ANGLES - 2)
             share = place - low
             for gain in range(len(turns.gains)):
-                forward = turns.table[row, low, gain, 0]
-                forward += share * (turns.table[row, low + 1, gain, 0] - forward)
-                left = turns.table[row, low, gain, 1]
-                left += share * (turns.table[row, low + 1, gain, 1] - left)
+                forward, left = _displacement(turns.table, row, low, gain, share)
                 if abs(aim + forward_aim * forward + left_aim * left) > widest:
                     continue
                 turning = turn_time(size, turns.rates[row, gain], rates.aw)
@@ -151,6 +148,15 @@ def _fastest_turn(
                     if time < best:
                         best, result = time, time
     return result
+
+
+@compiled
+def _displacement(table: FloatArray, row: int, low: int, gain: int, share: float) -> tuple[float, float]:
+    """Return how far a turn to the left leads forward and to the left, in m: between two entries."""
+    forward, left = table[row, low, gain, 0], table[row, low, gain, 1]
+    forward += share * (table[row, low + 1, gain, 0] - forward)
+    left += share * (table[row, low + 1, gain, 1] - left)
+    return forward, left
 
 
 @compiled
