@@ -16,6 +16,7 @@ from ator_ros.refinement.slices import completed
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice, advice_of
+from ator_ros.viewing.desk import Desk
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.guest import Guest
 from ator_ros.viewing.history import History
@@ -28,7 +29,7 @@ class InProcessStage:
     """Answers at once; `asked` and `calls` tell what was asked for."""
 
     def __init__(self, domain: Domain, robot: Robot) -> None:
-        self.robot, self.can_place = robot, True
+        self.domain, self.robot, self.can_place = domain, robot, True
         self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         models = load_models(robot, domain.known_features, folder=domain.shipped_models)
         self.refiner = Refiner(robot, models)
@@ -90,3 +91,11 @@ class InProcessStage:
 
     def set_factor(self, factor: float) -> None:
         self.calls.append(f"factor {factor:g}")
+
+
+def desk_in_control(stage: InProcessStage) -> Desk:
+    """Return a desk that has seen its stage once, and pauses it and sets its pace."""
+    desk = Desk(stage, stage.domain, stage.libraries)
+    desk.control(stage)
+    desk.step()
+    return desk

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 
 from action_msgs.srv import CancelGoal
@@ -12,6 +11,7 @@ from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.conversions import action_set_from, chain_from, world_from
 from ator_ros.nodes.qos import LATCHED, SERVICES
+from ator_ros.nodes.silence import Silence, lose
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.printable import printable
 from ator_ros.tops.library import TopLibrary
@@ -20,9 +20,6 @@ from ator_ros.viewing.guest import OTHERS, Guest
 from ator_ros.viewing.runs import Run
 
 _TOPIC = "chain_under_way"
-_SILENT = 5.0
-"""Seconds without word, which comes twice a second, after which a chain of others counts as lost: real ones,
-and by the stamps, too, as long as there is an executor."""
 _LONGEST = 300
 
 
@@ -56,14 +53,15 @@ class Guests:
     ) -> None:
         self._own, self._libraries, self._frame, self._is_ours = own, libraries, frame, is_ours
         self.present: Guest | None = None
-        self._news, self._alive = False, (0.0, 0.0)
+        self._silence = Silence()
         self._cancel = own.node.create_client(
             CancelGoal, "execute_chain/_action/cancel_goal", qos_profile=SERVICES
         )
         self._heard = own.node.create_subscription(ChainPerformance, _TOPIC, self._take, LATCHED)
 
     def _take(self, message: ChainPerformance) -> None:
-        former, self._news = self.present, True
+        former = self.present
+        self._silence.broken()
         if self._is_ours(message.chain_id):
             self.present = None
             return
@@ -84,16 +82,12 @@ class Guests:
         stamp : float
             Time in s of the robot's newest state; while it stands nobody has anything to tell.
         """
-        guest, now = self.present, time.monotonic()
+        guest = self.present
         if guest is None or guest.run.ended:
             return
-        if self._news:
-            self._news, self._alive = False, (now, stamp)
-        silent, missed = now - self._alive[0], stamp - self._alive[1]
-        if silent > _SILENT and (
-            missed > _SILENT or not self._own.node.count_publishers(self._heard.topic_name)
-        ):
-            guest.run.ended, guest.run.status = True, "lost: the executor does not answer"
+        there = self._own.node.count_publishers(self._heard.topic_name) > 0
+        if self._silence.is_too_long(stamp, there=there):
+            lose(guest.run)
 
     def cancel(self) -> None:
         """Cancel the chain of others that is under way; wait until it has ended.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 import uuid
 from collections import deque
 from functools import partial
@@ -18,17 +17,12 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, Outcome
 from ator_ros.execution.phases import Phase
 from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.silence import Silence, lose
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.viewing.runs import Run
 from ator_ros.viewing.stage import StageError
 
-_SILENT = 5.0
-"""Seconds without feedback, which comes ten times a second, after which an executed chain counts as lost.
-
-Real ones, and by the stamps, too, as long as there is an executor.
-"""
 _MOST_SENT = 100
-_LOST = "lost: the executor does not answer"
 
 
 class LiveChain:
@@ -44,8 +38,8 @@ class LiveChain:
         self._own = own
         self._run: Run | None = None
         self._goal: Any = None
-        self._steered = self._news = False
-        self._alive = (0.0, 0.0)
+        self._steered = False
+        self._silence = Silence()
         self._sent = deque[str](maxlen=_MOST_SENT)
         self._server = ActionClient(own.node, ExecuteChain, "execute_chain")
         own.node.create_subscription(ActionPerformance, "performance/action", self._take_action, RESULTS)
@@ -68,13 +62,13 @@ class LiveChain:
         """Send a chain, and wait until the executor steers; raises StageError if it does not."""
         if not self._server.server_is_ready():
             raise StageError("expected the action execute_chain, it is not there")
-        self._run, self._goal, self._steered, self._news = run, None, False, True
+        self._run, self._goal, self._steered, self._silence = run, None, False, Silence()
         told = threading.Event()
 
         def hear(feedback: Any) -> None:
             run.status = f"{feedback.feedback.top}: {feedback.feedback.status}"
             self._steered = feedback.feedback.status.startswith(Phase.EXECUTING.value)
-            self._news = True
+            self._silence.broken()
             told.set()
 
         name = uuid.uuid4()
@@ -109,7 +103,7 @@ class LiveChain:
             self._own.until(lambda: run.ended, "the end of the chain")
         finally:
             if not run.ended:  # whoever executed it is gone; nothing will end it any more
-                run.ended, run.status = True, _LOST
+                lose(run)
 
     def watch(self, stamp: float) -> None:
         """Count the chain under way as lost where its executor is gone, or silent.
@@ -119,14 +113,13 @@ class LiveChain:
         stamp : float
             Time in s of the robot's newest state; while it stands nobody has anything to tell.
         """
-        run, now, there = self._run, time.monotonic(), self._server.server_is_ready()
+        run, there = self._run, self._server.server_is_ready()
         if run is None or not self.under_way:
             return
-        if self._news or (there and not self._steered):  # what waits for refinement tells nothing
-            self._news, self._alive = False, (now, stamp)
-        silent, missed = now - self._alive[0], stamp - self._alive[1]
-        if silent > _SILENT and (missed > _SILENT or not there):
-            run.ended, run.status = True, _LOST
+        if there and not self._steered:  # what waits for refinement tells nothing
+            self._silence.broken()
+        if self._silence.is_too_long(stamp, there=there):
+            lose(run)
 
 
 def _finish(run: Run, future: Future) -> None:

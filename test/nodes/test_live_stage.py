@@ -12,7 +12,7 @@ from played_nodes import PlayedNodes
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.geometry import Pose
-from ator_ros.nodes import live_chain
+from ator_ros.nodes import silence
 from ator_ros.nodes.live_stage import LiveStage
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.viewing.draft import Draft
@@ -78,7 +78,7 @@ def test_a_chain_of_which_nothing_is_told_any_more_is_lost(
     staged: Staged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage, nodes = staged
-    monkeypatch.setattr(live_chain, "_SILENT", 1.0)
+    monkeypatch.setattr(silence, "_LONGEST", 1.0)
     nodes.accepts = True
     run = Run("naive")
     stage.execute(run, Draft(TRIAL.world, TRIAL.chain, "default"), refine=False)
