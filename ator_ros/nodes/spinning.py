@@ -40,8 +40,9 @@ class Spinning:
 
     def end(self, patience: float | None = None) -> None:
         """Wait until the callback under way has ended, at most `patience` real s; shut the executor down."""
-        self._executor.create_task(self._leave)
-        self._thread.join(patience)
+        if self.goes_on:
+            self._executor.create_task(self._leave)
+            self._thread.join(patience)
         self._executor.shutdown()
 
     def _leave(self) -> None:
