@@ -93,8 +93,8 @@ class InProcessStage:
         self.calls.append(f"factor {factor:g}")
 
 
-def desk_on(stage: InProcessStage) -> Desk:
-    """Return a desk that controls a stage and has seen it."""
+def desk_in_control(stage: InProcessStage) -> Desk:
+    """Return a desk that has seen its stage once, and pauses it and sets its pace."""
     desk = Desk(stage, stage.domain, stage.libraries)
     desk.control(stage)
     desk.step()

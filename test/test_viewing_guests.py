@@ -6,7 +6,7 @@ import dataclasses
 import math
 
 import pytest
-from in_process_stage import InProcessStage, desk_on
+from in_process_stage import InProcessStage, desk_in_control
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
@@ -52,7 +52,7 @@ def stage() -> GuestStage:
 
 @pytest.fixture
 def desk(stage: GuestStage) -> Desk:
-    return desk_on(stage)
+    return desk_in_control(stage)
 
 
 @pytest.fixture

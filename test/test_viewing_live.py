@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from in_process_stage import InProcessStage, desk_on
+from in_process_stage import InProcessStage, desk_in_control
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
@@ -48,7 +48,7 @@ def stage() -> RunningStage:
 
 @pytest.fixture
 def desk(stage: RunningStage) -> Desk:
-    return desk_on(stage)
+    return desk_in_control(stage)
 
 
 def test_a_robot_that_runs_is_followed_and_not_moved(desk: Desk, stage: RunningStage) -> None:

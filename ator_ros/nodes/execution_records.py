@@ -60,9 +60,7 @@ def chain_record_of(
 ) -> ChainPerformance:
     """Write how the execution of a chain went; `end` is the last state known."""
     ending = execution.ending or Ending.FAILED
-    message = chain_so_far_of(
-        execution, actions, world=end, chain_id=chain_id, action_set=action_set, frame=frame
-    )
+    message = _chain_of(execution, actions, end, chain_id, action_set, frame)
     message.predicted = chain_performance_of(execution.predicted)
     message.actual = actual(execution.elapsed, ending)
     message.outcome = outcome_of(ending, execution.reason)
@@ -80,7 +78,23 @@ def chain_so_far_of(
 ) -> ChainPerformance:
     """Write how the execution of a chain goes, cheaply; `world` is the last state known."""
     waits = execution.phase in (Phase.WAITING, Phase.REFINING)
-    ending = execution.ending
+    ending, reason = execution.ending, execution.reason
+    message = _chain_of(execution, actions, world, chain_id, action_set, frame)
+    message.predicted = performance_of()
+    message.actual = performance_of({} if waits else {"duration": execution.elapsed})
+    message.outcome = Outcome(reason=reason) if ending is None else outcome_of(ending, reason)
+    return message
+
+
+def _chain_of(
+    execution: Execution,
+    actions: list[ActionPerformance],
+    world: World,
+    chain_id: str,
+    action_set: str,
+    frame: str,
+) -> ChainPerformance:
+    """Write what is known of a chain whether or not it has ended; `world` is the last state known."""
     message = ChainPerformance(
         chain_id=chain_id,
         chain=chain_of(execution.chain, action_set=action_set, frame=frame),
@@ -89,10 +103,7 @@ def chain_so_far_of(
         refinement=execution.refinement,
         fetched=execution.fetched,
         refined_again=execution.refined_again,
-        predicted=performance_of(),
-        actual=performance_of({} if waits else {"duration": execution.elapsed}),
         actions=actions,
-        outcome=Outcome(reason=execution.reason) if ending is None else outcome_of(ending, execution.reason),
     )
     message.header = situation_of(world, frame=frame).header
     return message

@@ -11,7 +11,7 @@ from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.conversions import action_set_from, chain_from, world_from
 from ator_ros.nodes.qos import LATCHED, SERVICES
-from ator_ros.nodes.silence import LOST, Silence
+from ator_ros.nodes.silence import Silence, lose
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.printable import printable
 from ator_ros.tops.library import TopLibrary
@@ -61,7 +61,7 @@ class Guests:
 
     def _take(self, message: ChainPerformance) -> None:
         former = self.present
-        self._silence.hear()
+        self._silence.broken()
         if self._is_ours(message.chain_id):
             self.present = None
             return
@@ -85,11 +85,9 @@ class Guests:
         guest = self.present
         if guest is None or guest.run.ended:
             return
-        if self._silence.too_long(stamp, self._is_there):
-            guest.run.ended, guest.run.status = True, LOST
-
-    def _is_there(self) -> bool:
-        return bool(self._own.node.count_publishers(self._heard.topic_name))
+        there = self._own.node.count_publishers(self._heard.topic_name) > 0
+        if self._silence.is_too_long(stamp, there=there):
+            lose(guest.run)
 
     def cancel(self) -> None:
         """Cancel the chain of others that is under way; wait until it has ended.

@@ -17,7 +17,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, Outcome
 from ator_ros.execution.phases import Phase
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.nodes.silence import LOST, Silence
+from ator_ros.nodes.silence import Silence, lose
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.viewing.runs import Run
 from ator_ros.viewing.stage import StageError
@@ -62,14 +62,13 @@ class LiveChain:
         """Send a chain, and wait until the executor steers; raises StageError if it does not."""
         if not self._server.server_is_ready():
             raise StageError("expected the action execute_chain, it is not there")
-        self._run, self._goal, self._steered = run, None, False
-        self._silence.hear()
+        self._run, self._goal, self._steered, self._silence = run, None, False, Silence()
         told = threading.Event()
 
         def hear(feedback: Any) -> None:
             run.status = f"{feedback.feedback.top}: {feedback.feedback.status}"
             self._steered = feedback.feedback.status.startswith(Phase.EXECUTING.value)
-            self._silence.hear()
+            self._silence.broken()
             told.set()
 
         name = uuid.uuid4()
@@ -104,7 +103,7 @@ class LiveChain:
             self._own.until(lambda: run.ended, "the end of the chain")
         finally:
             if not run.ended:  # whoever executed it is gone; nothing will end it any more
-                run.ended, run.status = True, LOST
+                lose(run)
 
     def watch(self, stamp: float) -> None:
         """Count the chain under way as lost where its executor is gone, or silent.
@@ -114,13 +113,13 @@ class LiveChain:
         stamp : float
             Time in s of the robot's newest state; while it stands nobody has anything to tell.
         """
-        run, there = self._run, self._server.server_is_ready
+        run, there = self._run, self._server.server_is_ready()
         if run is None or not self.under_way:
             return
-        if not self._steered and there():  # what waits for refinement tells nothing
-            self._silence.hear()
-        if self._silence.too_long(stamp, there):
-            run.ended, run.status = True, LOST
+        if there and not self._steered:  # what waits for refinement tells nothing
+            self._silence.broken()
+        if self._silence.is_too_long(stamp, there=there):
+            lose(run)
 
 
 def _finish(run: Run, future: Future) -> None:

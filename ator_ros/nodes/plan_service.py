@@ -83,6 +83,7 @@ class PlanService:
         self._done: deque[Callable[[], None]] = deque()
         self._ready = node.create_guard_condition(self._send)
         self._thread: threading.Thread | None = None
+        self._closed = False
         self._service = DeferredService(node, PlanChains, "plan_chains", self._begin, work=lambda: None)
 
     def _begin(self, request: PlanChains.Request, answer: Answer) -> None:
@@ -120,6 +121,8 @@ class PlanService:
                 response = refused(printable(str(error), _LONGEST_REASON))
             except Exception as error:  # a defect of ours must not end the thread
                 response = refused(f"internal error: {printable(repr(error), _LONGEST_REASON)}")
+            if self._closed:  # the node may be gone, and nobody sends any more
+                return
             self._done.append(functools.partial(self._answer, asked.answer, response, asked.began))
             self._ready.trigger()
 
@@ -140,6 +143,7 @@ class PlanService:
 
     def close(self) -> None:
         """End the process and the thread; requests that wait are not answered."""
+        self._closed = True
         self._process.close()
         self._waiting.put(None)
         if self._thread is not None:

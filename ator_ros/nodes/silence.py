@@ -1,38 +1,46 @@
-"""Whether a chain that somebody executes is still told of."""
+"""When a chain counts as lost, because nobody tells anything of it any more."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
-LONGEST = 5.0
-"""Seconds without word, which comes twice a second or oftener, after which a chain counts as lost."""
-LOST = "lost: the executor does not answer"
+from ator_ros.viewing.runs import Run
+
+_LONGEST = 5.0
+"""Seconds without word after which a chain counts as lost; an executor speaks at least twice a second."""
 
 
 class Silence:
-    """How long nothing has been told of a chain."""
+    """Measures for how long nothing was heard of a chain."""
 
     def __init__(self) -> None:
-        self._news = False
-        self._heard = (0.0, 0.0)
+        self._news = True
+        self._alive = (0.0, 0.0)
 
-    def hear(self) -> None:
-        """Note that something was told, or that nothing need be told yet."""
+    def broken(self) -> None:
+        """Take note that something was heard; any thread may call it."""
         self._news = True
 
-    def too_long(self, stamp: float, there: Callable[[], bool]) -> bool:
-        """Return whether nothing has been told for too long.
+    def is_too_long(self, stamp: float, *, there: bool) -> bool:
+        """Return whether the chain is lost.
+
+        Real seconds count. Those of the stamps count as well while there is an executor: as long as time
+        stands, it has nothing to tell.
 
         Parameters
         ----------
         stamp : float
-            Time in s of the robot's newest state; while it stands nobody has anything to tell.
-        there : callable
-            Returns whether there is an executor; without one, real time alone counts.
+            Time in s of the robot's newest state.
+        there : bool
+            Whether there is an executor.
         """
         now = time.monotonic()
         if self._news:
-            self._news, self._heard = False, (now, stamp)
-        silent, missed = now - self._heard[0], stamp - self._heard[1]
-        return silent > LONGEST and (missed > LONGEST or not there())
+            self._news, self._alive = False, (now, stamp)
+        silent, missed = now - self._alive[0], stamp - self._alive[1]
+        return silent > _LONGEST and (missed > _LONGEST or not there)
+
+
+def lose(run: Run) -> None:
+    """End a run, the end of which nobody will tell any more."""
+    run.status, run.ended = "lost: the executor does not answer", True

@@ -8,11 +8,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_ros.nodes.meeting import meeting_client, nobodys_goal
+from ator_ros.nodes.spinning import Spinning
 from ator_ros.viewing.stage import StageError
 
 _POLL = 0.002
@@ -66,17 +67,11 @@ class SpunNode:
             ) from error
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._spinning = Spinning(self._executor)
 
     def start(self) -> None:
         """Spin from now on: everything that the node offers and listens to is there."""
-        self._thread.start()
-
-    def _spin(self) -> None:
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            return
+        self._spinning.start()
 
     def meet(self, action: str) -> None:
         """Wait until the server of an action knows this node, whose ActionClient was made before."""
@@ -152,7 +147,6 @@ class SpunNode:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()
-        self._thread.join()
+        self._spinning.end()
         self.node.destroy_node()
         self._context.try_shutdown()

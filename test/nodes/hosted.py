@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import threading
 from collections.abc import Callable
 
 import rclpy
@@ -14,6 +13,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ator_ros.nodes.network import stay_on_this_machine
+from ator_ros.nodes.spinning import Spinning
 
 
 class Hosted:
@@ -47,15 +47,15 @@ class Hosted:
         self._said, self._output = said, ""
         made = getattr(importlib.import_module(f"ator_ros.nodes.{name}"), f"{name.capitalize()}Node")
         self.node: Node = made()
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
-        self._thread.start()
+        executor = SingleThreadedExecutor()
+        executor.add_node(self.node)
+        self._spinning = Spinning(executor)
+        self._spinning.start()
 
     @property
     def running(self) -> bool:
         """Whether nothing that was raised has ended it."""
-        return self._thread.is_alive()
+        return self._spinning.goes_on
 
     @property
     def output(self) -> str:
@@ -65,7 +65,6 @@ class Hosted:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()
-        self._thread.join(timeout=PATIENCE)
+        self._spinning.end(PATIENCE)
         self.node.destroy_node()
         rclpy.try_shutdown()

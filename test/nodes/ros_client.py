@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -20,6 +19,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import object_from, pose_of, robot_from, seconds_from
 from ator_ros.nodes.meeting import nobodys_goal
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
+from ator_ros.nodes.spinning import Spinning
 from ator_ros.world.state import ObjectState, RobotState
 
 RETRY = 8.0
@@ -52,8 +52,8 @@ class Client:
         self._commands = self.node.create_publisher(Twist, "cmd_vel", COMMANDS)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
-        self._thread.start()
+        self._spinning = Spinning(self._executor)
+        self._spinning.start()
 
     def _hear_robot(self, message: Odometry) -> None:
         self.robots.append(robot_from(message, frame=self._frame))
@@ -144,8 +144,7 @@ class Client:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()
-        self._thread.join(timeout=PATIENCE)
+        self._spinning.end(PATIENCE)
         self.node.destroy_node()
         self._context.try_shutdown()
 

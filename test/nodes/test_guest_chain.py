@@ -14,7 +14,8 @@ from ros_client import Client
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.nodes import guests, silence
+from ator_ros.nodes import silence
+from ator_ros.nodes.guests import Guests
 from ator_ros.nodes.live_stage import LiveStage
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.nodes.spun_node import SpunNode
@@ -102,9 +103,9 @@ def test_a_chain_of_others_is_seen_until_it_ends_and_can_be_stopped(stage: LiveS
 def test_an_executor_that_vanishes_ends_what_others_sent(
     domain: int, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(silence, "LONGEST", 0.5)
+    monkeypatch.setattr(silence, "_LONGEST", 0.5)
     own = SpunNode("view", domain=domain, patience=PATIENCE)
-    heard = guests.Guests(own, {"default": SOCCER.library(ROBOT)}, frame="odom", is_ours=lambda _: False)
+    heard = Guests(own, {"default": SOCCER.library(ROBOT)}, frame="odom", is_ours=lambda _: False)
     own.start()
     try:
         topic = client.node.create_publisher(ChainPerformance, "chain_under_way", LATCHED)

@@ -78,7 +78,7 @@ def test_a_chain_of_which_nothing_is_told_any_more_is_lost(
     staged: Staged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage, nodes = staged
-    monkeypatch.setattr(silence, "LONGEST", 1.0)
+    monkeypatch.setattr(silence, "_LONGEST", 1.0)
     nodes.accepts = True
     run = Run("naive")
     stage.execute(run, Draft(TRIAL.world, TRIAL.chain, "default"), refine=False)

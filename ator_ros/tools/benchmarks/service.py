@@ -10,7 +10,6 @@ import os
 import statistics
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,7 +18,7 @@ from types import MappingProxyType
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from ator_interfaces.srv import RefineSubgoal
@@ -28,6 +27,7 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes import conversions
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.nodes.running import run_node
+from ator_ros.nodes.spinning import Spinning
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.alternatives import Selection, choosing
 from ator_ros.refinement.refiner import Refiner
@@ -175,7 +175,7 @@ def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
     clients = [node.create_client(RefineSubgoal, name) for name in names]
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    spinning = threading.Thread(target=_spin, args=(executor,), daemon=True)
+    spinning = Spinning(executor)
     spinning.start()
     try:
         for client in clients:
@@ -183,8 +183,7 @@ def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
                 raise RuntimeError(f"expected the service {client.srv_name} within {_PATIENCE:g} s")
         yield clients
     finally:
-        executor.shutdown()
-        spinning.join()
+        spinning.end()
         node.destroy_node()
         context.try_shutdown()
 
@@ -204,13 +203,6 @@ def _times(clients: list[Any], count: int, first: int) -> list[list[float]]:
             client.call(request, timeout_sec=_PATIENCE)
             taken.append(1000.0 * (time.perf_counter() - began))
     return times
-
-
-def _spin(executor: SingleThreadedExecutor) -> None:
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        return
 
 
 def resident_mib(pid: int) -> float:
