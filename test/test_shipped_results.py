@@ -10,7 +10,7 @@ import pytest
 
 from ator_ros.domains.soccer.quality import quality_result
 from ator_ros.domains.soccer.quality.qualification import document
-from ator_ros.evaluation import noise_result
+from ator_ros.evaluation import noise_result, study_result
 from ator_ros.files import read_json
 from ator_ros.formats import Format
 from ator_ros.schema import structured, unstructured
@@ -38,6 +38,14 @@ def test_a_result_is_read_whole_and_would_be_written_again(name: str) -> None:
     data = read_json(DOCS / f"{name}.json")
     result = structured(form.content(data), schema, closed=True)
     assert json.loads(form.text(unstructured(result))) == data
+
+
+@pytest.mark.parametrize("file", sorted((DOCS / "studies").glob("*.json")), ids=lambda file: file.stem)
+def test_a_study_is_read_whole(file: Path) -> None:
+    data = read_json(file)
+    result = structured(study_result.FORMAT.content(data), study_result.StudyResult, closed=True)
+    assert result.robot == file.stem
+    assert json.loads(study_result.FORMAT.text(unstructured(result))) == data
 
 
 @pytest.mark.parametrize("name", ["actions", "actions_bezier"])
