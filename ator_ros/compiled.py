@@ -33,6 +33,15 @@ def compiled(function: Function) -> Function:
     return _Compiled(function)  # type: ignore[return-value]
 
 
+def elementwise(function: Function) -> Function:
+    """Compile `function` for compiled code that calls it; from Python it is numpy's, for arrays of any shape.
+
+    To compile it for each combination of shapes would take seconds for each, and numpy is as fast with
+    arrays. The results are the same to the last bit.
+    """
+    return _Elementwise(function)  # type: ignore[return-value]
+
+
 class _Compiled:
     """A function that becomes numba's dispatcher when it is called, or named by another compiled function."""
 
@@ -65,3 +74,10 @@ class _Compiled:
     def _numba_type_(self) -> Any:
         """Return the Numba type of the dispatcher."""
         return self.dispatcher._numba_type_
+
+
+class _Elementwise(_Compiled):
+    """A function that is compiled for compiled functions only."""
+
+    def __call__(self, *values: Any) -> Any:
+        return vars(self)["__wrapped__"](*values)

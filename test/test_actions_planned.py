@@ -20,9 +20,10 @@ from ator_ros.domains.soccer.planned.holding import push
 from ator_ros.domains.soccer.planned.planner import free_sides
 from ator_ros.domains.soccer.quality.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
+from ator_ros.motion.durations import drive_time, turn_time
 from ator_ros.motion.manoeuvre import closed
 from ator_ros.motion.opening import opening_of
-from ator_ros.motion.profiles import straight_pieces, straight_times, turn_pieces, turn_times
+from ator_ros.motion.profiles import straight_pieces, turn_pieces
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Limits, load_robot
 from ator_ros.simulation.simulation import Simulation
@@ -42,7 +43,7 @@ def test_turns_cover_their_angle_in_the_least_time(angle: float) -> None:
     pieces = turn_pieces(angle, LIMITS.w, LIMITS.aw)
     covered = sum(p.duration * (p.start + p.end) / 2 for p in pieces)
     assert covered == pytest.approx(angle)
-    assert sum(p.duration for p in pieces) == pytest.approx(float(turn_times(angle, LIMITS.w, LIMITS.aw)))
+    assert sum(p.duration for p in pieces) == pytest.approx(float(turn_time(angle, LIMITS.w, LIMITS.aw)))
     assert max(abs(p.end) for p in pieces) <= LIMITS.w + 1e-9
 
 
@@ -51,9 +52,7 @@ def test_straight_drives_cover_their_distance_within_the_limits() -> None:
     limits = Limits(v=1.0, w=1.2, a=0.8, brake=0.5, aw=3.0)
     for distance, v1, v2 in rng.uniform((0.0, 0.0, 0.0), (4.0, 1.0, 1.0), size=(200, 3)):
         pieces = straight_pieces(distance, v1, v2, limits)
-        assert sum(p.duration for p in pieces) == pytest.approx(
-            float(straight_times(distance, v1, v2, limits))
-        )
+        assert sum(p.duration for p in pieces) == pytest.approx(float(drive_time(distance, v1, v2, limits)))
         assert all(abs(p.end) <= limits.v + 1e-9 and p.duration >= 0.0 for p in pieces)
         if pieces[0].end >= max(v1, v2) - 1e-9:  # no overshoot: the distance suffices
             assert sum(p.duration * (p.start + p.end) / 2 for p in pieces) == pytest.approx(distance)
@@ -201,8 +200,8 @@ def test_starts_in_motion_are_driven_as_planned() -> None:
 
 
 def test_backward_at_both_ends_takes_no_time_over_no_distance() -> None:
-    assert float(straight_times(0.0, -0.35, -0.35, LIMITS)) == pytest.approx(0.0)
-    assert float(straight_times(0.0, 0.35, 0.35, LIMITS)) == pytest.approx(0.0)
+    assert float(drive_time(0.0, -0.35, -0.35, LIMITS)) == pytest.approx(0.0)
+    assert float(drive_time(0.0, 0.35, 0.35, LIMITS)) == pytest.approx(0.0)
 
 
 def test_no_way_is_searched_from_a_start_that_touches_something() -> None:

@@ -1,4 +1,4 @@
-"""Durations and displacements for plans and for ideal times come from one physics: they agree to rounding."""
+"""Durations come from one place: compiled code, arrays and numbers agree to the last bit."""
 
 from __future__ import annotations
 
@@ -6,43 +6,85 @@ import numpy as np
 import pytest
 from robots import OTHERS, PIONEER
 
+from ator_ros.compiled import compiled
+from ator_ros.geometry import FloatArray
 from ator_ros.motion import compiled_manoeuvre, durations, profiles
 from ator_ros.motion.displacements import TurnDriving, displacements
+from ator_ros.motion.durations import Rates, rates_of
 from ator_ros.motion.turn_tables import EDGE, FINE, STEP, Way, turn_tables
-from ator_ros.robot.description import Robot
+from ator_ros.robot.description import Limits, Robot
 
 every_robot = pytest.mark.parametrize("robot", [PIONEER, *OTHERS], ids=lambda robot: robot.name)
 
 
-@every_robot
-def test_turns_take_the_same_time(robot: Robot) -> None:
-    limits, angles = robot.limits, np.linspace(0.0, 5.0, 101)
-    planned = profiles.turn_times(angles, limits.w, limits.aw)
-    assert durations.turn_time(angles, limits.w, limits.aw) == pytest.approx(planned, abs=1e-12)
-    compiled = [compiled_manoeuvre.turn_time(angle, limits.w, limits.aw) for angle in angles]
-    assert compiled == planned.tolist()  # both plan: a search in one must find what the other executes
+@compiled
+def compiled_turns(angles: FloatArray, rates: Rates, result: FloatArray) -> None:
+    for at in range(len(angles)):
+        result[at] = durations.turn_time(angles[at], rates.w, rates.aw)
+
+
+@compiled
+def compiled_drives(drives: FloatArray, rates: Rates, result: FloatArray) -> None:
+    for at in range(len(drives)):
+        distance, before, after = drives[at, 0], drives[at, 1], drives[at, 2]
+        result[at] = durations.drive_time(distance, before, after, rates)
+
+
+def drawn_drives(limits: Limits) -> FloatArray:
+    """Return distances in m and speeds in m/s at both ends, shape (300, 3)."""
+    return np.random.default_rng(3).uniform(-1.0, 1.0, (300, 3)) * (3.0, limits.v, limits.v)
 
 
 @every_robot
-def test_straight_drives_take_the_same_time(robot: Robot) -> None:
-    limits, rng = robot.holder_for("a test").limits, np.random.default_rng(3)
-    distance = rng.uniform(-3.0, 3.0, 300)
-    before, after = rng.uniform(-limits.v, limits.v, (2, 300))
-    planned = profiles.straight_times(distance, before, after, limits)
-    rates = durations.rates_of(limits)
-    assert durations.drive_time(distance, before, after, rates) == pytest.approx(planned, abs=1e-9)
-    change = profiles.speed_change_distances(before, after, limits)
-    assert durations.change_distance(before, after, rates) == pytest.approx(change, abs=1e-12)
+def test_turns_take_as_long_as_their_rate_says(robot: Robot) -> None:
+    limits, angles = robot.limits, np.linspace(-5.0, 5.0, 101)
+    times, result = durations.turn_time(angles, limits.w, limits.aw), np.empty(101)
+    size = np.abs(angles)
+    ramped = size <= limits.w**2 / limits.aw
+    expected = np.where(ramped, 2.0 * np.sqrt(size / limits.aw), size / limits.w + limits.w / limits.aw)
+    assert times == pytest.approx(expected, abs=1e-12)
+    compiled_turns(angles, rates_of(limits), result)
+    assert result.tolist() == times.tolist()
+    assert [durations.turn_time(float(angle), limits.w, limits.aw) for angle in angles] == times.tolist()
+    for angle, time in zip(angles.tolist(), times.tolist(), strict=True):
+        pieces = profiles.turn_pieces(angle, limits.w, limits.aw)
+        assert sum(piece.duration for piece in pieces) == pytest.approx(time, abs=1e-12)
+        assert sum(p.duration * (p.start + p.end) / 2.0 for p in pieces) == pytest.approx(angle, abs=1e-12)
+        assert max(abs(piece.end) for piece in pieces) <= limits.w + 1e-12
+
+
+@every_robot
+def test_straight_drives_take_the_same_time_in_every_form(robot: Robot) -> None:
+    limits = robot.holder_for("a test").limits
+    drives, result = drawn_drives(limits), np.empty(300)
+    times = durations.drive_time(*drives.T, limits)
+    compiled_drives(drives, rates_of(limits), result)
+    assert result.tolist() == times.tolist()
+    pieces = [profiles.straight_pieces(*drive, limits) for drive in drives.tolist()]
+    assert [sum(piece.duration for piece in each) for each in pieces] == pytest.approx(times, abs=1e-12)
+
+
+@every_robot
+def test_changes_of_speed_go_at_the_limits(robot: Robot) -> None:
+    limits = robot.limits
+    for before, after, rate in ((0.1, 0.5, limits.a), (0.5, 0.1, limits.brake), (-0.1, -0.5, limits.brake)):
+        time, way = abs(after - before) / rate, (after**2 - before**2) / (2.0 * rate)
+        assert durations.change_time(before, after, limits) == pytest.approx(time, abs=1e-12)
+        assert durations.change_distance(before, after, limits) == pytest.approx(
+            np.copysign(way, before + after), abs=1e-12
+        )
 
 
 @every_robot
 def test_compiled_plans_have_the_same_pieces_to_the_last_bit(robot: Robot) -> None:
-    limits, rng = robot.limits, np.random.default_rng(4)
-    bounds = compiled_manoeuvre.Bounds(limits.v, limits.a, limits.brake, limits.aw)
-    for distance, before, after in rng.uniform(-1.0, 1.0, (300, 3)) * (3.0, limits.v, limits.v):
+    limits, rates = robot.limits, rates_of(robot.limits)
+    for distance, before, after in drawn_drives(limits).tolist():
         pieces = np.zeros((3, 3))
-        compiled_manoeuvre._straight(pieces, 0, distance, before, after, bounds)
+        compiled_manoeuvre._straight(pieces, 0, distance, before, after, rates)
         planned = profiles.straight_pieces(distance, before, after, limits)
+        assert pieces.tolist() == [list(piece) for piece in planned]
+        compiled_manoeuvre._turn(pieces, 0, distance, limits.w, limits.aw)
+        planned = profiles.turn_pieces(distance, limits.w, limits.aw)
         assert pieces.tolist() == [list(piece) for piece in planned]
 
 
@@ -51,12 +93,13 @@ def test_turns_lead_to_the_same_place(robot: Robot) -> None:
     limits = robot.limits
     turn = TurnDriving(-limits.v, limits.a, limits.w)  # the first row of a table is that of the lowest speed
     tables = turn_tables(limits, (Way(turn.acceleration, turn.turn_rate),))
-    bounds = compiled_manoeuvre.Bounds(limits.v, limits.a, limits.brake, limits.aw)
     side = np.array([0.0, turn.speed, *turn])
     for entry in range(0, EDGE, FINE // 2):
         angle = entry * STEP / FINE
         x, y = displacements(np.array([angle]), turn, limits)[:, 0]
-        assert compiled_manoeuvre.displacement(angle, side, bounds) == pytest.approx((x, y), abs=1e-9)
+        assert compiled_manoeuvre.displacement(angle, side, rates_of(limits)) == pytest.approx(
+            (x, y), abs=1e-9
+        )
         cos, sin = np.cos(angle), np.sin(angle)
         looked_up = tables.along[EDGE + entry], tables.across[EDGE + entry]
         assert looked_up == pytest.approx((cos * x + sin * y, cos * y - sin * x), abs=1e-9)

@@ -10,8 +10,8 @@ import numpy as np
 
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.motion.displacements import TurnDriving, displacements
+from ator_ros.motion.durations import drive_parts, turn_parts, turn_time
 from ator_ros.motion.manoeuvre import STEPS, TOLERANCE, Side
-from ator_ros.motion.profiles import straight_pieces_of, turn_times
 from ator_ros.robot.description import Limits
 
 
@@ -143,7 +143,7 @@ def _joined(parts: tuple[Course, ...]) -> Course:
 
 
 def _straight(distance: FloatArray, v1: FloatArray, v2: FloatArray, limits: Limits) -> Course:
-    gaining, steady, losing, top = straight_pieces_of(distance, v1, v2, limits)
+    gaining, steady, losing, top = drive_parts(distance, v1, v2, limits)
     pieces = np.stack((gaining, steady, losing), axis=1)
     return Course(pieces, np.stack((v1, top, top), axis=1), np.stack((top, top, v2), axis=1))
 
@@ -154,12 +154,10 @@ def _idle(straight: Course) -> Course:
 
 
 def _turn(angles: FloatArray, rate: FloatArray, limits: Limits) -> Course:
-    peak = np.minimum(rate, np.sqrt(np.abs(angles) * limits.aw))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cruise = np.where(peak > 0.0, np.maximum(0.0, np.abs(angles) / peak - peak / limits.aw), 0.0)
-    ramp, signed, nothing = peak / limits.aw, np.copysign(peak, angles), np.zeros(len(angles))
+    ramp, steady = turn_parts(angles, rate, limits.aw)
+    signed, nothing = np.copysign(limits.aw * ramp, angles), np.zeros(len(angles))
     return Course(
-        np.stack((ramp, cruise, ramp), axis=1),
+        np.stack((ramp, steady, ramp), axis=1),
         np.stack((nothing, signed, signed), axis=1),
         np.stack((signed, signed, nothing), axis=1),
     )
@@ -168,7 +166,7 @@ def _turn(angles: FloatArray, rate: FloatArray, limits: Limits) -> Course:
 def _turn_speeds(angles: FloatArray, sides: FloatArray, limits: Limits) -> Course:
     """Compute the speeds during turns, from their ends of the manoeuvres inward."""
     _, _, speed, acceleration, rate = sides
-    total = turn_times(angles, rate, limits.aw)
+    total = turn_time(angles, rate, limits.aw)
     with np.errstate(invalid="ignore", divide="ignore"):
         bounded = np.maximum(0.0, (np.copysign(limits.v, acceleration) - speed) / acceleration)
     ramp = np.minimum(total, np.where(acceleration == 0.0, np.inf, bounded))

@@ -11,20 +11,12 @@ from typing import NamedTuple
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.displacements import NODES, WEIGHTS
+from ator_ros.motion.durations import Rates, drive_parts, turn_parts, turn_time
 from ator_ros.motion.manoeuvre import STEPS, TOLERANCE
 
 PIECES = 13
 """Pieces of the translational velocity: three of a straight, two of a turn, three, two, three."""
 _SURE = 8  # steps after which rounding may have led elsewhere
-
-
-class Bounds(NamedTuple):
-    """Limits that the kernel uses, in m/s, m/s^2, m/s^2 and rad/s^2."""
-
-    v: float
-    a: float
-    brake: float
-    aw: float
 
 
 class End(NamedTuple):
@@ -43,20 +35,12 @@ class Turned(NamedTuple):
 
 
 @compiled
-def turn_time(angle: float, rate: float, aw: float) -> float:
-    """Return the time in s of a turn; see `profiles.turn_times`."""
-    size = abs(angle)
-    return 2.0 * math.sqrt(size / aw) if size <= rate * rate / aw else size / rate + rate / aw
-
-
-@compiled
-def displacement(angle: float, side: FloatArray, bounds: Bounds) -> Turned:
+def displacement(angle: float, side: FloatArray, bounds: Rates) -> Turned:
     """Return where a turn ends that is driven as `side`, shape (5,), says; see `displacements`."""
     aw, time = bounds.aw, turn_time(angle, side[4], bounds.aw)
     size = max(abs(angle), 1e-12)
-    whole = turn_time(size, side[4], aw)
-    peak = min(side[4], math.sqrt(size * aw))
-    ramp = peak / aw
+    ramp, steady = turn_parts(size, side[4], aw)
+    whole = 2.0 * ramp + steady
     x = y = 0.0
     for node in range(len(NODES)):
         t = NODES[node] * whole
@@ -66,7 +50,7 @@ def displacement(angle: float, side: FloatArray, bounds: Bounds) -> Turned:
         elif rest < ramp:
             done = size - 0.5 * aw * rest * rest
         else:
-            done = peak * (t - 0.5 * ramp)
+            done = aw * ramp * (t - 0.5 * ramp)
         heading = angle * (done / size)
         speed = min(max(side[2] + side[3] * (time * NODES[node]), -bounds.v), bounds.v)
         step = speed * WEIGHTS[node] * time
@@ -77,7 +61,7 @@ def displacement(angle: float, side: FloatArray, bounds: Bounds) -> Turned:
 
 @compiled
 def gap(
-    first: float, last: float, start: End, goal: End, entry: FloatArray, leaving: FloatArray, bounds: Bounds
+    first: float, last: float, start: End, goal: End, entry: FloatArray, leaving: FloatArray, bounds: Rates
 ) -> Turned:
     """Return the length of the drive between two turns, and how far it misses the last one sideways, in m."""
     one, two = displacement(first, entry, bounds), displacement(-last, leaving, bounds)
@@ -93,7 +77,7 @@ def gap(
 
 @compiled
 def close(
-    first: float, last: float, start: End, goal: End, entry: FloatArray, leaving: FloatArray, bounds: Bounds
+    first: float, last: float, start: End, goal: End, entry: FloatArray, leaving: FloatArray, bounds: Rates
 ) -> tuple[float, float, float, bool]:
     """Solve for the first turn as `manoeuvre.closed` does.
 
@@ -115,19 +99,12 @@ def close(
 
 
 @compiled
-def _straight(pieces: FloatArray, at: int, distance: float, v1: float, v2: float, bounds: Bounds) -> None:
+def _straight(pieces: FloatArray, at: int, distance: float, v1: float, v2: float, bounds: Rates) -> None:
     """Write three pieces (duration, speeds at both ends) of a drive; see `profiles.straight_pieces`."""
-    rate = bounds.a if v2 >= v1 else bounds.brake
-    surplus = distance - (v1 + v2) * abs(v2 - v1) / (2.0 * rate)
-    sign = 1.0 if surplus >= (1e-9 if max(v1, v2) < 0.0 else -1e-9) else -1.0
-    d, u1, u2, up, down = sign * distance, sign * v1, sign * v2, bounds.a, bounds.brake
-    squares = (down * u1 * u1 + up * u2 * u2 + 2.0 * up * down * d) / (up + down)
-    most = max(u1, u2)
-    peak = min(math.sqrt(max(squares, most * most if most > 0.0 else 0.0)), bounds.v)
-    ramps = (peak * peak - u1 * u1) / (2.0 * up) + (peak * peak - u2 * u2) / (2.0 * down)
-    _piece(pieces, at, (peak - u1) / up, v1, sign * peak)
-    _piece(pieces, at + 1, max(d - ramps, 0.0) / bounds.v, sign * peak, sign * peak)
-    _piece(pieces, at + 2, (peak - u2) / down, sign * peak, v2)
+    gaining, steady, losing, top = drive_parts(distance, v1, v2, bounds)
+    _piece(pieces, at, gaining, v1, top)
+    _piece(pieces, at + 1, steady, top, top)
+    _piece(pieces, at + 2, losing, top, v2)
 
 
 @compiled
@@ -136,7 +113,7 @@ def _piece(pieces: FloatArray, at: int, duration: float, begin: float, end: floa
 
 
 @compiled
-def _ramp(angle: float, side: FloatArray, bounds: Bounds) -> tuple[float, float, float]:
+def _ramp(angle: float, side: FloatArray, bounds: Rates) -> tuple[float, float, float]:
     """Return how long the speed changes in a turn, how long it does not, in s, and what it reaches in m/s."""
     total = turn_time(angle, side[4], bounds.aw)
     ramp = total
@@ -154,7 +131,7 @@ def speed_pieces(
     distance: float,
     entry: FloatArray,
     leaving: FloatArray,
-    bounds: Bounds,
+    bounds: Rates,
 ) -> float:
     """Write the velocity's pieces, shape (13, 3): duration, both speeds; return their whole time in s."""
     ramp, held, v1 = _ramp(first, entry, bounds)
@@ -180,7 +157,7 @@ def turn_pieces(
     last: float,
     entry: FloatArray,
     leaving: FloatArray,
-    bounds: Bounds,
+    bounds: Rates,
 ) -> None:
     """Write the turn rate's pieces, shape (9, 3), that go with the `pieces` of the velocity."""
     _idle(turns, 0, pieces, 0)
@@ -197,9 +174,8 @@ def _idle(turns: FloatArray, at: int, pieces: FloatArray, of: int) -> None:
 
 @compiled
 def _turn(turns: FloatArray, at: int, angle: float, rate: float, aw: float) -> None:
-    peak = min(rate, math.sqrt(abs(angle) * aw))
-    cruise = max(0.0, abs(angle) / peak - peak / aw) if peak > 0.0 else 0.0
-    signed = math.copysign(peak, angle)
-    _piece(turns, at, peak / aw, 0.0, signed)
-    _piece(turns, at + 1, cruise, signed, signed)
-    _piece(turns, at + 2, peak / aw, signed, 0.0)
+    ramp, steady = turn_parts(angle, rate, aw)
+    peak = math.copysign(aw * ramp, angle)
+    _piece(turns, at, ramp, 0.0, peak)
+    _piece(turns, at + 1, steady, peak, peak)
+    _piece(turns, at + 2, ramp, peak, 0.0)

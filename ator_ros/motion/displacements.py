@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.profiles import turn_progress, turn_times
+from ator_ros.motion.durations import turn_time
+from ator_ros.motion.profiles import turn_progress
 from ator_ros.robot.description import Limits
 
 _POINTS, _OVER_TWO = np.polynomial.legendre.leggauss(16)
@@ -76,7 +77,7 @@ class _Headings(NamedTuple):
 
 
 def _headings(angles: FloatArray, turn_rate: Any, aw: float) -> _Headings:
-    times = turn_times(angles[:, None], turn_rate, aw)
+    times = turn_time(angles[:, None], turn_rate, aw)
     headings = angles[:, None] * turn_progress(NODES, angles, turn_rate, aw)
     return _Headings(times, times * NODES, np.cos(headings), np.sin(headings))
 

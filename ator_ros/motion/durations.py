@@ -1,18 +1,18 @@
-"""How long turns and straight drives take at a robot's limits: for numbers, and for arrays of one shape.
+"""How long turns and straight drives take at a robot's limits: the one place, for plans and for ideal times.
 
-Features are computed with these, plans with `profiles` and, bit for bit the same, `compiled_manoeuvre`. The
-two differ in the last digit for a third of all inputs: products with reciprocals here, divisions there. The
-shipped models were learned with the one and their experience was driven with the other, so neither can
-replace the other without learning everything anew.
+All functions take numbers, or arrays that broadcast; `Real` is what the first of them is.
+
+Reciprocals are multiplied with, not divided by: the search for ideal motions is most of a refinement's work,
+and compiled loops compute the reciprocals once.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from ator_ros.compiled import compiled
+from ator_ros.compiled import elementwise
 from ator_ros.geometry import FloatArray
 from ator_ros.robot.description import Limits
 
@@ -29,46 +29,91 @@ class Rates(NamedTuple):
     aw: float
 
 
+Bounds: TypeAlias = Rates | Limits
+"""Compiled code knows `Rates` only."""
+
+
 def rates_of(limits: Limits) -> Rates:
     """Return limits as plain numbers."""
-    return Rates(limits.v, limits.w, limits.a, limits.brake, limits.aw)
+    return Rates(*(float(value) for value in (limits.v, limits.w, limits.a, limits.brake, limits.aw)))
 
 
-@compiled
-def turn_time(angle: Real, rate: float, aw: float) -> Real:
-    """Return the time in s of turns by `angle` (rad, not negative) at up to `rate` (rad/s), rest to rest."""
+@elementwise
+def turn_parts(angle: Real, rate: Any, aw: float) -> tuple[Real, Real]:
+    """Return how long the fastest turn by `angle` (rad) from rest to rest gains, and holds, its rate, in s.
+
+    It loses its rate as fast as it gains it. `rate` (rad/s) is the greatest, `aw` (rad/s^2) its change.
+    """
+    size: Any = np.abs(angle)
     ramped = rate * rate * (1.0 / aw)
-    short = 2.0 * np.sqrt(np.minimum(angle, ramped) * (1.0 / aw))
-    result: Real = short + np.maximum(angle - ramped, 0.0) / rate
+    gaining = np.sqrt(np.minimum(size, ramped) * (1.0 / aw))
+    return gaining, np.maximum(size - ramped, 0.0) / rate
+
+
+@elementwise
+def turn_time(angle: Real, rate: Any, aw: float) -> Real:
+    """Return the time in s of turns by `angle` (rad) at up to `rate` (rad/s), rest to rest."""
+    gaining, steady = turn_parts(angle, rate, aw)
+    result: Real = 2.0 * gaining + steady
     return result
 
 
-@compiled
-def change_distance(before: Real, after: Real, rates: Rates) -> Real:
-    """Return the signed distance in m in which the speed goes straight from `before` to `after` (m/s)."""
+@elementwise
+def change_time(before: Real, after: Any, rates: Bounds) -> Real:
+    """Return the time in s in which the speed goes straight from `before` to `after` (m/s)."""
     gain = after - before
-    time = np.maximum(gain * (1.0 / rates.a), gain * (-1.0 / rates.brake))
-    result: Real = 0.5 * (before + after) * time
+    result: Real = np.maximum(gain * (1.0 / rates.a), gain * (-1.0 / rates.brake))
     return result
 
 
-@compiled
-def drive_time(distance: Real, before: Real, after: Real, rates: Rates) -> Real:
-    """Return the time in s of straight drives over signed `distance` (m) between two speeds (m/s).
+@elementwise
+def change_distance(before: Real, after: Any, rates: Bounds) -> Real:
+    """Return the signed distance in m in which the speed goes straight from `before` to `after` (m/s)."""
+    result: Real = 0.5 * (before + after) * change_time(before, after, rates)
+    return result
+
+
+@elementwise
+def direction(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
+    """Return 1 where the fastest drive over signed `distance` (m) goes forward, -1 where backward.
 
     Where the distance is too short for the change of speed, the motion overshoots and comes back.
     """
     surplus = distance - change_distance(before, after, rates)
-    # What moves backward all the way is seen as a drive in that direction.
+    # What moves backward all the way is seen as a drive in that direction; and a stretch made to measure for
+    # its change of speed must not count as a hair too short.
     least = 1e-9 * (2.0 * (np.maximum(before, after) < 0.0) - 1.0)
-    sign = 2.0 * (surplus >= least) - 1.0
+    result: Real = 2.0 * (surplus >= least) - 1.0
+    return result
+
+
+@elementwise
+def drive_time(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
+    """Return the time in s of straight drives over signed `distance` (m) between two speeds (m/s)."""
+    sign = direction(distance, before, after, rates)
     result: Real = forward_time(sign * distance, sign * before, sign * after, rates)
     return result
 
 
-@compiled
-def forward_time(distance: Real, before: Real, after: Real, rates: Rates) -> Real:
+@elementwise
+def forward_time(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
     """Return the time in s of drives that gain speed first, or keep it, and lose it at the end."""
+    gaining, steady, losing, _ = forward_parts(distance, before, after, rates)
+    result: Real = gaining + losing + steady
+    return result
+
+
+@elementwise
+def drive_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple[Real, Real, Real, Real]:
+    """Return how long drives gain speed, hold it and lose it, in s, and the speed held in m/s."""
+    sign = direction(distance, before, after, rates)
+    gaining, steady, losing, peak = forward_parts(sign * distance, sign * before, sign * after, rates)
+    return gaining, steady, losing, sign * peak
+
+
+@elementwise
+def forward_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple[Real, Real, Real, Real]:
+    """Return the same of drives that gain speed first, or keep it, and lose it at the end."""
     up, down = rates.a, rates.brake
     square1, square2 = before * before, after * after
     square = (down * square1 + up * square2 + (2.0 * up * down) * distance) * (1.0 / (up + down))
@@ -76,6 +121,5 @@ def forward_time(distance: Real, before: Real, after: Real, rates: Rates) -> Rea
     square = np.minimum(np.maximum(square, most * most), rates.v * rates.v)
     peak = np.sqrt(square)
     cruise = distance - (square - square1) * (0.5 / up) - (square - square2) * (0.5 / down)
-    ramps = (peak - before) * (1.0 / up) + (peak - after) * (1.0 / down)
-    result: Real = ramps + np.maximum(cruise, 0.0) * (1.0 / rates.v)
-    return result
+    steady = np.maximum(cruise, 0.0) * (1.0 / rates.v)
+    return (peak - before) * (1.0 / up), steady, (peak - after) * (1.0 / down), peak

@@ -9,7 +9,8 @@ import numpy as np
 
 from ator_ros.geometry import Pose
 from ator_ros.motion.displacements import TurnDriving, displacements
-from ator_ros.motion.profiles import Piece, straight_pieces, turn_pieces, turn_times
+from ator_ros.motion.durations import turn_time
+from ator_ros.motion.profiles import Piece, straight_pieces, turn_pieces
 from ator_ros.robot.description import Limits
 
 TOLERANCE = 1e-7
@@ -151,7 +152,7 @@ def _lateral_gap(manoeuvre: Manoeuvre, first: float) -> tuple[float, float]:
 
 def _turn_speeds(angle: float, turn: TurnDriving, limits: Limits) -> list[Piece]:
     """Return the speed during a turn, from its end of the manoeuvre inward."""
-    total = float(turn_times(angle, turn.turn_rate, limits.aw))
+    total = float(turn_time(angle, turn.turn_rate, limits.aw))
     if turn.acceleration == 0.0:
         return [Piece(total, turn.speed, turn.speed)]
     bound = math.copysign(limits.v, turn.acceleration)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
-from ator_ros.motion.durations import Rates, forward_time
+from ator_ros.motion.durations import Rates, change_distance, change_time, forward_time
 from ator_ros.motion.turn_tables import TurnTables, row_of
 
 KIND = np.dtype(
@@ -51,9 +51,8 @@ def set_speed(entries: Rows, speed: float, kinds: Rows, tables: TurnTables, rule
     for index in range(len(kinds)):
         kind, entry = kinds[index], entries[index]
         reached = speed if math.isnan(kind["entry"]) else kind["entry"]
-        gain = reached - speed
-        time = max(gain * (1.0 / rates.a), gain * (-1.0 / rates.brake))
-        entry["speed"], entry["way"], entry["time"] = reached, 0.5 * (reached + speed) * time, time
+        entry["speed"], entry["way"] = reached, change_distance(speed, reached, rates)
+        entry["time"] = change_time(speed, reached, rates)
         entry["row"] = row_of(tables, kind["first_way"], reached)
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.bundle import Bundle
 from ator_ros.motion.displacements import speeds_after
+from ator_ros.motion.durations import change_distance, drive_time, turn_time
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.profiles import speed_change_distances, straight_times, turn_times
 from ator_ros.motion.ways import GRID, HALF, STEP, Ways, least_times
 
 _Parts: TypeAlias = tuple[FloatArray, FloatArray]
@@ -212,15 +212,15 @@ def _ranked(start: Pose, goal: Pose, ways: Ways, least_slack: float, found: list
     times, speeds = [], []
     for side, table in enumerate((ways.entry_table, ways.exit_table)):
         speed, acceleration, rate = (row[found[side]] for row in table[2:])
-        times.append(turn_times(found[2 + side], rate, limits.aw))
+        times.append(turn_time(found[2 + side], rate, limits.aw))
         speeds.append(speeds_after(speed, acceleration, times[side], limits.v))
-    slack = found[4] - speed_change_distances(speeds[0], speeds[1], limits)
+    slack = found[4] - change_distance(speeds[0], speeds[1], limits)
     kept = np.flatnonzero(slack >= least_slack)
     found = [column[kept] for column in found]
     durations = np.zeros(len(kept))
     for side, stretches in enumerate((ways.entry_stretches, ways.exit_stretches)):
         durations += times[side][kept] + stretches[found[side]]
-    durations += straight_times(found[4], speeds[0][kept], speeds[1][kept], limits)
+    durations += drive_time(found[4], speeds[0][kept], speeds[1][kept], limits)
     order = np.argsort(durations, kind="stable")
     entries, exits, first, last, distance = (column[order] for column in found)
     return Candidates(start, goal, ways, entries, exits, first, last, distance, durations[order])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.displacements import NODES, WEIGHTS, speeds_after
+from ator_ros.motion.durations import turn_parts
 from ator_ros.robot.description import Limits
 
 RealArray = NDArray[np.floating[Any]]
@@ -111,12 +112,12 @@ def _displacements(
     limits: Limits, way: Way, speeds: FloatArray, angles: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return along and across, shapes (speeds, angles), of turns to the left in one way."""
-    ramp = np.minimum(np.sqrt(angles / limits.aw), way.rate / limits.aw)
-    time = 2.0 * ramp + np.maximum(angles - limits.aw * ramp * ramp, 0.0) / way.rate
+    ramp, steady = turn_parts(angles, way.rate, limits.aw)
+    time = 2.0 * ramp + steady
     now, ramp = time[:, None] * NODES, ramp[:, None]
     begin = np.minimum(now, ramp)
     end = np.minimum(time[:, None] - now, ramp)
-    even = limits.aw * ramp * np.clip(now - ramp, 0.0, np.maximum(time[:, None] - 2.0 * ramp, 0.0))
+    even = limits.aw * ramp * np.clip(now - ramp, 0.0, steady[:, None])
     # Ramp up, even rate, ramp down: the last part is what the mirrored ramp still lacks.
     heading = 0.5 * limits.aw * (begin * begin + ramp * ramp - end * end) + even
     weight = WEIGHTS * time[:, None]

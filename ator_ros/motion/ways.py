@@ -13,9 +13,9 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.bundle import side_table
 from ator_ros.motion.displacements import TurnDriving, displacement_table
+from ator_ros.motion.durations import drive_time, turn_time
 from ator_ros.motion.manoeuvre import Side
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.profiles import straight_times, turn_times
 from ator_ros.robot.description import Limits
 
 STEP = math.radians(5.0)
@@ -78,7 +78,7 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
     yield 2 + (len(entries) + len(exits)) // _SIDES_A_POINT
     sides = side_table(entries), side_table(exits)
     along, across = _entry_parts(tuple(entries), limits)
-    stretches = straight_times(sides[0][0], sides[0][1], sides[0][2], limits)
+    stretches = drive_time(sides[0][0], sides[0][1], sides[0][2], limits)
     least = least_times(sides[0], stretches, GRID, along, limits)
     shortest = np.minimum(along[:, 1:], along[:, :-1])
     return Ways(
@@ -90,7 +90,7 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
         across,
         _exit_places(tuple(exits), limits),
         stretches,
-        straight_times(sides[1][0], sides[1][2], sides[1][1], limits),
+        drive_time(sides[1][0], sides[1][2], sides[1][1], limits),
         least,
         least.min(axis=0),
         shortest,
@@ -109,7 +109,7 @@ def least_times(
     """
     least = np.maximum(0.0, np.abs(turns[1:] + turns[:-1]) / 2.0 - STEP / 2.0)
     covered = np.maximum(along[:, 1:], along[:, :-1]) / limits.v
-    return stretches[:, None] + turn_times(least, table[4][:, None], limits.aw) - covered
+    return stretches[:, None] + turn_time(least, table[4][:, None], limits.aw) - covered
 
 
 @lru_cache(maxsize=16)

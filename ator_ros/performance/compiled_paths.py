@@ -9,7 +9,7 @@ import numpy as np
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import Rates, drive_time
+from ator_ros.motion.durations import Rates, change_distance, change_time, drive_time
 
 _FULL_TURN = 2.0 * math.pi
 _STEPS = 5  # of the search for the direction of the straight; more change nothing that matters
@@ -89,19 +89,12 @@ def turned(
 
 
 @compiled
-def ramp(before: float, after: float, rates: Rates) -> tuple[float, float]:
-    """Return time (s) and distance (m) of a straight change of speed between speeds of one direction."""
-    rate = rates.a if after > before else rates.brake
-    return abs(after - before) / rate, abs(after * after - before * before) / (2.0 * rate)
-
-
-@compiled
 def run_up(arrival: float, final: float, rules: PathRules) -> tuple[float, float, float]:
     """Return time (s) and length (m) of the straight run at the end, and the speed (m/s) at its beginning."""
     rates = rules.rates
     if rules.run < 0.0:
-        time, run = ramp(arrival * rates.v, final, rates)
-        return time, run, arrival * rates.v
+        speed = arrival * rates.v
+        return change_time(speed, final, rates), abs(change_distance(speed, final, rates)), speed
     run = rules.run
     lowest = math.sqrt(max(final * final - 2.0 * rates.a * run, 0.0))
     highest = min(math.sqrt(final * final + 2.0 * rates.brake * run), rates.v)
@@ -150,8 +143,8 @@ def lead_in(lead: float, speed: float, rates: Rates) -> tuple[float, float, floa
     """Return time (s) and length (m) of the straight before the first turn, and the speed (m/s) after it."""
     if lead < 0.0:
         return 0.0, 0.0, speed
-    time, way = ramp(speed, lead * rates.v, rates)
-    return time, way, lead * rates.v
+    reached = lead * rates.v
+    return change_time(speed, reached, rates), abs(change_distance(speed, reached, rates)), reached
 
 
 @compiled
@@ -212,7 +205,7 @@ def way_time(
     distance, beside = dx * cos1 + dy * sin1, abs(dy * cos1 - dx * sin1)
     if beside > _OFF:
         return np.inf, 0.0
-    if rules.forward and distance < ramp(speed1, speed2, rates)[1] - _EARLY:
+    if rules.forward and distance < abs(change_distance(speed1, speed2, rates)) - _EARLY:
         return np.inf, 0.0
     total += drive_time(distance, speed1, speed2, rates) + beside / rates.v
     if rules.passing > 0.0:

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import rates_of, turn_time
+from ator_ros.motion.durations import rates_of, turn_parts
 from ator_ros.motion.ideal_times import Motions
 from ator_ros.performance.compiled_paths import Entry, Exit, PathRules
 from ator_ros.performance.driving import LEVELS, DrivingStyle
@@ -48,10 +48,9 @@ def turn_table(rate: float, aw: float) -> FloatArray:
         way.
     """
     angles = np.linspace(0.0, 2.0 * math.pi, _ANGLES)[:, None]
-    whole = turn_time(angles, rate, aw)
+    ramp, steady = turn_parts(angles, rate, aw)
+    whole, peak = 2.0 * ramp + steady, aw * ramp
     time = whole * (np.arange(_MOMENTS) + 0.5) / _MOMENTS
-    peak = np.minimum(np.sqrt(angles * aw), rate)
-    ramp = peak / aw
     middle = 0.5 * peak * ramp + peak * (time - ramp)
     early, late = 0.5 * aw * time * time, angles - 0.5 * aw * (whole - time) ** 2
     heading = np.where(time < ramp, early, np.where(time > whole - ramp, late, middle))

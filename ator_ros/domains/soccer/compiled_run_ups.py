@@ -117,46 +117,44 @@ def _fastest_turn(
     x, y, yaw, speed = start
     row = min(int(speed * (1.0 / turns.step) + 0.5), len(turns.table) - 1)
     ahead, aside = math.cos(yaw), math.sin(yaw)
-    best, result = most, math.inf
-    for round_about in range(2):
-        if round_about and turn_time(math.pi, rates.w, rates.aw) >= best:
+    best = most
+    for number in range(2 * len(slants)):
+        if number == len(slants) and turn_time(math.pi, rates.w, rates.aw) >= best:
             break
-        for number in range(len(slants)):
-            slant, cos, sin, tan = slants[number]
-            angle = (slant - yaw + math.pi) % (2.0 * math.pi) - math.pi
-            angle -= round_about * math.copysign(2.0 * math.pi, angle)  # the other way round
-            size, side = abs(angle), math.copysign(1.0, angle)
-            if not size < LARGEST_TURN:
+        slant, cos, sin, tan = slants[number % len(slants)]
+        angle = (slant - yaw + math.pi) % (2.0 * math.pi) - math.pi
+        if number >= len(slants):
+            angle -= math.copysign(2.0 * math.pi, angle)  # the other way round
+        size, side = abs(angle), math.copysign(1.0, angle)
+        if not size < LARGEST_TURN:
+            continue
+        widest = setting.half_width - (setting.reach + setting.room) / cos
+        aim = y + setting.hold * sin - (x + setting.hold * cos) * tan
+        # By how much farther to the left the ball crosses the line for each m of a displacement.
+        forward_aim, left_aim = aside - ahead * tan, side * (ahead + aside * tan)
+        place = size * ((ANGLES - 1) / LARGEST_TURN)
+        low = min(int(place), ANGLES - 2)
+        for gain in range(len(turns.gains)):
+            forward = _between(turns.table, row, low, gain, 0, place - low)
+            left = _between(turns.table, row, low, gain, 1, place - low)
+            if abs(aim + forward_aim * forward + left_aim * left) > widest:
                 continue
-            widest = setting.half_width - (setting.reach + setting.room) / cos
-            aim = y + setting.hold * sin - (x + setting.hold * cos) * tan
-            # By how much farther to the left the ball crosses the line for each m of a displacement.
-            forward_aim, left_aim = aside - ahead * tan, side * (ahead + aside * tan)
-            place = size * ((ANGLES - 1) / LARGEST_TURN)
-            low = min(int(place), ANGLES - 2)
-            share = place - low
-            for gain in range(len(turns.gains)):
-                forward, left = _displacement(turns.table, row, low, gain, share)
-                if abs(aim + forward_aim * forward + left_aim * left) > widest:
-                    continue
-                turning = turn_time(size, turns.rates[row, gain], rates.aw)
-                if turning < best:
-                    to_x = x + ahead * forward - aside * side * left
-                    to_y = y + aside * forward + ahead * side * left
-                    after = min(speed + turns.gains[gain] * turning, rates.v)
-                    time = turning + _shot(to_x, to_y, cos, sin, after, setting, rates)
-                    if time < best:
-                        best, result = time, time
-    return result
+            turning = turn_time(size, turns.rates[row, gain], rates.aw)
+            if turning >= best:
+                continue
+            to_x = x + ahead * forward - aside * side * left
+            to_y = y + aside * forward + ahead * side * left
+            after = min(speed + turns.gains[gain] * turning, rates.v)
+            best = min(best, turning + _shot(to_x, to_y, cos, sin, after, setting, rates))
+    return best if best < most else math.inf
 
 
 @compiled
-def _displacement(table: FloatArray, row: int, low: int, gain: int, share: float) -> tuple[float, float]:
-    """Return how far a turn to the left leads forward and to the left, in m: between two entries."""
-    forward, left = table[row, low, gain, 0], table[row, low, gain, 1]
-    forward += share * (table[row, low + 1, gain, 0] - forward)
-    left += share * (table[row, low + 1, gain, 1] - left)
-    return forward, left
+def _between(table: FloatArray, row: int, low: int, gain: int, axis: int, share: float) -> float:
+    """Return a displacement in m, forward (axis 0) or to the left (1), `share` beyond the entry `low`."""
+    before = table[row, low, gain, axis]
+    result: float = before + share * (table[row, low + 1, gain, axis] - before)
+    return result
 
 
 @compiled

@@ -13,12 +13,12 @@ from ator_ros.domains.soccer.planned.clearance import STRIDE
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.motion.compiled_manoeuvre import (
     PIECES,
-    Bounds,
     End,
     close,
     speed_pieces,
     turn_pieces,
 )
+from ator_ros.motion.durations import Rates
 from ator_ros.motion.trajectory import DT
 from ator_ros.world.scene import WALL_THICKNESS
 
@@ -75,7 +75,7 @@ class BundleArrays(NamedTuple):
 def judge(
     start: End,
     many: BundleArrays,
-    bounds: Bounds,
+    bounds: Rates,
     shape: Outline,
     ball: Blocked,
     longest: FloatArray,
@@ -114,7 +114,7 @@ def judge(
 
 
 @compiled
-def touch(start: End, many: BundleArrays, bounds: Bounds, shape: Outline, ball: Blocked) -> BoolArray:
+def touch(start: End, many: BundleArrays, bounds: Rates, shape: Outline, ball: Blocked) -> BoolArray:
     """Return which closed manoeuvres certainly touch an obstacle; see `screening.touching`."""
     touches = np.zeros(len(many.first), dtype=np.bool_)
     pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))

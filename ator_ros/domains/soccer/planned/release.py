@@ -11,8 +11,8 @@ import numpy as np
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.geometry import BoolArray, FloatArray, Pose
+from ator_ros.motion.durations import drive_time
 from ator_ros.motion.manoeuvre import Manoeuvre
-from ator_ros.motion.profiles import straight_times
 from ator_ros.robot.description import Limits, Robot
 
 SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
@@ -82,7 +82,7 @@ def release(
     inside = field_of(robot).goal_depth - robot.reach - (x + stop * c)
     beside = field_of(robot).goal_width / 2.0 - robot.reach - np.abs(y + stop * s)
     result.distance[allowed], result.speed[allowed] = pushed, released
-    result.time[allowed] = straight_times(pushed, speed, released, limits) + _rolling_time(
+    result.time[allowed] = drive_time(pushed, speed, released, limits) + _rolling_time(
         robot, released, way - pushed
     )
     allowed[allowed] = np.minimum(inside, beside) >= ROOM

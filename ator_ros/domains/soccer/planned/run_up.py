@@ -22,9 +22,9 @@ from ator_ros.domains.soccer.planned.screening import look_points, portions, scr
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.motion.bundle import Bundle, side_table
 from ator_ros.motion.displacements import TurnDriving, displacement_table, speeds_after
+from ator_ros.motion.durations import drive_time, turn_time
 from ator_ros.motion.manoeuvre import Manoeuvre, Side
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.profiles import straight_times, turn_times
 from ator_ros.robot.description import Limits, Robot
 
 _BLOCK = 16  # entries in a portion of work
@@ -175,7 +175,7 @@ def _of_sides(
     headings = wrap_angles(seen.yaw + turns)
     length, outer, speed, acceleration, rate = sides[:, :, None]
     leads = length + _LEADS
-    lead_times, turning = straight_times(leads, outer, speed, limits), turn_times(turns, rate, limits.aw)
+    lead_times, turning = drive_time(leads, outer, speed, limits), turn_time(turns, rate, limits.aw)
     after = speeds_after(speed, acceleration, turning, limits.v)
     c, s = math.cos(seen.yaw), math.sin(seen.yaw)
     x, y = seen.x + c * table[:, 0] - s * table[:, 1], seen.y + s * table[:, 0] + c * table[:, 1]

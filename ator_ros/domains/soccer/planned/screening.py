@@ -27,7 +27,8 @@ from ator_ros.domains.soccer.planned.compiled_screening import (
 )
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.motion.bundle import Bundle, closed_bundle, courses
-from ator_ros.motion.compiled_manoeuvre import Bounds, End
+from ator_ros.motion.compiled_manoeuvre import End
+from ator_ros.motion.durations import Rates, rates_of
 from ator_ros.motion.trajectory import DT
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState
@@ -99,13 +100,13 @@ def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
     return touching_at_once(bundle, obstacles, robot)
 
 
-def _scalars(bundle: Bundle) -> tuple[End, BundleArrays, Bounds]:
+def _scalars(bundle: Bundle) -> tuple[End, BundleArrays, Rates]:
     limits = bundle.limits
     columns = (bundle.goals, bundle.entries, bundle.exits, bundle.first, bundle.last, bundle.distance)
     return (
         End(*map(float, bundle.start)),
         BundleArrays(*(np.ascontiguousarray(column, dtype=float) for column in columns)),
-        Bounds(float(limits.v), float(limits.a), float(limits.brake), float(limits.aw)),
+        rates_of(limits),
     )
 
 
