@@ -11,7 +11,7 @@ import pytest
 
 from ator_ros.geometry import Pose
 from ator_ros.robot.base_response import AxisResponse
-from ator_ros.robot.description import Limits, Robot, load_robot
+from ator_ros.robot.description import Limits, Robot, StopBraking, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.robot.ramp import ramped
@@ -125,7 +125,7 @@ def test_the_response_is_that_of_fine_steps() -> None:
             expected.append(speed)
         sent = int((time - 0.07 + 1e-9) // 0.05)
         target = Command(v=min(1.0, commands[sent])) if sent >= 0 else STOP
-        setpoint = ramped(setpoint, target, dt, limits)
+        setpoint = ramped(setpoint, target, dt, limits, StopBraking())
         speed += (setpoint.v - speed) * dt / 0.1
     errors = np.abs(found - np.array(expected[: len(found)]))
     assert errors[commands >= 0.3].max() < 0.003

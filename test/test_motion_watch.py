@@ -129,7 +129,7 @@ def test_commands_on_their_way_count_when_another_goal_takes_over(preempts: bool
         sent.append(Command(0.8, 0.0) if tick < 9 else STOP)
         driving.sent(time, sent[-1])
         acting = sent[tick - 10] if tick >= 10 else STOP
-        v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits).v
+        v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits, ROBOT.stop).v
         x += v * TICK
     assert bool(ended) is not preempts
 

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,16 +16,18 @@ from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import Field, field_of, goals_in
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.planned.planned_action import PLAN_SHARE, planned_limits
 from ator_ros.domains.soccer.situations import dribble_ball, go_to_pose
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, NoHolderError, Robot, load_robot
+from ator_ros.robot.ramp import ramped, stopping_way
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.state import state_of
 from ator_ros.world.scene import Bay
-from ator_ros.world.state import Command, ObjectState, RobotState, World
+from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 FORMER = Path(__file__).with_name("former_pioneer.yaml")
 ROBOT = load_robot()
@@ -72,6 +75,92 @@ def test_whatever_is_changed_changes_the_digest(plain: Robot) -> None:
         plain,
     ]
     assert len({robot.digest() for robot in (ROBOT, *others)}) == 1 + len(others)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("stop", {"forward": 3.0}),
+        ("grip", 3.0),
+        ("build", {"mass_behind": 0.05}),
+        ("build", {"mass_height": 0.1}),
+        ("build", {"caster_behind": 0.19}),
+        ("build", {"wheel_mass": 0.5}),
+        ("build", {"wheel_inertia": 0.01}),
+        ("build", {"front_friction": 0.2}),
+    ],
+)
+def test_what_a_file_need_not_state_counts_where_it_does(field: str, value: Any, tmp_path: Path) -> None:
+    data = ROBOT.sections()
+    assert field not in data["robot"]
+    data["robot"][field] = value
+    robot = _loaded(data, tmp_path)
+    assert robot.digest() != DIGEST
+    assert _loaded(robot.sections(), tmp_path) == robot
+
+
+def test_stated_defaults_describe_the_same_robot(tmp_path: Path) -> None:
+    data = ROBOT.sections()
+    data["robot"] |= {"grip": 4.0, "stop": {"forward": 4.0, "backward": 5.0, "turning": 12.0}}
+    data["robot"]["build"] = {"front_friction": 0.15}
+    robot = _loaded(data, tmp_path)
+    assert robot == ROBOT
+    assert robot.digest() == DIGEST
+
+
+def test_a_described_build_is_simulated(tmp_path: Path) -> None:
+    data = ROBOT.sections()
+    numbers = {"mass_behind": 0.05, "mass_height": 0.11, "caster_behind": 0.19}
+    data["robot"]["build"] = {**numbers, "wheel_mass": 0.5, "wheel_inertia": 0.007}
+    urdf = robot_urdf(_loaded(data, tmp_path))
+    assert 'xyz="-0.05 0 0.11"' in urdf
+    assert 'xyz="-0.19 0 0.0375"' in urdf
+    assert '<mass value="0.5"/><inertia ixx="0.007"' in urdf
+    assert '<mass value="8"/>' in urdf
+
+
+def test_a_weaker_stop_takes_longer(tmp_path: Path) -> None:
+    data = ROBOT.sections()
+    data["robot"]["stop"] = {"forward": 1.0, "backward": 2.0, "turning": 6.0}
+    robot, dt = _loaded(data, tmp_path), 0.1
+    assert ramped(Command(1.0, 2.0), STOP, dt, robot.limits, robot.stop) == Command(0.9, 1.4)
+    assert ramped(Command(-1.0, 0.0), STOP, dt, robot.limits, robot.stop) == Command(-0.8, 0.0)
+    assert stopping_way(1.0, robot.stop) == pytest.approx(0.5)
+    assert stopping_way(-1.0, robot.stop) == pytest.approx(-0.25)
+
+
+def test_a_robot_that_slides_early_turns_slowly_when_it_is_fast() -> None:
+    slippery = dataclasses.replace(ROBOT, grip=1.2)
+    assert planned_limits(slippery, ROBOT.limits).w == pytest.approx(
+        1.2 / planned_limits(ROBOT, ROBOT.limits).v
+    )
+    assert planned_limits(ROBOT, ROBOT.limits).w == pytest.approx(PLAN_SHARE * ROBOT.limits.w)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        ({"wheel_mass": 4.5}, r"own\.yaml: robot\.build\.wheel_mass: expected less than 4\.5, got 4\.5$"),
+        (
+            {"mass_behind": 0.3},
+            r"own\.yaml: robot\.build\.mass_behind: expected less than 0\.24, .* got 0\.3$",
+        ),
+        ({"mass_behind": "far"}, r"own\.yaml: robot\.build\.mass_behind: expected .*; got 'far'$"),
+        ({"wheel_mass": -1.0}, r"own\.yaml: robot\.build\.wheel_mass: expected .*; got -1\.0$"),
+        ({"weight": 1.0}, r"own\.yaml: robot\.build.*weight"),
+    ],
+)
+def test_a_build_that_no_body_has_is_refused(build: dict[str, Any], message: str, tmp_path: Path) -> None:
+    data = ROBOT.sections()
+    data["robot"]["build"] = build
+    with pytest.raises(ConfigError, match=message):
+        _loaded(data, tmp_path)
+
+
+def _loaded(data: dict[str, Any], folder: Path) -> Robot:
+    file = folder / "own.yaml"
+    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return load_robot(file)
 
 
 def test_soccer_reads_its_field_from_the_scene() -> None:

@@ -93,7 +93,7 @@ class Fence:
     def _has_room(self, goal: Goal, robot: Robot) -> bool:
         """Return whether the robot can arrive at `goal` and stop from its speed `room_inside` the edge."""
         x, y, yaw = goal.robot_pose(robot)
-        way = max(stopping_way(goal.speed), goal.speed**2 / (2.0 * robot.limits.brake))
+        way = max(stopping_way(goal.speed, robot.stop), goal.speed**2 / (2.0 * robot.limits.brake))
         room = room_inside(robot)
         inner = Fence(self.x_min + room, self.y_min + room, self.x_max - room, self.y_max - room)
         places = [(x, y), (x + way * math.cos(yaw), y + way * math.sin(yaw))]
@@ -140,7 +140,7 @@ class FenceWatch:
         here = self._fence.outside(pose.x, pose.y)
         self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
         robot, reach = world.robot, self._reaction(world.time) * abs(world.robot.v)
-        stop = math.copysign(abs(stopping_way(robot.v)) + reach, robot.v)
+        stop = math.copysign(abs(stopping_way(robot.v, self._robot.stop)) + reach, robot.v)
         brake = math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake) + reach, robot.v)
         curved = max(self._outside(robot, share * brake, bend=True) for share in (0.5, 1.0))
         if max(self._outside(robot, stop), min(self._outside(robot, brake), curved)) <= self._allowed:

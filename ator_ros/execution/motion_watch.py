@@ -84,7 +84,7 @@ class MotionWatch:
 
     def __init__(self, robot: Robot, latency: float) -> None:
         self.bounds = Thresholds.of(robot)
-        self._limits, self._arm = robot.limits, robot.track / 2.0
+        self._limits, self._stop, self._arm = robot.limits, robot.stop, robot.track / 2.0
         self._latency = latency
         self.reset()
 
@@ -162,7 +162,7 @@ class MotionWatch:
         nearly still for a while when it goes from backward to forward.
         """
         dt = span.seconds
-        self._expected = ramped(self._expected, command, dt, self._limits)
+        self._expected = ramped(self._expected, command, dt, self._limits, self._stop)
         wanted = self._wheel(self._expected.v, self._expected.w)
         asked = self._wheel(command.v, command.w) >= self.bounds.asked
         shown = self._shown(before, robot, span)

@@ -22,7 +22,7 @@ from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 
 PAUSE = 0.3  # s without a command to move that separates two drives
 SHORTEST = 0.5  # s that a drive lasts at least
-STOPPING = Standstill(0.01, 0.02)
+NOT_DRIVEN = Standstill(0.01, 0.02)
 """Greatest commands that count as a stop, and greatest recorded speeds that count as standing."""
 
 
@@ -51,7 +51,7 @@ def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episo
 
 def _spans(commands: FloatArray) -> Iterator[tuple[float, float]]:
     """Yield begin and end (s) of the times in which the robot was commanded to move."""
-    moving = ~STOPPING.holds(commands[:, 1], commands[:, 2])
+    moving = ~NOT_DRIVEN.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None
     end = 0.0
     for time, moves in zip(commands[:, 0].tolist(), moving.tolist(), strict=True):
@@ -71,7 +71,7 @@ def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot stood still after its commands had ceased; `ceased` when it never did."""
     odom = track.odom
     after = odom[(odom[:, 0] >= ceased) & (odom[:, 0] <= ceased + PAUSE)]
-    still = STOPPING.holds(after[:, 4], after[:, 5])
+    still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 
 

@@ -18,7 +18,7 @@ from ator_ros.schema import Within
 from ator_ros.world.scene import Mass, Scene, Size
 from ator_ros.world.state import World
 
-__all__ = ["ConfigError", "Holder", "Limits", "NoHolderError", "Robot", "load_robot"]
+__all__ = ["Build", "ConfigError", "Holder", "Limits", "NoHolderError", "Robot", "StopBraking", "load_robot"]
 
 SHIPPED = ("config", "pioneer.yaml")
 """The description that is used where no other is named."""
@@ -78,11 +78,57 @@ class Holder:
 
 
 @dataclass(frozen=True, slots=True)
+class StopBraking:
+    """How hard a base brakes where it is told to stand, in m/s^2 and rad/s^2: harder than `Limits` brake.
+
+    Attributes
+    ----------
+    forward : float
+        From forward driving; from some 4.5 m/s^2 on the rear of a small base lifts.
+    backward : float
+        From backward driving, where nothing lifts; turning wheels slip and need time.
+    turning : float
+        Of the turn rate.
+    """
+
+    forward: Annotated[float, Within(0.01, 100.0)] = 4.0
+    backward: Annotated[float, Within(0.01, 100.0)] = 5.0
+    turning: Annotated[float, Within(0.01, 1000.0)] = 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """How the body is built, for the simulation; `simulation.urdf` derives what is None from size and mass.
+
+    Attributes
+    ----------
+    mass_behind, mass_height : float or None
+        Of the centre of mass, behind the axle and above the floor, in m.
+    caster_behind : float or None
+        Distance in m from the axle back to the caster.
+    wheel_mass : float or None
+        Of each wheel in kg.
+    wheel_inertia : float or None
+        Of each wheel with its motor, as seen through the gear, in kg m^2.
+    front_friction : float
+        Coefficient of friction between the front and an object.
+    """
+
+    mass_behind: Annotated[float, Within(0.0, 10.0)] | None = None
+    mass_height: Size | None = None
+    caster_behind: Size | None = None
+    wheel_mass: Mass | None = None
+    wheel_inertia: Annotated[float, Within(1e-7, 100.0)] | None = None
+    front_friction: Annotated[float, Within(0.0, 10.0)] = 0.15
+
+
+@dataclass(frozen=True, slots=True)
 class Robot:
     """A differential-drive robot, perhaps with a holder, and the scene that it is in.
 
     Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `limits` holds for the
-    base.
+    base. `grip` is the centripetal acceleration in m/s^2 beyond which its wheels may slide: rubber on a hard
+    floor holds some 0.6 g, of which a base that two driven wheels and a caster carry has about 0.7.
     """
 
     name: str
@@ -97,6 +143,20 @@ class Robot:
     limits: Limits
     scene: Scene
     holder: Holder | None = None
+    stop: StopBraking = StopBraking()
+    grip: Annotated[float, Within(0.01, 100.0)] = 4.0
+    build: Build = Build()
+
+    def __post_init__(self) -> None:
+        """Refuse masses that no body can have; raises ConfigError."""
+        wheel, behind, caster = self.build.wheel_mass, self.build.mass_behind, self.build.caster_behind
+        if wheel is not None and 2.0 * wheel >= self.mass:
+            half = self.mass / 2.0
+            raise ConfigError(f"robot.build.wheel_mass: expected less than {half:g}, got {wheel:g}")
+        rear = self.rear if caster is None else caster
+        if behind is not None and behind >= rear:
+            support = f"less than {rear:g}, where the robot is supported"
+            raise ConfigError(f"robot.build.mass_behind: expected {support}, got {behind:g}")
 
     def __hash__(self) -> int:
         """Hash the name alone, as tables are looked up by the robot in every search."""
@@ -158,13 +218,20 @@ class Robot:
 
     def sections(self) -> dict[str, Any]:
         """Return the sections of a file that describes this robot and its scene."""
-        robot = dataclasses.asdict(self)
+        robot = self._said()
         scene = robot.pop("scene")
         return {"robot": robot, "scene": scene}
 
+    def _said(self) -> dict[str, Any]:
+        """Return all fields but those that a file need not state, for they have their default."""
+        optional = ("stop", "grip", "build")  # which came later, and leave the digests of files without them
+        defaults = {field.name: field.default for field in dataclasses.fields(self) if field.name in optional}
+        usual = {name for name, value in defaults.items() if getattr(self, name) == value}
+        return {name: value for name, value in dataclasses.asdict(self).items() if name not in usual}
+
     def digest(self) -> str:
         """Return a short digest of the whole description, stored with everything that is learned."""
-        content = former_names.in_former_names(dataclasses.asdict(self))
+        content = former_names.in_former_names(self._said())
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 

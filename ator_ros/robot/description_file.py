@@ -37,7 +37,7 @@ def read_description(file: Path, kind: type[Any]) -> Any:
         data: Any = FORMAT.content_if_stated(read_yaml(file, largest=_LARGEST))
         if _is_former(data):
             shown = former_names.SHOWN
-            names = frozenset(item.name for item in dataclasses.fields(kind)) - {"scene"}
+            names = frozenset(item.name for item in dataclasses.fields(kind) if _needed(item)) - {"scene"}
             structured(data, former_names.file_of(names), closed=True)
             data = former_names.from_former(data)
         read = structured(data, _file(kind), closed=True)  # type: ignore[arg-type]  # a class is hashable
@@ -46,7 +46,14 @@ def read_description(file: Path, kind: type[Any]) -> Any:
     except SchemaError as error:
         where, colon, what = str(error).partition(": ")
         raise ConfigError(f"{file}: {shown.get(where, where)}{colon}{what}") from error
-    return kind(**_values(read.robot), scene=read.scene)
+    try:
+        return kind(**_values(read.robot), scene=read.scene)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from error
+
+
+def _needed(item: dataclasses.Field[Any]) -> bool:
+    return item.default is dataclasses.MISSING
 
 
 def _is_former(data: Any) -> bool:

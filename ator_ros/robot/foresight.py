@@ -6,7 +6,7 @@ import math
 from collections import deque
 
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.robot.description import Limits, Robot
+from ator_ros.robot.description import Limits, Robot, StopBraking
 from ator_ros.robot.ramp import ramped
 from ator_ros.world.state import STOP, Command, RobotState, World
 
@@ -31,7 +31,7 @@ class Foresight:
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
-        self._limits = robot.limits
+        self._limits, self._stop = robot.limits, robot.stop
         self._latency = latency
         self._sent: deque[tuple[float, Command | None]] = deque()
         self._held_back = False
@@ -72,7 +72,7 @@ class Foresight:
         for left, following in (*self._sent, (world.time, None)):
             acts = min(left + self._latency, end)
             if acts > now + _ROUNDING:
-                robot, now = _driven(robot, command, acts - now, self._limits), acts
+                robot, now = _driven(robot, command, acts - now, self._limits, self._stop), acts
             command = following
         objects = {name: state.after(self._latency) for name, state in world.objects.items()}
         return World(end, robot, objects)
@@ -82,14 +82,16 @@ class Foresight:
             self._sent.popleft()
 
 
-def _driven(robot: RobotState, command: Command | None, duration: float, limits: Limits) -> RobotState:
+def _driven(
+    robot: RobotState, command: Command | None, duration: float, limits: Limits, stop: StopBraking
+) -> RobotState:
     """Return the robot after following `command` for `duration` s; None: it keeps its velocity."""
     (x, y, yaw), speeds = robot.pose, Command(robot.v, robot.w)
     steps = math.ceil(duration / _STEP - _ROUNDING)
     dt = duration / steps
     for _ in range(steps):
         if command is not None:
-            speeds = ramped(speeds, command, dt, limits)
+            speeds = ramped(speeds, command, dt, limits, stop)
         way = speeds.v * dt
         x, y, yaw = x + way * math.cos(yaw), y + way * math.sin(yaw), yaw + speeds.w * dt
     return RobotState(Pose(x, y, wrap_angle(yaw)), speeds.v, speeds.w)

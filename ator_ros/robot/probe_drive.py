@@ -16,7 +16,7 @@ _CREEP_TIME = 0.6  # s of each
 _WINDOW = 0.4  # s over which a speed is judged
 _STEADY = 0.02  # change within the window as a share of the speed
 _RESOLUTION = 0.005  # m/s and rad/s below which a change is none
-_MOVING = 0.02, 0.04  # m/s and rad/s above which the base moves
+_SURELY_MOVING = 0.02, 0.04  # m/s and rad/s above which the base moves, whatever the noise
 _PATIENCE = 4.0  # s until a sprint ends though the speed is not steady
 _START = 1.5  # s within which the base must move
 _SLOW = 0.3  # share of the speed that a sprint brakes to
@@ -142,7 +142,7 @@ class ProbeDrive:
 
     @property
     def _moving(self) -> bool:
-        return abs(self._now.v) > _MOVING[0] or abs(self._now.w) > _MOVING[1]
+        return abs(self._now.v) > _SURELY_MOVING[0] or abs(self._now.w) > _SURELY_MOVING[1]
 
     @property
     def _steady(self) -> bool:

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from ator_ros.robot.description import Limits
+from ator_ros.robot.description import Limits, StopBraking
 from ator_ros.world.state import STOP, Command
 
-_STOP_FORWARD = Command(v=4.0, w=12.0)
-"""Decelerations of a stop in m/s² and rad/s²; from 4.5 m/s² on the robot's rear lifts."""
-_STOP_BACKWARD = Command(v=5.0, w=12.0)
-"""Decelerations of a stop from backward driving, where nothing lifts; turning wheels slip and need time."""
 
-
-def ramped(speeds: Command, target: Command, dt: float, limits: Limits) -> Command:
+def ramped(speeds: Command, target: Command, dt: float, limits: Limits, stop: StopBraking) -> Command:
     """Return the velocities after `dt` s of a base that changes from `speeds` toward `target`."""
     if target == STOP:
-        most = _STOP_BACKWARD if speeds.v < 0.0 else _STOP_FORWARD
+        most = Command(_braking(speeds.v, stop), stop.turning)
     else:
         losing = abs(target.v) < abs(speeds.v) or target.v * speeds.v < 0.0
         most = Command(limits.brake if losing else limits.a, limits.aw)
@@ -23,9 +18,13 @@ def ramped(speeds: Command, target: Command, dt: float, limits: Limits) -> Comma
     )
 
 
-def stopping_way(v: float) -> float:
+def stopping_way(v: float, stop: StopBraking) -> float:
     """Return the signed stopping distance in m at `v` (m/s) after a command to stop."""
-    return v * abs(v) / (2.0 * (_STOP_BACKWARD if v < 0.0 else _STOP_FORWARD).v)
+    return v * abs(v) / (2.0 * _braking(v, stop))
+
+
+def _braking(v: float, stop: StopBraking) -> float:
+    return stop.backward if v < 0.0 else stop.forward
 
 
 def clip(value: float, bound: float) -> float:

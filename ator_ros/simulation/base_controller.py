@@ -55,7 +55,7 @@ class BaseController:
     def ramp(self, time: float, dt: float) -> tuple[float, float]:
         """Move the setpoint toward the command for `dt` s; return the left and right wheel speed in rad/s."""
         target = self._command if time < self._expires else STOP
-        self.setpoint = ramped(self.setpoint, target, dt, self._robot.limits)
+        self.setpoint = ramped(self.setpoint, target, dt, self._robot.limits, self._robot.stop)
         turn = self.setpoint.w * self._robot.track / 2.0
         radius = self._robot.wheel_radius
         return (self.setpoint.v - turn) / radius, (self.setpoint.v + turn) / radius

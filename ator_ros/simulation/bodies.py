@@ -88,8 +88,9 @@ def load_base(client: int, robot: Robot) -> tuple[int, list[int]]:
     count = p.getNumJoints(body, physicsClientId=client)
     names = {p.getJointInfo(body, joint, physicsClientId=client)[1].decode(): joint for joint in range(count)}
     wheels = [names[name] for name in WHEEL_NAMES]
-    body_friction, wheel_friction, caster_friction = 0.15, 1.0, 0.0
-    p.changeDynamics(body, -1, lateralFriction=body_friction, restitution=1.0, physicsClientId=client)
+    wheel_friction, caster_friction = 1.0, 0.0
+    front = robot.build.front_friction
+    p.changeDynamics(body, -1, lateralFriction=front, restitution=1.0, physicsClientId=client)
     for wheel in wheels:
         p.changeDynamics(
             body, wheel, lateralFriction=wheel_friction, rollingFriction=0.0, restitution=0.0,

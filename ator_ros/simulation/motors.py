@@ -5,7 +5,7 @@ from __future__ import annotations
 from ator_ros.robot.description import Robot
 from ator_ros.simulation import physics as p
 
-_STANDING = 0.05  # rad/s of a wheel
+_BLOCKED_BELOW = 0.05  # rad/s of a wheel that is to stand: then the firmware holds it in its place
 _HOLDING_GAIN = 0.1
 
 
@@ -55,7 +55,11 @@ class Motors:
     def _still(self) -> list[float] | None:
         """Return the wheels' angles in rad, or None while they turn."""
         states = p.getJointStates(self._body, self._wheels, physicsClientId=self._client)
-        return [state[0] for state in states] if all(abs(state[1]) < _STANDING for state in states) else None
+        return (
+            [state[0] for state in states]
+            if all(abs(state[1]) < _BLOCKED_BELOW for state in states)
+            else None
+        )
 
     def _control(self, mode: int, **targets: object) -> None:
         p.setJointMotorControlArray(

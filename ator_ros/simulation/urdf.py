@@ -31,16 +31,13 @@ def robot_urdf(robot: Robot) -> str:
     robot : Robot
         Sizes and masses; everything else is in `urdf/robot.urdf.template`.
     """
-    wheel_mass = min(WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS), WHEEL_SHARE * robot.mass)
-    # Also in a short body the weight lies before the caster, and so low that a stop does not tip it.
-    caster = max(robot.rear - _CASTER, 0.5 * robot.rear)
-    behind = min(_CENTRE_OF_MASS, 0.5 * caster)
+    behind, height, caster, wheel_mass, wheel_inertia = _built(robot)
     body_mass = robot.mass - 2 * wheel_mass
     # The body lies between the wheels; that of a robot narrower than 16 cm overlaps them.
     length, width = robot.front + robot.rear, max(2 * robot.half_width - 0.08, robot.half_width)
     numbers = {
         "com_x": -behind,
-        "com_z": _HEIGHT * (behind / _CENTRE_OF_MASS),
+        "com_z": height,
         "body_mass": body_mass,
         "ixx": body_mass * (width**2 + 0.2**2) / 12,
         "iyy": body_mass * (length**2 + 0.2**2) / 12,
@@ -49,7 +46,7 @@ def robot_urdf(robot: Robot) -> str:
         "body_length": length,
         "body_width": width,
         "wheel_mass": wheel_mass,
-        "wheel_i": WHEEL_INERTIA * _motor_size(robot),
+        "wheel_i": wheel_inertia,
         "wheel_radius": robot.wheel_radius,
         "half_track": robot.track / 2,
         "caster_x": -caster,
@@ -60,6 +57,26 @@ def robot_urdf(robot: Robot) -> str:
     }
     template = Template(resource_path("urdf", "robot.urdf.template").read_text(encoding="utf-8"))
     return template.substitute({name: f"{value:.6g}" for name, value in numbers.items()} | fingers)
+
+
+def _built(robot: Robot) -> tuple[float, float, float, float, float]:
+    """Return how a robot is built, in the order of `Build`; derive what its description leaves out."""
+    said = robot.build
+    wheel_mass = min(WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS), WHEEL_SHARE * robot.mass)
+    # Also in a short body the weight lies before the caster, and so low that a stop does not tip it.
+    caster = _or(said.caster_behind, max(robot.rear - _CASTER, 0.5 * robot.rear))
+    behind = min(_CENTRE_OF_MASS, 0.5 * caster)
+    return (
+        _or(said.mass_behind, behind),
+        _or(said.mass_height, _HEIGHT * (behind / _CENTRE_OF_MASS)),
+        caster,
+        _or(said.wheel_mass, wheel_mass),
+        _or(said.wheel_inertia, WHEEL_INERTIA * _motor_size(robot)),
+    )
+
+
+def _or(said: float | None, derived: float) -> float:
+    return derived if said is None else said
 
 
 def _motor_size(robot: Robot) -> float:

@@ -35,7 +35,10 @@ CONTROL_PERIOD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """Speeds up to which something counts as standing still; each use has its own.
+    """Speeds up to which something counts as standing still: the one definition, with a level for each use.
+
+    The levels that several modules share are named below. Others are named where they belong, after what
+    they decide.
 
     Attributes
     ----------
@@ -63,7 +66,8 @@ STILL = Standstill(0.003, 0.006)
 """A robot that stands up to the noise of its odometry: a plan may begin there, and wait."""
 STANDING = Standstill(0.02, 0.05)
 """A robot that has stopped: its goal may end, and another program may move it."""
-_RESTS = Standstill(0.02)
+RESTING = Standstill(0.02)
+"""An object that rolls no farther than its own position is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +106,7 @@ class ObjectState:
     @property
     def rests(self) -> bool:
         """Whether the object counts as resting: at most 0.02 m/s."""
-        return _RESTS.holds(self.speed)
+        return RESTING.holds(self.speed)
 
     def after(self, seconds: float) -> ObjectState:
         """Return the state extrapolated at constant velocity; `seconds` may be negative."""

@@ -21,7 +21,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import command_from
 from ator_ros.nodes.embodiment import transform_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
-from ator_ros.robot.description import load_robot
+from ator_ros.robot.description import StopBraking, load_robot
 from ator_ros.robot.ramp import ramped
 from ator_ros.world.state import STOP, Command
 
@@ -87,7 +87,9 @@ class Base:
                 self._tf.publish(TFMessage(transforms=self._transforms(time.monotonic())))
 
     def _drive(self) -> None:
-        self.velocity = STOP if self.blocked else ramped(self.velocity, self._command, PERIOD, LIMITS)
+        self.velocity = (
+            STOP if self.blocked else ramped(self.velocity, self._command, PERIOD, LIMITS, StopBraking())
+        )
         turned = Pose(self.pose.x, self.pose.y, self.pose.yaw + self.velocity.w * PERIOD / 2.0)
         there = turned.ahead(self.velocity.v * PERIOD)
         self.pose = Pose(there.x, there.y, there.yaw + self.velocity.w * PERIOD / 2.0)

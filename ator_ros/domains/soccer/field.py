@@ -52,7 +52,9 @@ def behind_line(ball: ObjectState, mouth: Pose) -> float:
 
 
 def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> bool:
-    """Return whether the ball lies in the goal.
+    """Return whether the ball lies in the goal: when an action that shoots may end.
+
+    Whether it has succeeded is for the post-condition of `shoot` to say.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     if _share(rng, 1.0 / 7.0):
         v = float(rng.uniform(-0.3, 0.8) * robot.limits.v)
         w = float(rng.uniform(-0.5, 0.5) * robot.limits.w)
-        state = RobotState(start, v, steady_rate(w, v))
+        state = RobotState(start, v, steady_rate(robot, w, v))
     if not with_ball:
         return Situation("goToPose", state, {}, Goal(goal, 0.0, Point.AXLE))
     arrival = Goal(goal, _speed(robot, rng, 0.5), Point.HOLD)

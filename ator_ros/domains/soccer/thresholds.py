@@ -16,9 +16,6 @@ _BODY_ROOM = 0.1  # m between a robot and what it must not touch
 _LEAST_END_MARGIN = 0.9
 _LEAST_SIDE_MARGIN = 0.4
 _LEAST_CLEARANCE = 0.6
-# Centripetal acceleration in m/s^2 beyond which wheels may slide: rubber on a hard floor holds some 0.6 g, of
-# which a base that two driven wheels and a caster carry has about 0.7.
-_GRIP = 4.0
 
 
 def approach_run(robot: Robot) -> float:
@@ -32,7 +29,10 @@ def passing_distance(robot: Robot) -> float:
 
 
 def caught_within(robot: Robot) -> float:
-    """Return the distance in m from the hold within which a ball is caught: half the fins' length."""
+    """Return the distance in m from the hold within which a ball is caught: half the fins' length.
+
+    Stricter than `is_held`, so that a ball that was caught is not lost at the first turn.
+    """
     return 0.5 * robot.holder_length
 
 
@@ -56,14 +56,14 @@ def line_margins(robot: Robot) -> tuple[float, float]:
     return max(_LEAST_END_MARGIN, room + with_ball), max(_LEAST_SIDE_MARGIN, robot.half_width + _BODY_ROOM)
 
 
-def steady_rate(w: float, v: float) -> float:
+def steady_rate(robot: Robot, w: float, v: float) -> float:
     """Return the turn rate `w` (rad/s), or at `v` (m/s) the greatest one without sliding, if that is less."""
-    return math.copysign(min(abs(w), _GRIP / max(abs(v), 1e-3)), w)
+    return math.copysign(min(abs(w), robot.grip / max(abs(v), 1e-3)), w)
 
 
-def gripping(limits: Limits) -> Limits:
+def gripping(robot: Robot, limits: Limits) -> Limits:
     """Return the limits with a turn rate at which wheels don't slide, whatever the speed."""
-    return dataclasses.replace(limits, w=steady_rate(limits.w, limits.v))
+    return dataclasses.replace(limits, w=steady_rate(robot, limits.w, limits.v))
 
 
 def farthest(robot: Robot, share: float, least: float, *, with_ball: bool = False) -> float:

@@ -24,7 +24,8 @@ LATERAL, HEADING = 0.04, 0.1
 """Greatest distance from the goal's axis (m) and from its heading (rad) with which a goal is reached."""
 
 _SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may stand
-_AT_REST = Standstill(0.03)
+_PARKED = Standstill(0.03)
+"""A robot that may end at its goal though it creeps: along curves it never stops at once."""
 _CREEP = 0.04  # m/s
 _FAITH = 0.3  # s by which the way round the other side must be quicker to be preferred
 _PER_DEPTH = 20.0  # s per m of a wall in the way: any way round it is quicker than to push against it
@@ -188,7 +189,7 @@ def reached(rel: Pose, v: float, end_speed: float) -> bool:
     if end_speed > 0.0:
         at_goal = abs(rel.y) <= LATERAL and abs(rel.yaw) <= HEADING
         return at_goal and -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
-    return standing_pose(rel) and _AT_REST.holds(v)
+    return standing_pose(rel) and _PARKED.holds(v)
 
 
 def standing_pose(rel: Pose) -> bool:

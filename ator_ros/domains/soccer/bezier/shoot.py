@@ -22,7 +22,8 @@ _SLANT = 0.9  # rad
 _BEFORE_LINE = 0.35  # m between ball and line where the curve ends
 _LINE = 0.02
 _BEND = 4.0  # 1/m
-_OVER = Standstill(0.05)
+_SHOT_OVER = Standstill(0.05)
+"""A ball and a robot too slow to score any more, before either has come to rest."""
 
 
 class BezierShoot(Action):
@@ -120,6 +121,6 @@ class BezierShoot(Action):
 
     def _watch(self, world: World, ball: ObjectState) -> Step:
         """Brake, and wait until the ball has crossed the line or come to rest."""
-        if _OVER.holds(ball.speed) and _OVER.holds(world.robot.v):
+        if _SHOT_OVER.holds(ball.speed) and _SHOT_OVER.holds(world.robot.v):
             return finished(Status.FAILED, "missed: the ball came to rest outside the goal")
         return Step(STOP, Status.RUNNING, "waiting for the ball to roll into the goal")

@@ -233,7 +233,7 @@ class PlannedAction(Action):
 def planned_limits(robot: Robot, limits: Limits) -> Limits:
     """Return what plans use of the limits of an action; the rest is for feedback."""
     share = PLAN_SHARE - max(0.0, robot.motor_time_constant - _USUAL_LAG)
-    return gripping(limits.within(robot.limits.scaled(max(share, _LEAST_SHARE))))
+    return gripping(robot, limits.within(robot.limits.scaled(max(share, _LEAST_SHARE))))
 
 
 def _told(distance: float, heading: float) -> str:

@@ -147,7 +147,7 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
 def _after(robot: Robot, world: World, command: Command) -> World:
     """Return the world a tick later; a ball in front stays there."""
     before, ball = world.robot, ball_of(world)
-    speeds = ramped(Command(before.v, before.w), command, CONTROL_PERIOD, robot.limits)
+    speeds = ramped(Command(before.v, before.w), command, CONTROL_PERIOD, robot.limits, robot.stop)
     moved = before.pose.ahead(speeds.v * CONTROL_PERIOD)
     pose = moved._replace(yaw=moved.yaw + speeds.w * CONTROL_PERIOD)
     if ball is not None and not is_lost(world, robot, BALL):
