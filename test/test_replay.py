@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -196,7 +197,19 @@ def empty(file: Path) -> Path:
     return file
 
 
+def pipe(file: Path) -> Path:
+    file.unlink()
+    os.mkfifo(file)
+    return file
+
+
+def with_a_pipe(file: Path) -> Path:
+    return pipe(file).parent
+
+
 FOREIGN = {
+    "a pipe": (pipe, "is a pipe or a device"),
+    "a folder with a pipe": (with_a_pipe, "is a pipe or a device"),
     "cut in the middle": (cut, "expected a recording of ros2 bag record -s mcap"),
     "empty": (empty, "expected a recording of ros2 bag record -s mcap"),
     "without our topics": (nothing_of_ours, "expected one of the topics odom, performance/chain or"),

@@ -46,6 +46,7 @@ def messages(
     except ImportError as error:
         raise RecordingError("recordings need the package rosbags: pip install rosbags") from error
     try:
+        _refuse_pipes(file)
         usual = get_typestore(Stores.ROS2_JAZZY)
         with (
             _only_messages_defined(),
@@ -62,6 +63,13 @@ def messages(
     except Exception as error:  # a damaged file makes rosbags raise anything, MemoryError included
         why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
         raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
+
+
+def _refuse_pipes(file: Path) -> None:
+    """Raise ValueError where a recording has a pipe or a device: opening one may wait for ever."""
+    for part in (file, *(file.iterdir() if file.is_dir() else ())):
+        if part.exists() and not (part.is_file() or part.is_dir()):
+            raise ValueError(f"{part.name} is a pipe or a device")
 
 
 @contextlib.contextmanager

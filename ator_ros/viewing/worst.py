@@ -77,8 +77,9 @@ def worst_trials(folder: Path, domain: Domain, robot: Robot) -> tuple[tuple[str,
         There is no evaluation of this domain with naive and refined chains.
     """
     file = folder / RESULT
+    result = read_result(file)
     try:
-        evaluation = structured(read_result(file), _Evaluation)
+        evaluation = structured(result, _Evaluation)
         runs, settings = evaluation.runs, evaluation.settings
         for field, there, known in (
             ("settings.chain", settings.chain, domain.chains),
