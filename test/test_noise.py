@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from documentation import ROOT
 
 from ator_ros.evaluation.chain_run import ChainRun
 from ator_ros.evaluation.noise import CONDITIONS, TRUTH, NoiseTask, execute, summarise
 from ator_ros.evaluation.noise_result import FORMAT, NoiseResult
 from ator_ros.files import read_json
-from ator_ros.schema import structured
+from ator_ros.schema import SchemaError, structured
 from ator_ros.simulation.sensors import REALISTIC_SIGHT
 from ator_ros.tools.noise import main
 
@@ -39,6 +40,21 @@ def test_a_situation_depends_on_seed_and_number_only() -> None:
     assert first == again
     assert first["all"].actions != first["truth"].actions
     assert first["truth"].success
+
+
+def test_a_file_of_the_first_version_is_read() -> None:
+    shipped = read_json(ROOT / "docs" / "robustness_noise.json")
+    sensors = shipped["sensors"]
+    (name, sight), *_ = sensors.pop("objects").items()
+    former = {**sensors, **{f"{name}_{error}": value for error, value in sight.items()}}
+    first = {**shipped, "schema_version": 1, "sensors": former}
+    read = structured(FORMAT.content(first), NoiseResult, closed=True)
+    assert read == structured(FORMAT.content(read_json(ROOT / "docs" / "robustness_noise.json")), NoiseResult)
+    assert read.sensors.objects[name].delay == 0.1
+    with pytest.raises(SchemaError, match=r"^sensors: "):
+        structured(FORMAT.content({**first, "sensors": 3}), NoiseResult, closed=True)
+    with pytest.raises(SchemaError, match="schema_version: expected 1 to 2, got 3"):
+        FORMAT.content({**first, "schema_version": 3})
 
 
 def test_the_command_writes_its_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
+import inspect
 import json
 from argparse import Namespace
 from collections.abc import Mapping
@@ -34,7 +36,7 @@ def test_the_report_holds_every_part_that_was_asked_for(
         "learners": {"case": LEARNER, "other": NotRun("no java")},
         "plans": {},
     }
-    monkeypatch.setattr(work, "PARTS", {name: lambda *_, n=name: measured[n] for name in measured})
+    monkeypatch.setattr(work, "measured", lambda part, *_: measured[part])
     out = tmp_path / "benchmarks.json"
     assert bench.main(["--parts", "learners", "--out", str(out)]) == 0
     assert json.loads(out.read_text(encoding="utf-8"))["learners"] == {
@@ -55,7 +57,7 @@ def test_the_report_holds_every_part_that_was_asked_for(
 def test_a_report_is_gone_on_with_and_a_newer_one_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(work, "PARTS", {"plans": lambda *_: {}})
+    monkeypatch.setattr(work, "measured", lambda *_: {})
     out = tmp_path / "benchmarks.json"
     before = BenchReport(learners={"case": LEARNER})
     out.write_text(FORMAT.text(unstructured(before)))
@@ -72,10 +74,10 @@ def test_a_report_is_gone_on_with_and_a_newer_one_is_not(
 def test_a_part_that_cannot_be_measured_ends_with_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def missing(source: ToolsetSource, options: Namespace) -> Mapping[str, object]:
+    def missing(part: str, source: ToolsetSource, options: Namespace) -> Mapping[str, object]:
         raise RuntimeError("expected the service within 40 s")
 
-    monkeypatch.setattr(work, "PARTS", {"service": missing})
+    monkeypatch.setattr(work, "measured", missing)
     out = tmp_path / "benchmarks.json"
     assert bench.main(["--parts", "service", "--out", str(out)]) == 1
     assert capsys.readouterr().err == "bench: service: expected the service within 40 s\n"
@@ -95,6 +97,13 @@ def test_collection_is_measured_with_one_process_and_with_two_workers() -> None:
     assert row.collection_s == pytest.approx(row.start_s + 2000 * row.two_workers_s, rel=0.02)
 
 
+def test_each_part_has_its_field_and_its_module() -> None:
+    assert tuple(field.name for field in dataclasses.fields(BenchReport)) == (*bench.PARTS, "measured")
+    for part in bench.PARTS:
+        module = importlib.import_module(f"ator_ros.tools.benchmarks.{part}")
+        assert next(iter(inspect.signature(module.measure).parameters)) == "source"
+
+
 def test_limits_are_judged() -> None:
     assert judged(SimulationSpeed(113.0, 100.0, 1.0, 1.3)).met is True
     assert judged(SimulationSpeed(99.0, 100.0, 1.0, 1.3)).met is False
@@ -106,7 +115,7 @@ def test_limits_are_judged() -> None:
 
 def test_the_shipped_report_is_judged_as_it_says() -> None:
     report = report_in(Path(__file__).parents[1] / "docs" / "benchmarks.json")
-    rows = [row for part in work.PARTS for row in (getattr(report, part) or {}).values()]
+    rows = [row for part in bench.PARTS for row in (getattr(report, part) or {}).values()]
     assert len(rows) > 40
     for row in rows:
         assert judged(row) == row

@@ -69,6 +69,9 @@ def test_ours_is_compared_with_the_best_of_the_others() -> None:
     assert required.rmse_over_best_ceiling == 2.0
     assert required.times_faster_fit == 4.0
     assert (required.rows, required.fresh_rows) == (10, 5)
+    assert required.limit_fit_75000_rows_s is None
+    many = learners.requirements(results, 10, 5, 2.5)
+    assert (many.fit_75000_rows_s, many.limit_fit_75000_rows_s) == (2.5, 5.0)
 
 
 def test_errors_are_those_of_the_rows_held_out() -> None:

@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from ator_ros.formats import Format
 from ator_ros.simulation.sensors import SensorConfig
 
-FORMAT = Format("ator_ros noise", 1, "measurement of the effect of sensors")
+_SIGHT = ("velocity_noise", "noise", "delay", "dropouts")
+
+
+def _with_objects(data: dict[str, Any]) -> dict[str, Any]:
+    """Put the errors of sight of version 1, as in OBJECT_noise, under the object's name."""
+    if not isinstance(data.get("sensors"), Mapping):
+        return data  # which the reader then refuses
+    sensors = dict(data["sensors"])
+    objects = dict(sensors.pop("objects", {}))
+    for key in tuple(sensors):
+        error = next((each for each in _SIGHT if key.endswith(f"_{each}")), None)
+        if error is not None:
+            name = key.removesuffix(f"_{error}")
+            objects[name] = {**objects.get(name, {}), error: sensors.pop(key)}
+    return {**data, "sensors": {**sensors, "objects": objects}}
+
+
+FORMAT = Format("ator_ros noise", 2, "measurement of the effect of sensors", {1: _with_objects})
+"""Version 1 had no objects by name."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from ator_ros.tools.guard import guarded
 from ator_ros.tools.option_types import destination
 
 PARTS = ("simulation", "planning", "refinement", "plans", "service", "collection", "learners")
+"""Each has its module in `tools.benchmarks` and its field in `BenchReport`."""
 
 
 def arguments() -> argparse.ArgumentParser:

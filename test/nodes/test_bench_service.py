@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes.conversions import chain_of, situation_of
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.benchmarks.service import YARDSTICKS
+
+SOURCE = ToolsetSource()
 
 
 def request(index: int) -> RefineSubgoal.Request:
@@ -21,12 +24,12 @@ def request(index: int) -> RefineSubgoal.Request:
 
 def test_the_empty_service_answers_with_nothing() -> None:
     nothing = RefineSubgoal.Response()
-    assert YARDSTICKS["empty"]()(request(0), nothing) is nothing
+    assert YARDSTICKS["empty"](SOURCE)(request(0), nothing) is nothing
     assert nothing == RefineSubgoal.Response()
 
 
 def test_messages_alone_are_full_answers_that_are_refined_once() -> None:
-    answer = YARDSTICKS["messages_alone"]()
+    answer = YARDSTICKS["messages_alone"](SOURCE)
     first, second = (answer(request(index), RefineSubgoal.Response()) for index in range(2))
     assert first.accepted
     assert len(first.chain.calls) == len(first.after_actions) == 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.base import Goal
-from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.geometry import Pose
 from ator_ros.nodes import conversions
 from ator_ros.refinement.refiner import LONGEST_CHAIN
@@ -14,15 +14,15 @@ from ator_ros.tops.objects import fetched, kept
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _FRAME = "odom"
+_SHIPPED = ToolsetSource()
 
 
-def worst_request() -> RefineSubgoal.Request:
+def worst_request(source: ToolsetSource = _SHIPPED) -> RefineSubgoal.Request:
     """Return a request for everything that may be free in the longest chain."""
-    domain = find_domain()
-    world, chain = long_chain(domain.library(domain.robot()), LONGEST_CHAIN)
+    world, chain = long_chain(make_library(source.described(), source), LONGEST_CHAIN)
     return RefineSubgoal.Request(
         situation=conversions.situation_of(world, frame=_FRAME),
-        chain=conversions.chain_of(chain, action_set="", frame=_FRAME),
+        chain=conversions.chain_of(chain, action_set=source.action_set, frame=_FRAME),
     )
 
 

@@ -1,11 +1,13 @@
 """The round trip of refine_subgoal, next to that of services of the same types that do less.
 
-As a program, ``python -m ator_ros.tools.benchmarks.service NAME``, this is one of them.
+As a program, ``python -m ator_ros.tools.benchmarks.service NAME SOURCE``, this is one of them; SOURCE is a
+`ToolsetSource` as JSON.
 """
 
 from __future__ import annotations
 
 import functools
+import json
 import os
 import statistics
 import subprocess
@@ -23,15 +25,15 @@ from rclpy.node import Node
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes import conversions
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.spinning import Spinning
-from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.alternatives import Selection, choosing
-from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
+from ator_ros.schema import structured, unstructured
 from ator_ros.tools.benchmarks.requests import worst_request
 from ator_ros.tools.benchmarks.rows import DelayedTrip, RoundTrip, ServiceTime
 from ator_ros.tools.processes import own_nodes
@@ -43,7 +45,6 @@ LIMIT_DELAY_MS = 20.0
 WORST = "worst_requests"
 _FRAME = "odom"
 _WARM_UP = 20
-DOMAIN = find_domain()
 _PATIENCE = 40.0
 _UNTIL_ASKED = 10.0
 REFINE = "refine_subgoal"
@@ -53,15 +54,18 @@ Rows = dict[str, ServiceTime | RoundTrip | DelayedTrip]
 """By name of the case."""
 
 
+def _empty(_: ToolsetSource) -> Answer:
+    return _nothing
+
+
 def _nothing(_: RefineSubgoal.Request, response: RefineSubgoal.Response) -> RefineSubgoal.Response:
     return response
 
 
-def _messages_alone() -> Answer:
+def _messages_alone(source: ToolsetSource) -> Answer:
     """Return what reads each request and writes a full answer as `refinement` does, but refines only once."""
-    robot = DOMAIN.robot()
-    library, models = DOMAIN.library(robot), load_models(robot, DOMAIN.known_features)
-    refiner = Refiner(robot, models, ranges=DOMAIN.ranges)
+    tools, library = tools_of(source)
+    refiner = tools.refiner()
     known: list[Selection] = []
 
     def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
@@ -75,20 +79,20 @@ def _messages_alone() -> Answer:
     return answer
 
 
-YARDSTICKS: Mapping[str, Callable[[], Answer]] = MappingProxyType(
-    {"empty": lambda: _nothing, "messages_alone": _messages_alone}
+YARDSTICKS: Mapping[str, Callable[[ToolsetSource], Answer]] = MappingProxyType(
+    {"empty": _empty, "messages_alone": _messages_alone}
 )
 """Services to compare with: one that answers at once with nothing, one that does all but refine."""
 
 
-def yardstick(name: str) -> Node:
+def yardstick(name: str, source: ToolsetSource) -> Node:
     """Make the node of one of the YARDSTICKS; its service has the same name."""
     node = Node(f"{name}_service")
-    node.create_service(RefineSubgoal, name, YARDSTICKS[name]())
+    node.create_service(RefineSubgoal, name, YARDSTICKS[name](source))
     return node
 
 
-def measure(requests: int = 1000) -> Rows:
+def measure(source: ToolsetSource, requests: int = 1000) -> Rows:
     """Return medians and 99th percentiles, and how the node's memory grows over `requests` requests.
 
     The last row is of requests beside which another process asks for the worst that there is.
@@ -96,14 +100,15 @@ def measure(requests: int = 1000) -> Rows:
     All services are asked in turn, by a thread beside the one that spins.
     """
     with own_nodes() as nodes:
-        nodes.start("refinement", {})
+        nodes.start("refinement", _parameters(source))
+        told = json.dumps(unstructured(source))
         environment = {**os.environ, "ROS_DOMAIN_ID": str(nodes.domain)}
         program = [sys.executable, "-m", "ator_ros.tools.benchmarks.service"]
-        others = [subprocess.Popen([*program, name], env=environment) for name in YARDSTICKS]
+        others = [subprocess.Popen([*program, name, told], env=environment) for name in YARDSTICKS]
         try:
-            empty, messages, trip = _measured(nodes.domain, nodes.pid("refinement"), requests)
-            others.append(subprocess.Popen([*program, WORST], env=environment))
-            delayed = _delayed(nodes.domain, requests, trip.median_ms)
+            empty, messages, trip = _measured(source, nodes.domain, nodes.pid("refinement"), requests)
+            others.append(subprocess.Popen([*program, WORST, told], env=environment))
+            delayed = _delayed(source, nodes.domain, requests, trip.median_ms)
             return {
                 "empty": empty,
                 "messages alone": messages,
@@ -117,12 +122,20 @@ def measure(requests: int = 1000) -> Rows:
                 other.wait()
 
 
-def _measured(domain: int, pid: int, requests: int) -> tuple[ServiceTime, ServiceTime, RoundTrip]:
+def _parameters(source: ToolsetSource) -> dict[str, str]:
+    """Return the parameters of `refinement` that a source stands for; what is empty has its default."""
+    named = {"domain": source.domain, "robot": source.robot, "models": source.models}
+    return {name: value for name, value in named.items() if value}
+
+
+def _measured(
+    source: ToolsetSource, domain: int, pid: int, requests: int
+) -> tuple[ServiceTime, ServiceTime, RoundTrip]:
     """Measure the services that are compared with, and the round trip of a refinement."""
     with _clients(domain, [*YARDSTICKS, REFINE]) as clients:
-        _times(clients, _WARM_UP, 0)
+        _times(source, clients, _WARM_UP, 0)
         before = resident_mib(pid)
-        empty, messages, ours = _times(clients, requests, _WARM_UP)
+        empty, messages, ours = _times(source, clients, requests, _WARM_UP)
         growth = resident_mib(pid) - before
     trip = RoundTrip(
         requests=requests,
@@ -134,11 +147,11 @@ def _measured(domain: int, pid: int, requests: int) -> tuple[ServiceTime, Servic
     return _row(empty, empty), _row(messages, empty), trip
 
 
-def _delayed(domain: int, requests: int, alone: float) -> DelayedTrip:
+def _delayed(source: ToolsetSource, domain: int, requests: int, alone: float) -> DelayedTrip:
     """Measure round trips while another client asks one worst-case request after the other."""
     with _clients(domain, [REFINE]) as clients:
         time.sleep(_UNTIL_ASKED)
-        (times,) = _times(clients, requests, _WARM_UP)
+        (times,) = _times(source, clients, requests, _WARM_UP)
     row = _row(times, times)
     return DelayedTrip(
         requests=requests,
@@ -149,9 +162,9 @@ def _delayed(domain: int, requests: int, alone: float) -> DelayedTrip:
     )
 
 
-def _ask_the_worst() -> None:
+def _ask_the_worst(source: ToolsetSource) -> None:
     """Ask for all that may be free in the longest chain, again and again, until the process is ended."""
-    request = worst_request()
+    request = worst_request(source)
     with _clients(int(os.environ["ROS_DOMAIN_ID"]), [REFINE]) as (client,):
         while True:
             client.call(request, timeout_sec=_PATIENCE)
@@ -188,15 +201,15 @@ def _clients(domain: int, names: Sequence[str]) -> Iterator[list[Any]]:
         context.try_shutdown()
 
 
-def _times(clients: list[Any], count: int, first: int) -> list[list[float]]:
+def _times(source: ToolsetSource, clients: list[Any], count: int, first: int) -> list[list[float]]:
     """Ask each client `count` times; return the times of each in ms."""
-    library = DOMAIN.library(DOMAIN.robot())
+    domain, library = find_domain(source.domain), make_library(source.described(), source)
     times: list[list[float]] = [[] for _ in clients]
     for index in range(first, first + count):
-        trial = random_trial(DOMAIN, next(iter(DOMAIN.chains)), library, seed=SEED, index=index)
+        trial = random_trial(domain, next(iter(domain.chains)), library, seed=SEED, index=index)
         request = RefineSubgoal.Request(
             situation=conversions.situation_of(trial.world, frame=_FRAME),
-            chain=conversions.chain_of(trial.chain, action_set="", frame=_FRAME),
+            chain=conversions.chain_of(trial.chain, action_set=source.action_set, frame=_FRAME),
         )
         for client, taken in zip(clients, times, strict=True):
             began = time.perf_counter()
@@ -212,8 +225,9 @@ def resident_mib(pid: int) -> float:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == [WORST]:
-        _ask_the_worst()
-    if len(sys.argv) < 2 or sys.argv[1] not in YARDSTICKS:
-        sys.exit(f"service: expected one of {', '.join(YARDSTICKS)}")
-    run_node(functools.partial(yardstick, sys.argv.pop(1)))
+    if len(sys.argv) != 3 or sys.argv[1] not in (*YARDSTICKS, WORST):
+        sys.exit(f"service: expected one of {', '.join((*YARDSTICKS, WORST))}, and a source")
+    asked, described = sys.argv.pop(1), structured(json.loads(sys.argv.pop(1)), ToolsetSource)
+    if asked == WORST:
+        _ask_the_worst(described)
+    run_node(functools.partial(yardstick, asked, described))

@@ -1,43 +1,43 @@
-"""Measure speeds and learners against their limits.
-
-The parts: simulation, planning (the longest ticks), refinement (the core's), plans (from goals),
-service, collection (of experience), and learners: our model tree beside others on the same rows.
-"""
+"""Measure the parts of `bench`, each in a module of its name, against their limits."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ator_ros.domains.domain import find_domain
-from ator_ros.domains.measurements import Ticks
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.files import UnreadableError, read_json, write_text
 from ator_ros.schema import SchemaError, structured, unstructured
-from ator_ros.tools.benchmarks import collection, learners, plans, refinement, simulation
+from ator_ros.tools.benchmarks import learners
 from ator_ros.tools.work.bench_report import FORMAT, BenchReport, measuring_machine
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-def _planning(source: ToolsetSource, _: argparse.Namespace) -> Ticks:
-    domain = find_domain(source.domain)
-    if domain.measurements.longest_ticks is None:
-        raise RuntimeError(f"expected a domain with measurements.longest_ticks, got {domain.name}")
-    return domain.measurements.longest_ticks(source.described())
+def measured(
+    part: str, source: ToolsetSource, options: argparse.Namespace
+) -> Mapping[str, DataclassInstance]:
+    """Return the rows of a part by case: what `measure` of the module of its name returns.
 
-
-def _service(_: ToolsetSource, __: argparse.Namespace) -> Mapping[str, DataclassInstance]:
+    Raises
+    ------
+    RuntimeError
+        It cannot be measured here.
+    """
+    if part == "learners":
+        return _learners(source, options)
     try:
-        from ator_ros.tools.benchmarks import service
+        module = importlib.import_module(f"ator_ros.tools.benchmarks.{part}")
     except ImportError as error:
         raise RuntimeError(f"{error}: source your ROS 2 workspace, or use make bench") from error
-    return service.measure()
+    rows: Mapping[str, DataclassInstance] = module.measure(source)
+    return rows
 
 
 def _learners(source: ToolsetSource, options: argparse.Namespace) -> learners.Cases:
@@ -48,17 +48,6 @@ def _learners(source: ToolsetSource, options: argparse.Namespace) -> learners.Ca
     return cases
 
 
-PARTS: Mapping[str, Callable[[ToolsetSource, argparse.Namespace], Mapping[str, DataclassInstance]]] = {
-    "simulation": lambda source, _: simulation.measure(source),
-    "planning": _planning,
-    "refinement": lambda source, _: refinement.measure(source),
-    "plans": lambda source, _: plans.measure(source),
-    "service": _service,
-    "collection": lambda source, _: collection.measure(source),
-    "learners": _learners,
-}
-
-
 def run(options: argparse.Namespace) -> int:
     """Measure the parts that the command line names; the exit code is 1 where one cannot be."""
     source = ToolsetSource()  # the default domain and robot, in every part
@@ -66,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
         report = _begun(options.out)
         for part in options.parts:
             where = measuring_machine()
-            report = report.with_part(part, PARTS[part](source, options), where)
+            report = report.with_part(part, measured(part, source, options), where)
             print("\n".join(report.lines(part)), flush=True)
             write_text(options.out, FORMAT.text(unstructured(report)))
     except UnreadableError as error:
