@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import socket
+import threading
 from collections.abc import Iterator
 
 import pytest
@@ -66,6 +67,20 @@ def test_the_page_itself_and_programs_can(port: int) -> None:
         assert opened(port, host, Origin=f"http://{host}:{port}") == 101
     client = ViserClient(port)  # without an origin
     client.until(lambda: "/floor" in client.scene, "the floor")
+    client.close()
+
+
+def test_no_client_can_let_the_page_be_shared_on_the_internet(
+    port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = threading.Event()
+    for name in ("request_share_url", "disconnect_share_url"):
+        monkeypatch.setattr(viser.ViserServer, name, lambda _: asked.set())
+    client = ViserClient(port)
+    client.until(lambda: "/floor" in client.scene, "the floor")
+    client.send("ShareUrlRequest")
+    client.send("ShareUrlDisconnect")
+    assert not asked.wait(1.0)
     client.close()
 
 

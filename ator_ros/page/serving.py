@@ -88,6 +88,12 @@ def free_port(host: str, port: int) -> int:
     raise OSError(f"expected a free port from {port} on at {host}, got none")
 
 
+def _never_shared(server: viser.ViserServer) -> None:
+    """Take away what lets any client have the page forwarded from the internet, by a server of viser's."""
+    for wish in (viser._messages.ShareUrlRequest, viser._messages.ShareUrlDisconnect):
+        server._websock_server.unregister_handler(wish)
+
+
 def served(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080) -> viser.ViserServer:
     """Serve a page on one port, or the next that is free; by default only this machine can reach it.
 
@@ -101,6 +107,7 @@ def served(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 80
     logging.getLogger("asyncio").addFilter(_ONE_LINE)  # ignored where it is there already
     with contextlib.redirect_stdout(io.StringIO()), only_own_page(host):  # viser tells its address in a frame
         server = viser.ViserServer(host=host, port=port, label="ator_ros", verbose=False)
+    _never_shared(server)
     server._websock_server.get_message_buffer().message_event.__class__ = _LoopsEvent
     area, (position, look_at, fov) = robot.scene.area, camera_over(robot)
     server.scene.set_up_direction("+z")
