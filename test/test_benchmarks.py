@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 from documentation import ROOT
 
@@ -78,3 +79,23 @@ def test_our_actions_are_compared_with_the_times_of_the_ball_ruler(
     rows = json.loads(out.read_text(encoding="utf-8"))["rows"]
     assert [row["what"] for row in rows] == ["approach", "dribble", *ruler.CHAINS]
     assert all(1.0 <= row["ratio"] < 2.0 for row in rows)
+
+
+def test_kinds_of_motion_are_chosen_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    families, out = benchmark("motion_families", monkeypatch), tmp_path / "families.json"
+    times = np.array([[1.0, 6.0, np.inf, np.inf], [2.0, 1.0, 7.0, np.inf], [np.inf, np.inf, 2.0, np.inf]])
+    # The third alone leads to the third place; of the others the second saves more. None leads to the last.
+    assert families.chosen(times, 3) == [2, 1, 0]
+    robots = [str(ROOT / "config" / f"{name}.yaml") for name in ("turtlebot4", "pioneer")]
+    words = ["--robots", *robots, "--situations", "12", "--seed", "3", "--out", str(out)]
+    assert families.main(words) == 0
+    written = out.read_text(encoding="utf-8")
+    rows = json.loads(written)["rows"]
+    assert [row["family"] for row in rows] == ["drive", "drive", "approach", "dribble", "shot"]
+    for row in rows:
+        assert row["kinds"] < row["grid"]
+        assert row["least_s"] > 0.5
+        assert 0.0 <= row["shipped_percent"] < 40.0
+        assert 0.0 <= row["chosen_percent"] < 40.0
+    assert families.main(words) == 0
+    assert out.read_text(encoding="utf-8") == written

@@ -57,6 +57,7 @@ BY_TEST = {
     r"(scripts/run )?python benchmarks/over_ball_ruler\.py .*": "test_benchmarks.py::test_our_actions_are",
     r"python benchmarks/choice_among_alternatives\.py .*": "test_benchmarks.py::test_the_choice_among_",
     r"python benchmarks/search_quality\.py .*": "test_benchmarks.py::test_the_search_is_measured",
+    r"(scripts/run )?python benchmarks/motion_fam.*": "test_benchmarks.py::test_kinds_of_motion_are",
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
     r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",

@@ -3,7 +3,8 @@
 A family is a few kinds of motion, each a turn, a straight drive, a turn and a straight run, of which the
 fastest counts. Kinds are given as shares of the limits, so that every robot has its own. Those of
 `drive_family` were chosen one by one, each as the one that brings the times nearest to those of all
-combinations of a fine grid; a test compares them with such a grid for small, heavy and quick robots.
+combinations of a fine grid. `benchmarks/motion_families.py` chooses so for any robot, and compares; a test
+does for small, heavy and quick robots.
 """
 
 from __future__ import annotations

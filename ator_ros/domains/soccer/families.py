@@ -18,7 +18,7 @@ from ator_ros.motion.families import Family, FreeTurns, Kind, free_kinds, gained
 from ator_ros.motion.turn_tables import Way
 from ator_ros.robot.description import Limits, Robot
 
-# Kinds were chosen as those of `drive_family`; all numbers are shares of the limits.
+# Kinds were chosen as `benchmarks/motion_families.py` chooses; all numbers are shares of the limits.
 _APPROACHES = (
     FreeTurns(1.0, 0.5, share=0.8),
     FreeTurns(0.3, -0.25, share=0.8),
@@ -118,6 +118,11 @@ def _limits(robot: Robot) -> Limits:
 
 
 def _pushing(robot: Robot, rows: Iterable[PushedTurns]) -> Family:
+    return Family(_limits(robot), pushed_kinds(robot, rows), run=None, forward=True)
+
+
+def pushed_kinds(robot: Robot, rows: Iterable[PushedTurns]) -> tuple[Kind, ...]:
+    """Return kinds of motion with the ball; no turn is faster than it allows."""
     limits, kinds = _limits(robot), []
     for entry, gain, loss, after, slower in rows:
         first, last = gain * limits.a, loss * limits.brake
@@ -127,4 +132,4 @@ def _pushing(robot: Robot, rows: Iterable[PushedTurns]) -> Family:
             Way(last, fastest_rate(robot, after * limits.v, -last, slower)),
         )
         kinds.append(Kind(*ways, after, entry * limits.v))
-    return Family(limits, tuple(kinds), run=None, forward=True)
+    return tuple(kinds)
