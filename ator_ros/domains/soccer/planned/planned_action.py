@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.planned.pause import Pause
-from ator_ros.domains.soccer.planned.tracker import Tracker
+from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, Tracker
 from ator_ros.domains.soccer.thresholds import gripping
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
@@ -26,6 +26,7 @@ _USUAL_LAG, _LEAST_SHARE = 0.08, 0.5
 POSITION_TOLERANCE = 0.05
 HEADING_TOLERANCE = 0.1
 _REPLANS = 20
+_LATE = 0.4  # s that a robot may be late at a goal that it passes: one that is weak falls behind its plan
 
 
 class PlannedAction(Action):
@@ -92,13 +93,25 @@ class PlannedAction(Action):
     def arrive(self, world: World) -> Step:
         """Return the step at the end of the plan."""
         why = self.missed(world)
-        return self.replan(world, why) if why else self._arrived(world, Command(self.goal.speed, 0.0))
+        if why is None:
+            return self._arrived(world, Command(self.goal.speed, 0.0))
+        return (
+            self._following(world, f"{why}: driving on") if self._is_short(world) else self.replan(world, why)
+        )
 
     def missed(self, world: World) -> str | None:
         """Return why the robot is not at the goal, None if it is."""
         distance, heading = self._off(world)
         near = distance <= POSITION_TOLERANCE and heading <= HEADING_TOLERANCE
         return None if near else f"missed: {_told(distance, heading)}"
+
+    def _is_short(self, world: World) -> bool:
+        """Return whether the robot, late at a goal that it passes, gets there if it just drives on."""
+        if self.goal.speed == 0.0 or world.robot.v <= 0.0 or self.left(world) < -_LATE:
+            return False
+        ahead, beside, heading = world.robot.pose.relative(self.target())
+        straight = abs(beside) <= POSITION_TOLERANCE and abs(heading) <= HEADING_TOLERANCE
+        return straight and 0.0 < ahead <= DISTURBED_DISTANCE
 
     def _off(self, world: World) -> tuple[float, float]:
         """Return the distance to the goal in m, and the angle to its heading in rad."""
