@@ -11,8 +11,9 @@ import pytest
 from robots import FIFTH, HEAVY, OTHERS, PIONEER, PLAIN, QUICK, SHIPPED, SLOW
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.actions.base import Status
+from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.domains.soccer import situations
+from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
@@ -29,7 +30,7 @@ from ator_ros.robot.description import Limits, NoHolderError, Robot, load_robot
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.world.state import Command, RobotState, World
+from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "robots.md"
 RACER = dataclasses.replace(
@@ -168,3 +169,28 @@ def test_figures_of_a_robot_without_a_holder_show_what_it_does() -> None:
 def test_a_robot_that_stands_with_the_ball_after_a_miss_has_arrived() -> None:
     """It came in turning, pushed the ball, caught it while it stopped, and has no way to come there again."""
     assert succeeds("goToPose", FIFTH, 987, seed=71)
+
+
+def test_an_approach_that_is_late_drives_on_to_the_ball() -> None:
+    """The base accelerates without a break from backward to forward, and so falls behind its plan."""
+    ball = Pose(2.9673233698630583, 1.3149295986930691, -1.3551968309603029)
+    start = World(
+        0.0,
+        RobotState(Pose(1.9240130605596, 1.6436247869235734, -2.633912413404684)),
+        {BALL: ObjectState(ball.x, ball.y)},
+    )
+    goal, said = Goal(ball, 0.45, Point.HOLD), list[str]()
+    with Simulation(FIFTH) as simulation:
+        place(simulation, start)
+        action = GoToPose(FIFTH)
+        action.start(simulation.world(), goal)
+        while (step := action.step(simulation.world())).status is Status.RUNNING:
+            said.append(step.message)
+            assert step.command is not None
+            simulation.command(step.command)
+            simulation.tick()
+        time = simulation.time
+    assert step.status is Status.SUCCEEDED
+    assert any("driving on" in message for message in said)
+    assert not any("anew" in message for message in said)
+    assert time < 4.0
