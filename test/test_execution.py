@@ -151,6 +151,36 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     assert not other.refined
 
 
+def test_a_refined_chain_whose_first_action_finds_no_way_is_executed_as_sent() -> None:
+    sent = chain(("goToPose", Pose(3.0, 1.0, 0.0)), opened=frozenset({"x"}))
+    in_a_post = chain(("goToPose", Pose(4.0, 1.0, 0.0)), opened=frozenset({"x"}))
+    run = execution(sent, refine=True)
+    run.tick(world(), 100.0)
+    run.refined_to(in_a_post, True, "0.5 s faster")
+    assert run.refined
+    for tick in range(1, 60):
+        command = run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
+        if not run.refined and command != STOP:
+            break
+    assert (run.ending, run.chain, run.refined) == (None, sent, False)
+    assert command.v > 0.0
+    assert run.refinement.startswith("executed as sent, as the refined chain failed at its start: ")
+    assert "found none" in run.refinement
+    assert [record.ending for record in run.records] == [Ending.FAILED]
+
+
+@pytest.mark.parametrize("refined", [False, True])
+def test_an_action_that_finds_no_way_to_what_was_sent_fails(refined: bool) -> None:
+    in_a_post = chain(("goToPose", Pose(4.0, 1.0, 0.0)), opened=frozenset({"x", "y"}))
+    run = execution(in_a_post, refine=True)
+    run.tick(world(), 100.0)
+    run.refined_to(chain(("goToPose", Pose(4.0, -1.0, 0.0))) if refined else in_a_post, refined, "answered")
+    for tick in range(1, 100):
+        run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
+    assert run.ending is Ending.FAILED
+    assert len(run.records) == 1 + refined
+
+
 def test_open_variables_are_filled_in_also_where_nothing_is_refined() -> None:
     steps = ("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0))
     sent = chain(*steps, opened=frozenset({"yaw"}))

@@ -75,6 +75,13 @@ class Answers:
         sent = "" if self._course.phase is Phase.EXECUTING else "executed as sent, "
         self._go_on(f"{sent}refinement failed: {why}", changed=False)
 
+    def fall_back(self, why: str) -> bool:
+        """Begin with the chain as sent if the first action of the refined one failed where it began."""
+        if not self._refining.refined or not self._executor.begin_again(self._plans[self._number]):
+            return False
+        self._refining.take_back(f"executed as sent, as the refined chain failed at its start: {why}")
+        return True
+
     def ask_again(self, world: World, now: float) -> None:
         """Ask about what remains, and about the other plans, if the world differs from what was told."""
         executor, robot = self._executor, self._library.robot

@@ -27,6 +27,8 @@ from ator_ros.tops.objects import (
 )
 from ator_ros.world.state import STOP, Command, World
 
+_STAYED = 0.02
+"""Distance in m, and angle in rad, within which a robot has stayed where it was."""
 _ENDINGS = {Status.SUCCEEDED: Ending.SUCCEEDED, Status.FAILED: Ending.FAILED}
 
 
@@ -93,6 +95,19 @@ class ChainExecutor:
         """Execute `chain` instead of the one given; only before the first tick."""
         assert self._began is None
         self._chain, self._run = chain, self._new_run(chain, 0)
+
+    def begin_again(self, chain: TopChain) -> bool:
+        """Execute `chain` instead if the first action failed where it began; return whether it did."""
+        first = self.records[0] if self.records else None
+        if len(self.records) != 1 or first is None or first.index or first.ending is not Ending.FAILED:
+            return False
+        there, here = first.start.robot.pose, first.end.robot.pose
+        stayed = there.distance(here) <= _STAYED and abs(there.relative(here).yaw) <= _STAYED
+        if first.lost is not None or not stayed or chain.calls[0] == self._chain.calls[0]:
+            return False
+        self._chain = chain
+        self._enter(0, standing_first=True)
+        return True
 
     def step(self, world: World) -> ChainStep:
         """Return the command of this tick; after an action ends, the next one begins in the same tick.

@@ -168,8 +168,6 @@ class Execution:
         waiting = self.phase is not Phase.ENDED and not released
         return waiting and now - self._heard > self._deadlines.silence
 
-    # What happens to it
-
     def tick(self, world: World, now: float, *, overdue: frozenset[str] = frozenset()) -> Command | None:
         """Process a newer state of the world; return the command for it, None if the action sends none.
 
@@ -270,20 +268,22 @@ class Execution:
             self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}")
 
     def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command | None:
-        executor = self._executor
         if not self._forecast.begun:
             self._start = world  # later than the first state if refinement took time
             self._forecast.begin(world)
-        fault = self._guards.check(world, executor.call, overdue)
+        fault = self._guards.check(world, self._executor.call, overdue)
         if isinstance(fault, Fault):
             return self._stop(*fault)
-        if fault is not None and not executor.released:
+        if fault is not None and not self._executor.released:
             self.reason = fault
             return STOP
         if self._answers.apply(world):
             self._forecast.change(at_rest(world, self._robot))
-        step = executor.step(world)
+        step = self._executor.step(world)
         self.reason = step.message
+        if step.status is Status.FAILED and self._answers.fall_back(step.message):
+            self._forecast.change(at_rest(world, self._robot))
+            return STOP
         if step.status is Status.RUNNING:
             self._answers.ask_again(world, now)
             return step.command

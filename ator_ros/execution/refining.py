@@ -121,6 +121,11 @@ class Refining:
         else:
             self._left = f"; asked again after {elapsed:.2f} s, as {cause}: {why}"
 
+    def take_back(self, why: str) -> None:
+        """Forget all changes: the chain begins anew as it was sent, for the reason `why`."""
+        self.refined, self.again, self._first = False, 0, why
+        self._changed = self._left = ""
+
 
 def refined_chain(
     chain: TopChain, question: Question, answer: TopChain, world: World, library: TopLibrary
