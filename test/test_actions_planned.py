@@ -133,7 +133,7 @@ def test_a_ball_that_rolls_is_followed() -> None:
 def test_a_ball_that_others_play_elsewhere_keeps_nobody_from_driving() -> None:
     action = GoToPose(ROBOT)
     with Simulation(ROBOT) as simulation:
-        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        simulation.place_robot(Pose(-0.4, 0.8, 0.0))
         simulation.place_object(BALL, 0.0, -1.5)
         action.start(simulation.world(), Goal(Pose(1.0, 1.5, 0.5)))
         for tick in range(600):

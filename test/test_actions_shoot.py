@@ -79,7 +79,7 @@ def test_the_robot_stops_before_the_wall_of_the_goal() -> None:
 
 def test_the_planned_time_hardly_changes_with_a_degree() -> None:
     changes = []
-    for state in starts(73, 50):
+    for state in starts(73, 20):
         times = []
         for degrees in (0.0, 1.0):
             start = state.pose._replace(yaw=state.pose.yaw + math.radians(degrees))

@@ -44,8 +44,8 @@ def extremes(count: int) -> dict[str, np.ndarray]:
 
 def test_extreme_situations_give_features() -> None:
     features = SOCCER.known_features
-    table = feature_table(extremes(2000), load_robot(), list(features.values()))
-    assert table.shape == (2000, len(features))
+    table = feature_table(extremes(500), load_robot(), list(features.values()))
+    assert table.shape == (500, len(features))
 
 
 @pytest.mark.skipif(os.environ.get("NUMBA_BOUNDSCHECK") != "1", reason="only with NUMBA_BOUNDSCHECK=1")

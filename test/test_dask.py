@@ -34,6 +34,7 @@ def on(address: str) -> list[str]:
     return ["--backend", "dask", "--cluster", address]
 
 
+@pytest.mark.long
 def test_collect_gives_the_same_table(address: str, tmp_path: Path) -> None:
     tables = []
     for name, words in {"here": ["--jobs", "1"], "there": on(address)}.items():
@@ -67,6 +68,7 @@ def wait_for(file: Path) -> str:
     raise TimeoutError(f"expected {file}")
 
 
+@pytest.mark.long
 def test_results_come_as_they_are_made(address: str, tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("one", "two", "three")]
     for file in files if joblib.__version__.startswith("1.3.") else files[:1]:  # 1.3 gives all at once

@@ -121,7 +121,8 @@ def test_the_shipped_report_is_judged_as_it_says() -> None:
         assert judged(row) == row
 
 
-def test_of_refinement_the_quietest_round_counts() -> None:
+@pytest.mark.long
+def test_refinement_is_measured_in_every_case() -> None:
     results = refinement.measure(SOURCE, requests=2, rounds=2)
     cases = {name: row for name, row in results.items() if isinstance(row, RefinementTime)}
     assert cases.keys() == refinement.CASES.keys()
@@ -129,5 +130,8 @@ def test_of_refinement_the_quietest_round_counts() -> None:
         assert row.median_ms > 0.0
     assert len(results) == len(refinement.CASES) + len(refinement.LENGTHS)
     assert {name for name, row in cases.items() if row.limit_ms} == refinement.LIMITS_MS.keys()
+
+
+def test_of_refinement_the_quietest_round_counts() -> None:
     row = refinement.best_round("any", [[3.0, 3.0], [1.0, 1.0], [2.0, 2.0]])
     assert (row.median_ms, row.slowest_median_ms) == (1.0, 3.0)

@@ -123,7 +123,8 @@ def test_a_signal_to_all_processes_ends_them_and_keeps_the_finished_episodes(
     assert 3 <= read_experience(file).frame["episode"].nunique() < 2000
 
 
-@pytest.mark.parametrize("episodes", few([1, 5], 1))
+@pytest.mark.long
+@pytest.mark.parametrize("episodes", [1, 5])
 def test_workers_end_within_5_s_of_a_parent_that_was_killed(tmp_path: Path, episodes: int) -> None:
     words = [
         "--actions",

@@ -39,6 +39,12 @@ def solver_of(problem: SymbolicProblem) -> Solve:
     return solve
 
 
+def warm_up() -> None:
+    """Find the plan of one step; what the first search imports takes as long as ten others."""
+    step = Operator(frozenset(), frozenset({0}), frozenset())
+    solver_of(SymbolicProblem((step,), frozenset(), frozenset({0})))(())
+
+
 def _action(number: int, operator: Operator, fluents: dict[int, Fluent]) -> InstantaneousAction:
     action = InstantaneousAction(f"a{number}")
     for fact in sorted(operator.needs):

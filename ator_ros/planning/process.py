@@ -133,7 +133,7 @@ def main() -> None:
 
     try:
         from ator_ros.domains.domain import find_domain
-        from ator_ros.planning import engine  # noqa: F401  which takes a second to import
+        from ator_ros.planning import engine  # which takes a second to import
         from ator_ros.planning.planner import chains_for
         from ator_ros.planning.search import search
     except ImportError as error:
@@ -142,6 +142,7 @@ def main() -> None:
     name, robot_file = json.loads(sys.argv[1])
     domain = find_domain(name)
     robot = domain.robot(robot_file or None)
+    engine.warm_up()
     tell({"ready": True})
     for line in sys.stdin:
         request = json.loads(line)

@@ -122,7 +122,7 @@ def test_an_input_falls_silent(arena: Arena, relay: Relay, name: str, stage: Sta
     assert stood - relay.last[name] <= LONGEST_STOP + 1e-6
 
 
-@pytest.mark.parametrize("name", INPUTS)
+@pytest.mark.parametrize("name", few(INPUTS, "odom"))
 def test_an_input_comes_back_before_its_timeout(arena: Arena, relay: Relay, name: str) -> None:
     visit = arena.visit()
     sent = approach(arena, visit)
@@ -153,6 +153,7 @@ def test_odometry_freezes_with_stamps_that_advance(arena: Arena, relay: Relay) -
     assert arena.stops()[stops][1] - moving <= 0.5 + 0.05 + 1e-6  # and a message on its way
 
 
+@pytest.mark.long
 def test_stamps_an_hour_ahead_are_named(arena: Arena, relay: Relay) -> None:
     visit = arena.visit()
     sent = approach(arena, visit)
@@ -184,6 +185,7 @@ def test_time_jumps_back(arena: Arena, stage: Stage) -> None:
     assert not re.search(r"WARN.*time went back", output), output  # a reset is no fault
 
 
+@pytest.mark.long
 def test_a_goal_that_waits_does_not_mind_that_time_jumps_back(arena: Arena) -> None:
     visit = arena.visit()
     sent = waiting(arena, visit)

@@ -50,6 +50,7 @@ def steps(desk: Desk, happened: Callable[[], object], what: str) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.long
 def test_a_chain_of_others_is_seen_until_it_ends_and_can_be_stopped(stage: LiveStage, client: Client) -> None:
     desk = Desk(stage, SOCCER, {name: SOCCER.library(ROBOT, name) for name in SOCCER.action_sets})
     desk.control(stage)

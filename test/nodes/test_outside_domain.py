@@ -23,7 +23,7 @@ from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import SENSOR_DATA
 
-pytestmark = pytest.mark.node
+pytestmark = [pytest.mark.node, pytest.mark.long]
 SOURCE = Path(__file__).resolve().parents[1] / "outside"
 
 
