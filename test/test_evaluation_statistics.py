@@ -91,12 +91,12 @@ def test_interval_of_a_constant_gain_is_that_gain() -> None:
 def test_interval_covers_the_truth_about_as_often_as_it_says() -> None:
     rng = np.random.default_rng(4)
     covered = 0
-    for _ in range(40):
+    for _ in range(20):
         gains = rng.normal(1.0, 1.0, 60)
         rows = [record(i, 10.0, 10.0 - gain, 8.0) for i, gain in enumerate(gains)]
         low, high = summarise(outcomes(rows))["refined"]["improvement_ci95"]
         covered += low <= 10.0 <= high
-    assert 33 <= covered <= 40
+    assert 16 <= covered <= 20
 
 
 def test_labels_need_more_than_two_percent() -> None:

@@ -88,6 +88,7 @@ def test_report_is_one_file_without_network_or_scripts(finished: tuple[Path, dic
     assert outside == []
 
 
+@pytest.mark.long
 def test_result_is_the_same_for_any_number_of_workers(
     models: Path, finished: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+from collections.abc import Iterator
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, started
 from ator_ros.execution.predictions import Predictor
@@ -24,32 +25,36 @@ _THERE = ObjectState(0.0, 0.0)
 
 
 def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
-    """Refine once to fetch an object and to carry it, with heading and arrival speed at the object free."""
-    world, chain = _rehearsed(library)
-    with contextlib.suppress(RefinementError):  # the first request reports it
-        if chain is not None:
+    """Refine once a chain of two steps with heading and arrival speed between them free."""
+    for world, chain in _rehearsed(library):
+        with contextlib.suppress(RefinementError):  # the first request reports it
             refiner.refine(world, chain)
+            return
 
 
 def rehearse_predictions(library: TopLibrary, predictor: Predictor) -> None:
-    """Predict a chain that fetches an object and carries it; no action is touched."""
-    world, chain = _rehearsed(library)
-    with contextlib.suppress(RefinementError):
-        if chain is not None:
+    """Predict once a chain of two steps; no action is touched."""
+    for world, chain in _rehearsed(library):
+        with contextlib.suppress(RefinementError):
             predictor.chain(world, chain)
+            return
 
 
-def _rehearsed(library: TopLibrary) -> tuple[World, TopChain | None]:
-    """Return the chain that fetches an object and carries it, None where nothing does; and its start."""
-    fetching = next((top for top in library.usable() if fetched(top)), None)
-    carrying = next((top for top in library.usable() if kept(top)), None)
-    if fetching is None or carrying is None:
-        return World(0.0, _AWAY), None
-    calls = (
-        TopCall(fetching, library.goal(fetching, Pose(0.0, 0.0, 0.0)), OPEN),
-        TopCall(carrying, library.goal(carrying, Pose(2.0, 1.0, 0.0))),
-    )
-    return _world(library.robot, _AWAY, _THERE, fetching), TopChain(calls)
+def _rehearsed(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
+    """Yield chains of two steps and where they start: first, to fetch an object and to carry it."""
+    usable = library.usable()
+    fetching = next((top for top in usable if fetched(top)), None)
+    carrying = next((top for top in usable if kept(top)), None)
+    fetches = [(fetching, carrying)] if fetching is not None and carrying is not None else []
+    for first, last in (*fetches, *zip(usable, usable, strict=True)):
+        calls = (
+            TopCall(first, library.goal(first, Pose(0.0, 0.0, 0.0)), OPEN),
+            TopCall(last, library.goal(last, Pose(2.0, 1.0, 0.0))),
+        )
+        robot = library.robot
+        held = held_first(first) is not None
+        start = _holding(robot, _AWAY.pose, first) if held else _world(robot, _AWAY, _THERE, first)
+        yield start, TopChain(calls)
 
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:

@@ -139,6 +139,7 @@ def last_error(node: Hosted) -> str:
     return str(node.node._health().values["last error"])
 
 
+@pytest.mark.long
 def test_a_process_names_nonsense_in_its_log(executor) -> None:
     node, chains, sensors = executor
     change, ball, expected = NONSENSE[0]

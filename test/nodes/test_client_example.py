@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 
+import pytest
 from conftest import Start
 from ros2cli_subset import filled
 from test_readme import README, answered, printed
@@ -25,6 +26,7 @@ def test_its_request_is_answered_as_the_readme_says() -> None:
     assert answer.free == theirs.free
 
 
+@pytest.mark.long
 def test_it_drives_the_simulated_robot(start: Start, domain: int) -> None:
     for name in ("simulation", "refinement", "executor"):
         start(name, **({"real_time_factor": 3.0} if name == "simulation" else {}))

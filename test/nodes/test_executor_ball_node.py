@@ -65,6 +65,7 @@ def steps(sent: Sent) -> list[tuple[int, int]]:
     return [(action.step, action.outcome.code) for action in sent.result(LONG).record.actions]
 
 
+@pytest.mark.long
 def test_a_lost_ball_ends_the_goal_under_that_name(chains: ChainClient) -> None:
     sent = chains.send(chain_of_the_paper())
     until(chains, sent, "dribbleBall")

@@ -127,6 +127,7 @@ def test_what_is_under_way_can_be_drawn_also_by_who_comes_later(chains: ChainCli
     chains.ros.eventually(lambda: len(drawn["chain"][-1].markers) == 1, "no chain without a goal")
 
 
+@pytest.mark.long
 def test_a_goal_pose_of_rviz_is_driven_to(graph, chains: ChainClient) -> None:
     node = graph[0]("goal_pose")
     sender = chains.ros.node.create_publisher(PoseStamped, "goal_pose", COMMANDS)
@@ -216,6 +217,7 @@ def test_a_missing_refinement_node_is_survived(chains: ChainClient) -> None:
     assert "executed as sent, refinement failed: no answer within 1 s" in result.record.refinement
 
 
+@pytest.mark.long
 def test_a_frozen_and_a_killed_refinement_node_are_survived(chains: ChainClient, graph) -> None:
     node = graph[0]("refinement")
     chains.ros.eventually(lambda: "refining chains" in node.output, "the refinement node")

@@ -193,6 +193,7 @@ def test_a_newer_goal_waits_for_the_server_that_drives(hall: Hall) -> None:
     assert new.outcome().code == Outcome.SUCCEEDED
 
 
+@pytest.mark.long
 def test_a_server_that_is_killed_is_noticed_within_seconds(hall: Hall, start: Start) -> None:
     """DDS counts it for 20 s, then the reason would be another; `silence` is 1.5 s."""
     server = start("drive_to_server")

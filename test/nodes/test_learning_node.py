@@ -74,6 +74,7 @@ def values_of(client: Client) -> dict[str, str]:
     return {value.key: value.value for value in status_of(client, "learning").values}
 
 
+@pytest.mark.long
 def test_a_changed_robot_gets_a_new_set(
     host: Host, client: Client, tell: Callable[..., None], tmp_path: Path, models: Path
 ) -> None:

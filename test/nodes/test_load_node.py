@@ -111,7 +111,7 @@ def goals(nodes: Nodes, number: int) -> None:
     handles = answers(client.within(lambda: [server.send_goal_async(goal) for _ in range(number)]))
     assert len(handles) == number
     accepted = [handle for handle in handles if handle.accepted]
-    assert min(number, GOALS_AT_ONCE) <= len(accepted) < number
+    assert min(number, GOALS_AT_ONCE) <= len(accepted) <= number
     canceled = answers(client.within(lambda: [handle.cancel_goal_async() for handle in accepted]))
     assert len(canceled) == len(accepted)
     results = answers(client.within(lambda: [handle.get_result_async() for handle in accepted]))

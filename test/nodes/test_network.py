@@ -19,7 +19,7 @@ LOOPBACK = "127.0.0.1"
 NODES = {"simulation": "simulating", "executor": "ready for chains", "refinement": "refining chains"}
 
 
-@pytest.mark.parametrize("node", NODES)
+@pytest.mark.parametrize("node", few(NODES, "simulation"))
 def test_a_node_listens_to_this_machine_only(start: Start, client: Client, domain: int, node: str) -> None:
     process = start(node)
     client.eventually(lambda: NODES[node] in process.output, "the node is ready")

@@ -27,7 +27,7 @@ from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.performance.model_file import load_model
 from ator_ros.robot.description import load_robot
 
-pytestmark = pytest.mark.node
+pytestmark = [pytest.mark.node, pytest.mark.long]
 
 TOPICS = {
     "/performance/action": (ActionPerformance, RESULTS),

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+import dataclasses
+from typing import Any, ClassVar
 
 import pytest
+from experience_rows import made_up_model
+from parcels import PARCELS
 
 from ator_ros.actions.base import Action, Goal, Status, Step
+from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned import planner, run_up, screening
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.rehearsal import rehearse
+from ator_ros.execution.rehearsal import rehearse, rehearse_refinement
 from ator_ros.motion import displacements, ways
-from ator_ros.robot.description import load_robot
+from ator_ros.refinement.answer import Refinement
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.top import Top
@@ -47,6 +53,32 @@ def test_a_rehearsal_searches_to_the_end(monkeypatch: pytest.MonkeyPatch) -> Non
     robot = load_robot()
     rehearse(robot, SOCCER.library(robot), Predictor(robot, {}))
     assert min(called.values()) > 0
+
+
+@pytest.mark.parametrize(
+    ("domain", "robot"),
+    [
+        (SOCCER, load_robot()),
+        (SOCCER, dataclasses.replace(load_robot(), holder=None)),
+        (PARCELS, load_robot()),
+    ],
+    ids=["with a holder", "without", "another domain"],
+)
+def test_a_refinement_is_rehearsed_whatever_the_tops(domain: Domain, robot: Robot) -> None:
+    ended: list[Refinement] = []
+
+    class Heard(Refiner):
+        """Keeps what it answers."""
+
+        def refine(self, *arguments: Any, **options: Any) -> Refinement:
+            ended.append(super().refine(*arguments, **options))
+            return ended[-1]
+
+    models = {name: made_up_model("goToPose", robot) for name in domain.actions()}
+    rehearse_refinement(domain.library(robot), Heard(robot, models, ranges=domain.ranges))
+    [refinement] = ended
+    assert "yaw" in {variable.name for variable in refinement.free}
+    assert refinement.curves
 
 
 class Lift(Action):

@@ -132,6 +132,7 @@ def test_a_chain_is_driven_by_tf_in_the_map(host: Host, client: Client, base: Ba
     assert all(record.actual.accuracy < 0.03 for record in result.record.actions)
 
 
+@pytest.mark.long
 def test_silence_blocked_wheels_and_the_fence_end_a_goal_as_with_odometry(
     host: Host, client: Client, base: Base
 ) -> None:
