@@ -8,7 +8,6 @@ import pytest
 from chain_client import ChainClient, call, chain_of_the_paper
 from conftest import Host, Start
 from ros_client import Client
-from selection import few
 
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import PlaceObject

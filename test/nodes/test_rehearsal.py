@@ -55,6 +55,9 @@ def test_a_rehearsal_searches_to_the_end(monkeypatch: pytest.MonkeyPatch) -> Non
     assert min(called.values()) > 0
 
 
+PIONEER = load_robot()
+
+
 @pytest.mark.parametrize(
     ("domain", "robot"),
     [
