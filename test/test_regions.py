@@ -155,6 +155,17 @@ class TestFreePlace:
         assert place["speed"].domain.high == 0.8, "random starts never quite reach the end of a range"
         assert answer.chain.calls[1].goal.pose.x <= 2.5
 
+    @pytest.mark.parametrize(("action", "direct"), [("goToPose", "speedg"), ("dribbleBall", "v")])
+    def test_a_speed_that_was_never_varied_is_not_free(self, action: str, direct: str) -> None:
+        known = models()
+        known[action] = FakeModel(turning_time, known[action].used_variables)
+        known[action].experience = {direct: (0.0, 0.0)}  # type: ignore[attr-defined]
+        answer = Refiner(ROBOT, known, ranges=LIBRARY.ranges).refine(world(), shot())
+        assert ("speed", 0) not in {(v.name, v.subgoal) for v in answer.free}
+        [reason] = [no.reason for no in answer.not_free if (no.name, no.subgoal) == ("speed", 0)]
+        assert reason == f"beyond the experience of {action}: {direct} from 0.00 to 0.00"
+        assert answer.chain.calls[0].goal.speed == 0.0
+
     def test_ways_shorter_than_any_tried_are_not_searched(self) -> None:
         known = models()
         known["dribbleBall"].experience = {"way": (1.2, 6.0)}  # type: ignore[attr-defined]

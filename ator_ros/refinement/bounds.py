@@ -7,12 +7,18 @@ is not searched.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ator_ros.actions.goal_variables import direct_name
-from ator_ros.refinement.free_variables import Analysis, FreeVariable, NotFree, PredictsPerformance
+from ator_ros.refinement.free_variables import (
+    Analysis,
+    FreeVariable,
+    NotFree,
+    PredictsPerformance,
+    start_variables,
+)
 from ator_ros.refinement.regions import Regions, experience_of
 from ator_ros.refinement.sampled import spread_points
 from ator_ros.tops.chain import TopChain
@@ -36,22 +42,39 @@ def names_of(chain: TopChain, free: Sequence[FreeVariable]) -> list[tuple[str, .
 def within_experience(
     analysis: Analysis, chain: TopChain, models: Mapping[str, PredictsPerformance]
 ) -> Analysis:
-    """Return `analysis` with the ranges narrowed to the goals that the models were learned with."""
-    return dataclasses.replace(
-        analysis, free=tuple(_experienced(variable, chain, models) for variable in analysis.free)
-    )
+    """Return `analysis` with the ranges narrowed to the goals that the models were learned with.
+
+    A variable of which they know no two values within its range is not free.
+    """
+    free, not_free = [], list(analysis.not_free)
+    for variable in analysis.free:
+        narrowed = variable
+        for action, direct in _known_as(variable, chain):
+            known = experience_of(models.get(action))
+            if direct not in known or narrowed.domain.periodic:
+                continue
+            low, high = known[direct]
+            said = f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
+            if min(high, narrowed.domain.high) <= max(low, narrowed.domain.low):
+                not_free.append(NotFree(variable.subgoal, variable.name, f"beyond the {said}"))
+                break
+            narrowed = _narrowed(narrowed, low, high, (said,))
+        else:
+            free.append(narrowed)
+    return Analysis(tuple(free), tuple(not_free))
 
 
-def _experienced(
-    variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
-) -> FreeVariable:
-    action = chain.calls[variable.subgoal].top.action
-    known = experience_of(models.get(action))
-    if variable.domain.periodic or direct_name(variable.name) not in known:
-        return variable
-    low, high = known[direct_name(variable.name)]
-    said = f"experience of {action}: {direct_name(variable.name)} from {low:.2f} to {high:.2f}"
-    return _narrowed(variable, low, high, (said,))
+def _known_as(variable: FreeVariable, chain: TopChain) -> Iterator[tuple[str, str]]:
+    """Yield the actions that a variable matters to, and the direct variable that it is to each.
+
+    Of where the next action starts, places are left out: those of its goals say as much.
+    """
+    call = chain.calls[variable.subgoal]
+    yield call.top.action, direct_name(variable.name)
+    if variable.subgoal + 1 < len(chain.calls):
+        following = chain.calls[variable.subgoal + 1].top.action
+        for direct in sorted(start_variables(variable.name, call.goal.point) - {"x", "y", "yaw"}):
+            yield following, direct
 
 
 def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Analysis:
