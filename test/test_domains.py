@@ -20,7 +20,7 @@ from ator_ros.performance.features import CANDIDATES, GENERAL, names_of
 from ator_ros.planning.planner import task_for
 from ator_ros.robot.description import ConfigError, load_robot
 from ator_ros.tools import collect
-from ator_ros.tools.work.study import possible_actions, possible_chain
+from ator_ros.tools.work.possible import possible_actions, possible_chain
 from ator_ros.viewing.desk import Desk
 from ator_ros.world.state import ObjectState, RobotState, World
 

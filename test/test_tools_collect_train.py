@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import os
 import signal
@@ -15,6 +16,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
+import yaml
 from experience_rows import made_up_experience
 from selection import few
 
@@ -53,6 +55,20 @@ def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path)
     assert one.metadata["complete"] is True
     assert one.metadata["robot_digest"] == ROBOT.digest()
     assert one.frame.groupby("action")["episode"].nunique().to_dict() == {"dribbleBall": 2, "goToPose": 2}
+
+
+def test_collect_leaves_out_what_the_robot_cannot_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, file = tmp_path / "plain.yaml", tmp_path / "plain.parquet"
+    plain = dataclasses.replace(load_robot(), name="plain", holder=None)
+    robot.write_text(yaml.safe_dump(plain.sections()), encoding="utf-8")
+    words = ["--robot", str(robot), "--episodes", "1", "--out", str(file)]
+    assert collect.main(words) == 0
+    assert "collect: without dribbleBall: " in capsys.readouterr().err
+    assert set(read_experience(file).frame["action"]) == {"goToPose"}
+    assert collect.main([*words, "--actions", "shoot"]) == 1
+    assert "robot plain: expected an action that it can execute, got none" in capsys.readouterr().err
 
 
 def test_collect_keeps_the_finished_episodes_on_ctrl_c(

@@ -16,7 +16,7 @@ from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 from ator_ros.schema import structured, unstructured
 from ator_ros.tools.study import main
-from ator_ros.tools.work.study import possible_actions, possible_chain
+from ator_ros.tools.work.possible import possible_actions, possible_chain
 
 PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 

@@ -133,7 +133,7 @@ def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str
     """Return the policies that the existing files allow, and what each of the others lacks."""
     missing: dict[str, str] = {}
     if not (source.folder() / BASELINES).exists():
-        why = f"{source.folder() / BASELINES} is not there; the tool `gate` makes it"
+        why = f"{source.folder() / BASELINES} is not there; `gate --experience FILE` makes it"
         missing |= {"bitbots_refitted": why, "booster_refitted": why}
     if not (source.folder() / GATE).exists():
         why = f"{source.folder() / GATE} is not there; the tool `gate` makes it"

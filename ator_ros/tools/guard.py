@@ -53,15 +53,18 @@ def _expected() -> tuple[type[Exception], ...]:
     from ator_ros.evaluation.errors import EvaluationError
     from ator_ros.experience.errors import ExperienceError
     from ator_ros.experience.parallel import BackendError
+    from ator_ros.nodes.machine import MachineError
     from ator_ros.performance.model_file import ModelFileError
     from ator_ros.performance.training import TrainingError
     from ator_ros.planning.errors import PlanningError
     from ator_ros.refinement.errors import RefinementError
     from ator_ros.robot.description import ConfigError
     from ator_ros.robot.probe_drive import DriveError
+    from ator_ros.tools.processes import NodesError
 
     ours = (BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError)
-    return (*ours, ModelFileError, OSError, PlanningError, RefinementError, TrainingError)
+    of_models = (ModelFileError, PlanningError, RefinementError, TrainingError)
+    return (*ours, *of_models, MachineError, NodesError, OSError)
 
 
 @contextlib.contextmanager

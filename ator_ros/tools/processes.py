@@ -26,7 +26,11 @@ _NO_SETTINGS: Mapping[str, object] = MappingProxyType({})
 _UNHURRIED = 1.0  # s that refinement may take, less than the executor's patience
 
 
-class NodeEndedError(RuntimeError):
+class NodesError(RuntimeError):
+    """Nodes did not do what a tool needs of them; the message says what is missing."""
+
+
+class NodeEndedError(NodesError):
     """A node that has ended by itself; the message holds the end of its output."""
 
 

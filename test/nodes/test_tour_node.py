@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -21,7 +23,9 @@ from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools import collect as collect_tool
 from ator_ros.tools.command_line import settled
 from ator_ros.tools.work import collect as collecting
+from ator_ros.tools.work import collect_over_ros
 from ator_ros.tools.work.collect_over_ros import Finished, drives
+from ator_ros.tools.work.demo_client import DemoError
 from ator_ros.tops.outcome import top_of
 
 BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
@@ -112,6 +116,20 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
     assert collecting.run(options, domain, "collect of a test") == 0
     assert not kept.path.exists()
     assert len(read_experience(table).frame) == 1
+
+
+def test_nodes_that_do_not_do_what_is_expected_are_told_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def without_servers(*_: object) -> Iterator[NoReturn]:
+        raise DemoError("expected the action servers, got none")
+        yield
+
+    monkeypatch.setattr(collect_over_ros, "drives", without_servers)
+    words = ["--domain", "tour", "--over-ros", "--episodes", "1", "--out", str(tmp_path / "drives.parquet")]
+    assert collect_tool.main(words) == 1
+    assert capsys.readouterr().err == "collect: expected the action servers, got none\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_finished_drives_keep_the_values_of_declared_goal_variables(tmp_path: Path) -> None:

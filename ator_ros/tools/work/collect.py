@@ -25,6 +25,7 @@ from ator_ros.experience.table import (
 from ator_ros.files import reserved
 from ator_ros.robot.description import Robot
 from ator_ros.tools.guard import INTERRUPTED, undisturbed
+from ator_ros.tools.work.possible import possible_actions
 
 _EPISODE_BYTES = 10_000
 """More than the table needs for an episode: those of the default actions take 3.3 kB."""
@@ -34,6 +35,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     """Do what the command line asks for; return the exit code."""
     require_pyarrow()
     robot = domain.robot(options.robot or None)
+    options.actions = _possible(options, domain, robot)
     frames: list[pd.DataFrame] = []
     stopped: BaseException | None = None
     room = _EPISODE_BYTES * options.episodes * len(options.actions)
@@ -69,6 +71,19 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     return 0 if stopped is None and file == options.out else 1
 
 
+def _possible(options: argparse.Namespace, domain: Domain, robot: Robot) -> list[str]:
+    """Return those of the actions that the robot can execute; tell why it can't the others."""
+    _, left_out = possible_actions(domain, options.action_set, robot)
+    wanted: list[str] = options.actions
+    for name in wanted:
+        if name in left_out:
+            print(f"collect: without {name}: {left_out[name]}", file=sys.stderr)
+    actions = [name for name in wanted if name not in left_out]
+    if not actions:
+        raise ExperienceError(f"robot {robot.name}: expected an action that it can execute, got none")
+    return actions
+
+
 def _simulated(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator[pd.DataFrame]:
     return collect(
         [domain.actions(options.action_set)[name] for name in options.actions],
@@ -95,7 +110,12 @@ def _over_ros(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iter
         "domain": domain.name,
         "action_set": options.action_set,
     }
-    yield from drives(options, domain, robot, Finished(options.out, identity))
+    finished = Finished(options.out, identity)
+    try:
+        yield from drives(options, domain, robot, finished)
+    finally:
+        if not finished.rows:
+            Finished.remove(options.out)
 
 
 def _forget_drives(table: Path) -> None:

@@ -15,10 +15,9 @@ from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.files import write_text
-from ator_ros.nodes.machine import MachineError
 from ator_ros.schema import unstructured
 from ator_ros.tools.command_line import source_of
-from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
+from ator_ros.tools.processes import all_nodes, node_setting
 from ator_ros.tools.work.comparison import FORMAT, Compared, comparison
 
 _FRAME = "odom"
@@ -27,21 +26,17 @@ _FRAME = "odom"
 def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     """Do what the command line asks for; return the exit code."""
     try:
-        from ator_ros.tools.work.demo_client import DemoError
+        import rclpy  # noqa: F401
     except ImportError as error:
         print(f"compare: {error}: source your ROS 2 workspace, or use make run EXE=compare", file=sys.stderr)
         return 1
     runs: list[Compared] = []
-    try:
-        for number, one in enumerate(_runs(options, domain), start=1):
-            print(
-                f"{number} of {options.situations}: over ROS {one.ros:.2f} s, "
-                f"in the tools {one.tools:.2f} s, predicted {one.predicted:.2f} s"
-            )
-            runs.append(one)
-    except (DemoError, MachineError, NodeEndedError) as error:
-        print(f"compare: {error}", file=sys.stderr)
-        return 1
+    for number, one in enumerate(_runs(options, domain), start=1):
+        print(
+            f"{number} of {options.situations}: over ROS {one.ros:.2f} s, "
+            f"in the tools {one.tools:.2f} s, predicted {one.predicted:.2f} s"
+        )
+        runs.append(one)
     result = comparison(
         runs,
         command=command,

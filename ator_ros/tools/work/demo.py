@@ -13,7 +13,7 @@ from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.nodes.machine import MachineError
 from ator_ros.robot.description import Robot
 from ator_ros.tools.guard import INTERRUPTED, ending_signals, handled, write_plainly
-from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
+from ator_ros.tools.processes import NodesError, all_nodes, node_setting
 from ator_ros.tools.work.demo_report import DemoSituation, save_picture, table
 
 _FRAME = "odom"
@@ -23,7 +23,7 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
     """Do what the command line asks for; return the exit code."""
     write_plainly()
     try:
-        from ator_ros.tools.work.demo_client import DemoError
+        import rclpy  # noqa: F401
     except ImportError as error:
         print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
         return 1
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
     except KeyboardInterrupt:
         print("interrupted")
         code = INTERRUPTED
-    except (DemoError, MachineError, NodeEndedError) as error:
+    except (MachineError, NodesError) as error:
         print(f"demo: {error}", file=sys.stderr)
         code = 1
     if played:

@@ -20,6 +20,7 @@ from ator_ros.nodes.conversions import robot_from, situation_of
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.spun_node import SpunNode
+from ator_ros.tools.processes import NodesError
 from ator_ros.tools.work.demo_report import DemoRun
 from ator_ros.world.state import World
 
@@ -29,7 +30,7 @@ _OUR_LISTENERS = 2
 """Of odom: the executor, and this client."""
 
 
-class DemoError(RuntimeError):
+class DemoError(NodesError):
     """Something that the demo needs is missing; the message says what."""
 
 

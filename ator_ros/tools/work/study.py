@@ -9,8 +9,6 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.storage import RESULT, read_result
@@ -22,12 +20,11 @@ from ator_ros.evaluation.study_result import (
     StudySettings,
 )
 from ator_ros.evaluation.toolset import GATE, ToolsetSource, make_library
-from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import read_json, write_text
 from ator_ros.performance.model_file import load_model
 from ator_ros.report.study_page import study_page
-from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured, unstructured
 from ator_ros.tools import collect, evaluate, gate, train
 from ator_ros.tools.command_line import settled, source_of
@@ -36,7 +33,7 @@ from ator_ros.tools.work import collect as collecting
 from ator_ros.tools.work import evaluate as evaluating
 from ator_ros.tools.work import gate as gating
 from ator_ros.tools.work import train as training
-from ator_ros.tops.library import TopLibrary
+from ator_ros.tools.work.possible import possible_actions, possible_chain
 
 POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
 MARGIN_S = "1.0"
@@ -100,34 +97,6 @@ def _begin(options: argparse.Namespace, robot: Robot) -> None:
                 f"{file}: {name}: expected {value!r} as in the folder's study, got {found!r}: "
                 "choose another --out"
             )
-
-
-def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[list[str], dict[str, str]]:
-    """Return the actions that a robot can execute, and why it can't the others."""
-    actions, left_out = [], {}
-    for name, spec in domain.actions(action_set).items():
-        try:
-            spec.factory(robot)
-            spec.sample(robot, np.random.default_rng(0))
-        except ConfigError as error:
-            left_out[name] = str(error)
-        else:
-            actions.append(name)
-    library = domain.library(robot, action_set)
-    lacking = {top.action: library.left_out.get(top.name) for top in domain.tops}
-    return actions, left_out | {name: reason for name, reason in lacking.items() if reason is not None}
-
-
-def possible_chain(domain: Domain, library: TopLibrary, wanted: str, actions: Sequence[str]) -> str | None:
-    """Return the chain that was asked for, or else the first one all of whose actions are among `actions`."""
-    for name in (wanted, *domain.chains):
-        try:
-            trial = random_trial(domain, name, library, seed=0, index=0)
-        except ConfigError:
-            continue
-        if all(call.top.action in actions for call in trial.chain.calls):
-            return name
-    return None
 
 
 def _setting(options: argparse.Namespace) -> list[str]:
