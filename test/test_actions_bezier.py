@@ -33,7 +33,7 @@ from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, RobotState, World
 
-COUNT = 20
+COUNT = 14
 AXLE_GOAL = Goal(Pose(1.0, 0.0, 0.0))
 
 

@@ -68,7 +68,7 @@ def test_collect_leaves_out_what_the_robot_cannot_do(
     assert "collect: without dribbleBall: " in capsys.readouterr().err
     assert set(read_experience(file).frame["action"]) == {"goToPose"}
     assert collect.main([*words, "--actions", "shoot"]) == 1
-    assert "robot plain: expected an action that it can execute, got none" in capsys.readouterr().err
+    assert "holder; robot plain has none" in capsys.readouterr().err
 
 
 def test_collect_keeps_the_finished_episodes_on_ctrl_c(

@@ -71,9 +71,9 @@ class Domain:
     action_sets : mapping of str to tuple of ActionSpec
         Sets of actions by name; one is called "default". TOPs whose action a set lacks are left out with it.
     objects : tuple of str
-        Names of the objects that conditions speak of; each has a topic of that name.
+        Names of the objects that conditions speak of, by default none; each has a topic of that name.
     chains : mapping of str to callable
-        Samplers of situations with a chain to execute in them, by name; evaluations use them.
+        Samplers of situations with a chain to execute in them, by name; evaluations and gates need one.
     variables : mapping of str to callable
         Goal variables that refinement may change where a plan opens them, with their ranges; by default
         place, heading and arrival speed, in the scene's area and within the robot's limits. What an action
@@ -115,8 +115,8 @@ class Domain:
     name: str
     tops: tuple[Top, ...]
     action_sets: Mapping[str, tuple[ActionSpec, ...]]
-    objects: tuple[str, ...]
-    chains: Mapping[str, ChainSampler]
+    objects: tuple[str, ...] = ()
+    chains: Mapping[str, ChainSampler] = field(default_factory=dict)
     variables: Ranges = field(default_factory=lambda: USUAL_RANGES)
     presentation: Presentation = field(default_factory=Presentation)
     bodies: Mapping[str, RoundObject] = field(default_factory=dict)

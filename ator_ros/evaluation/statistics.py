@@ -13,6 +13,8 @@ from ator_ros.geometry import FloatArray
 
 EQUAL = 0.02
 """Runs whose durations differ by no more than this share count as equal."""
+_WORTH_SHARING = 0.0005
+"""Least share of the naive durations that the oracle saves, below which no share of that is told."""
 RESAMPLES = 5000
 LABELS = ("Higher", "Equal", "Lower")
 OURS = ("refined", "gated", "refined_speed", "gated_speed")
@@ -116,7 +118,7 @@ def _policy_summary(
     if "oracle" in row:
         best = row["oracle"]
         possible = reference.sum() - table[best].sum()
-        if possible > 0.0:
+        if possible > _WORTH_SHARING * reference.sum():
             captured = (reference.sum() - duration.sum()) / possible
             summary["oracle_captured_percent"] = _rounded(100.0 * captured)
             with np.errstate(invalid="ignore", divide="ignore"):  # a resample may have nothing to gain

@@ -125,8 +125,11 @@ class RefinementNode(Node):
         self._crowded = False
         self._posting = self.create_timer(1.0 / _REFUSALS_PER_SECOND, self._post, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health)
-        there = ", ".join(self._sets.present.by_set) or "(none)"
-        self.get_logger().info(f"refining chains of the action sets {there}")
+        there = ", ".join(self._sets.present.by_set)
+        work = (
+            f"refining chains of the action sets {there}" if there else "no models yet: chains stay as sent"
+        )
+        self.get_logger().info(work)
 
     def _load(self, folder: str) -> Refiners:
         gated, cost = self._settings["gate"], self._failure_cost(self._settings)

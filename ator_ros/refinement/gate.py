@@ -92,7 +92,11 @@ class ThresholdGate:
         needed = self.gain + self.spread_factor * features["spread"]
         gain = features["gain"]
         relation = "is above" if gain > needed else "is not above"
-        return gain > needed, f"predicted gain {gain:.2f} s {relation} the gate's {needed:.2f} s"
+        digits = 2 if f"{gain:.2f}" != f"{needed:.2f}" else 4
+        return (
+            gain > needed,
+            f"predicted gain {gain:.{digits}f} s {relation} the gate's {needed:.{digits}f} s",
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from ator_ros.evaluation.running import has_predictions
 
 def evaluation_table(summary: Mapping[str, Any]) -> str:
     """Return the summary of an evaluation as a table for a terminal."""
-    head = f"{'policy':24}{'mean s':>9}{'gain %':>8}{'95 %':>16}{'higher':>8}{'equal':>7}{'lower':>7}"
+    head = f"{'policy':24}{'mean s':>9}{'gain %':>8}{'95 %':>20}{'higher':>8}{'equal':>7}{'lower':>7}"
     lines = [head + f"{'oracle %':>10}{'failed':>8}"]
     for name, row in summary.items():
         if isinstance(row, Mapping):
@@ -18,7 +18,7 @@ def evaluation_table(summary: Mapping[str, Any]) -> str:
             share = row["oracle_captured_percent"]
             lines.append(
                 f"{name:24}{row['mean_duration_s']:9.2f}{row['improvement_percent']:8.2f}"
-                f"{f'{low:.2f} to {high:.2f}':>16}{row['higher']:8}{row['equal']:7}{row['lower']:7}"
+                f"{f'{low:.2f} to {high:.2f}':>20}{row['higher']:8}{row['equal']:7}{row['lower']:7}"
                 f"{'-' if share is None else f'{share:.1f}':>10}{row['failures']:8}"
             )
     return "\n".join(lines)

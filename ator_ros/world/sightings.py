@@ -88,7 +88,7 @@ class Sightings:
             raise StampError(
                 f"{self._name}.header.stamp: expected at most {most:g} s more than odometry's "
                 f"{odometry:.2f} s, got {time:.2f} s, {time - odometry:.2f} s ahead: another clock, "
-                "or odometry has ceased"
+                "odometry has ceased, or this machine is too slow"
             )
         if time >= odometry - JUMP:
             self._stale_since = math.inf

@@ -75,13 +75,12 @@ def _possible(options: argparse.Namespace, domain: Domain, robot: Robot) -> list
     """Return those of the actions that the robot can execute; tell why it can't the others."""
     _, left_out = possible_actions(domain, options.action_set, robot)
     wanted: list[str] = options.actions
-    for name in wanted:
-        if name in left_out:
-            print(f"collect: without {name}: {left_out[name]}", file=sys.stderr)
-    actions = [name for name in wanted if name not in left_out]
-    if not actions:
-        raise ExperienceError(f"robot {robot.name}: expected an action that it can execute, got none")
-    return actions
+    without = {name: left_out[name] for name in wanted if name in left_out}
+    if len(without) == len(wanted):
+        raise ExperienceError("; ".join(without.values()))
+    for name, reason in without.items():
+        print(f"collect: without {name}: {reason}", file=sys.stderr)
+    return [name for name in wanted if name not in without]
 
 
 def _simulated(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator[pd.DataFrame]:

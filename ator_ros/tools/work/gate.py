@@ -97,4 +97,5 @@ def _report(training: dict[str, Any], shipped: str, path: Path) -> None:
     for rule in training["tree_rules"]:
         print(f"  {rule}")
     print(f"threshold: {training['threshold']}")
-    print(f"wrote {path}: {shipped}")
+    never = "" if training["cross_validation"][shipped]["refined_percent"] else ", which refines nothing here"
+    print(f"chosen: the {shipped}{never}; wrote {path}")
