@@ -88,7 +88,8 @@ class Reactions:
         self.heard.clear()
         for _ in range(count):
             chains.ros.place(robot=_START, ball=(0.0, 0.0))
-            assert chains.send(chain_of_the_paper(), refine=True).outcome().code == Outcome.SUCCEEDED
+            outcome = chains.send(chain_of_the_paper(), refine=True).outcome()
+            assert outcome.code == Outcome.SUCCEEDED, outcome.reason
         return np.array([b[0] - a[0] for a, b in pairwise(self.heard) if b[1] and not a[1]])
 
 
