@@ -16,7 +16,7 @@ from ator_ros.world.state import World
 
 AGAIN_AFTER = 0.15
 """Distance in m by which the world must differ from what was expected before refinement is asked again."""
-_NOT_ASKED = "refinement was not asked for"
+_NOT_ASKED = "executed as sent: the goal does not ask for refinement"
 _UNANSWERED = "no answer from refinement yet"
 
 
