@@ -134,6 +134,11 @@ def test_shots_without_room_are_not_drawn() -> None:
     assert same == situations.shoot(PIONEER, episode_generator("shoot", 1, 4))
 
 
+def test_a_shot_whose_ball_rolls_in_before_the_robot_stands_is_drawn() -> None:
+    assert has_room(HEAVY, situations.shoot(HEAVY, episode_generator("shoot", 71, 414)))
+    assert succeeds("shoot", HEAVY, 414, seed=71)
+
+
 def test_a_push_that_was_too_short_is_repeated() -> None:
     assert succeeds("shoot", FIFTH, 105)
 
