@@ -70,6 +70,6 @@ def _finds_run_up(action: Shoot, start: RobotState) -> bool:
     while action.planning:
         ticks += 1
         step = action.step(World(ticks * CONTROL_PERIOD, RobotState(pose), there))
-        if step.status is not Status.RUNNING:  # a ball that is in the goal before the robot stands needs no plan
+        if step.status is not Status.RUNNING:  # where the ball rolls in first, no plan is ever made
             return step.status is Status.SUCCEEDED
     return True
