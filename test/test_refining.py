@@ -212,7 +212,8 @@ def test_who_does_not_want_it_is_not_asked(options: dict[str, object]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("wanted", "told"), [(True, "no answer from refinement yet"), (False, "the goal does not ask for refinement")]
+    ("wanted", "told"),
+    [(True, "no answer from refinement yet"), (False, "the goal does not ask for refinement")],
 )
 def test_before_an_answer_it_says_whether_one_is_awaited(wanted: bool, told: str) -> None:
     assert told in Refining(ROBOT, wanted=wanted, again_after=0.15).reason
