@@ -35,7 +35,7 @@ test-long: setup
 	@$(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m long $(ARGS)
 
 # The core's tests with the versions that Ubuntu 24.04 installs with apt, in an environment of their own.
-test-apt-versions:
+test-apt-versions: setup
 	@scripts/test_apt_versions $(ARGS)
 
 lint: setup
