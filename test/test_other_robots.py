@@ -176,6 +176,18 @@ def test_a_robot_that_stands_with_the_ball_after_a_miss_has_arrived() -> None:
     assert succeeds("goToPose", FIFTH, 987, seed=71)
 
 
+def test_a_weak_robot_that_catches_up_with_its_plan_does_not_run_past_the_goal() -> None:
+    """Its brake is hardly stronger than what the ball allows, and to back off would leave the ball behind."""
+    pose = Pose(-2.25, 1.3, -2.3)
+    goal = Goal(Pose(-2.42, -0.72, -1.63), 0.0, Point.HOLD)
+    held = HEAVY.hold_point(pose)
+    with Simulation(HEAVY) as simulation:
+        place(simulation, World(0.0, RobotState(pose), {BALL: ObjectState(held.x, held.y)}))
+        done = run_action(simulation, DribbleBall(HEAVY), goal)
+        assert done.status is Status.SUCCEEDED
+        assert simulation.time < 6.0
+
+
 def test_an_approach_that_is_late_drives_on_to_the_ball() -> None:
     """The base accelerates without a break from backward to forward, and so falls behind its plan."""
     ball = Pose(2.9673233698630583, 1.3149295986930691, -1.3551968309603029)

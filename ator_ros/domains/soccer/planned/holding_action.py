@@ -16,6 +16,8 @@ class HoldingAction(PlannedAction):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot, held_limits(robot, self.name))
+        # Backing off would leave the ball behind.
+        self.reserve = max(0.0, robot.limits.brake - self.plan_limits.brake)
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""

@@ -41,6 +41,8 @@ class PlannedAction(Action):
     """
 
     verb: ClassVar[str]
+    reserve = math.inf
+    """Deceleration in m/s^2 that is left to lose what the robot is too fast; see `Tracker`."""
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
         super().__init__(robot)
@@ -184,7 +186,7 @@ class PlannedAction(Action):
         if manoeuvre is None:
             return False
         trajectory = Trajectory(manoeuvre, search.opening)
-        self._tracker = Tracker(self.robot, trajectory, world.time, waits=waits)
+        self._tracker = Tracker(self.robot, trajectory, world.time, waits=waits, reserve=self.reserve)
         self._search = None
         return True
 

@@ -45,6 +45,9 @@ class Tracker:
         When the trajectory starts, in s of the world's time.
     waits : bool
         Whether the trajectory starts later where the robot does.
+    reserve : float
+        Deceleration in m/s^2 that the base has beyond that of the trajectory; infinite where a robot that
+        runs past a place can come back.
     """
 
     GAIN_ALONG = 2.0
@@ -65,8 +68,9 @@ class Tracker:
         start_time: float,
         *,
         waits: bool = False,
+        reserve: float = math.inf,
     ) -> None:
-        self._limits, self._lever = robot.limits, robot.track / 2.0
+        self._limits, self._lever, self._reserve = robot.limits, robot.track / 2.0, reserve
         self.trajectory = trajectory
         self._start = self._made = start_time
         first = trajectory.at(0.0)
@@ -125,11 +129,16 @@ class Tracker:
         """Return the next velocity command."""
         error = self.deviation(world)
         ahead = self.trajectory.at(self.elapsed(world) + self._preview)
-        v = ahead.v * math.cos(error.heading) + self.GAIN_ALONG * error.along
+        v = ahead.v * math.cos(error.heading) + self._catching_up(error.along)
         turning = self._pace * self.GAIN_HEADING * math.sin(error.heading)
         w = ahead.w + self._across(ahead.v) * error.across + turning
         bound = self._limits
         return Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
+
+    def _catching_up(self, along: float) -> float:
+        """Return the speed in m/s that is added to catch up: the reserve loses it again on the way."""
+        speed = self.GAIN_ALONG * along
+        return min(speed, math.sqrt(2.0 * self._reserve * along)) if along > 0.0 else speed
 
     def _across(self, v: float) -> float:
         speed = max(abs(v), self.SLOW)
