@@ -163,6 +163,34 @@ def test_a_robot_and_a_domain_can_be_named(command: str, capsys: pytest.CaptureF
     assert "--domain NAME" in told
 
 
+BARE = """
+name: bare
+tops:
+  - name: visit
+    action: fly_to
+    post: [{variable: robot.x, target: goal.x, tolerance: 0.25}]
+actions: []
+"""
+LACKING = {
+    "actions": ["collect"],
+    "chains": ["compare", "demo", "evaluate", "gate", "noise", "soak"],
+}
+
+
+@pytest.mark.parametrize(("kind", "command"), [(kind, c) for kind, names in LACKING.items() for c in names])
+def test_a_domain_that_lacks_what_a_command_works_on_is_told_in_one_line(
+    kind: str, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bare.yaml").write_text(BARE)
+    tool = importlib.import_module(f"ator_ros.tools.{command}")
+    with pytest.raises(SystemExit) as ended:
+        tool.main([f"--domain={tmp_path / 'bare.yaml'}"])
+    assert ended.value.code == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    expected = f"argument --domain: expected one with {kind}, got bare, which has none"
+    assert told == f"{command}: error: {expected}"
+
+
 NAMES = [
     ("collect", "--action-set", "default, bezier"),
     ("collect", "--actions", "goToPose, dribbleBall, shoot"),

@@ -21,7 +21,7 @@ class StudySettings:
     episodes: int
     situations: int
     seed: int
-    chain: str
+    chain: str | None
     oracle: int
 
 

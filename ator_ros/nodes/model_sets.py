@@ -86,6 +86,10 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str, domain: 
     problem = _summary([str(warning.message) for warning in caught])
     if problem:
         log.warning(f"action set {action_set}: {problem}")
+    library = domain.library(robot, action_set)
+    actions = {top.action for top in domain.tops if top.name not in library.left_out}
+    if lacking := sorted(actions - set(models)):
+        log.info(f"action set {action_set}: no models of {', '.join(lacking)} in {place}")
     calibration = _calibration(node, models_folder(place, action_set), action_set, models)
     return ModelSet(place, models, problem=problem, digest=digest, calibration=calibration)
 
@@ -106,7 +110,7 @@ def _calibration(
         node.get_logger().warning(f"action set {action_set}: predictions are not corrected: {error}")
         return Calibration()
     matching = read.matching(models)
-    if others := sorted(set(read.shortfalls) - set(matching.shortfalls)):
+    if others := sorted(models.keys() & read.shortfalls.keys() - matching.shortfalls.keys()):
         node.get_logger().warning(
             f"action set {action_set}: predictions of {', '.join(others)} are not corrected: "
             f"{folder / CALIBRATION} was learned for other models; `calibrate_predictions` learns it anew"

@@ -58,7 +58,11 @@ def add_factor(parser: argparse.ArgumentParser, default: float) -> None:
 
 
 def settled(
-    parser: argparse.ArgumentParser, words: Sequence[str] | None, **names: Callable[[Domain], Iterable[str]]
+    parser: argparse.ArgumentParser,
+    words: Sequence[str] | None,
+    *,
+    needed: bool = True,
+    **names: Callable[[Domain], Iterable[str]],
 ) -> tuple[argparse.Namespace, Domain]:
     """Parse a command line whose names depend on its domain.
 
@@ -68,6 +72,8 @@ def settled(
         With the options of `add_setting`.
     words : sequence of str, optional
         By default those of the process.
+    needed : bool
+        Whether a domain that has nothing for one of the further options is refused.
     **names : callable
         Of further options, what they may name. An option with one name that was left out gets the first of
         them, one with several all of them.
@@ -89,11 +95,20 @@ def settled(
     for name, allowed in names.items():
         there, given = list(allowed(domain)), getattr(options, name)
         several = any(action.dest == name and action.nargs for action in parser._actions)
+        if needed:
+            check_any(parser, name, there, domain)
         if given is None:
             setattr(options, name, there if several else next(iter(there), None))
         else:
             check_names(parser, name, given if several else [given], there)
     return options, domain
+
+
+def check_any(parser: argparse.ArgumentParser, option: str, there: Iterable[str], domain: Domain) -> None:
+    """End the program as argparse does if a domain has nothing that an option could name."""
+    if not list(there):
+        kind = f"{option.removesuffix('s')}s"
+        parser.error(f"argument --domain: expected one with {kind}, got {domain.name}, which has none")
 
 
 def check_names(

@@ -8,7 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.files import portable_command
-from ator_ros.tools.command_line import add_factor, add_models, add_setting, check_names, policies, settled
+from ator_ros.tools.command_line import (
+    add_factor,
+    add_models,
+    add_setting,
+    check_any,
+    check_names,
+    policies,
+    settled,
+)
 from ator_ros.tools.guard import guarded
 from ator_ros.tools.option_types import destination, whole
 
@@ -34,6 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     parser = arguments()
     options, domain = settled(parser, words)
+    check_any(parser, "chains", domain.chains, domain)
     options.chains = options.chains or [next(iter(domain.chains))]
     check_names(parser, "chains", options.chains, domain.chains)
     check_names(parser, "policies", options.policies, policies())

@@ -46,7 +46,7 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options, domain = settled(arguments(), words, chain=lambda domain: domain.chains)
+    options, domain = settled(arguments(), words, needed=False, chain=lambda domain: domain.chains)
 
     def run() -> int:
         from ator_ros.tools.work import study as work

@@ -51,6 +51,14 @@ def test_an_action_set_without_models_is_no_problem(host: Host, client: Client, 
 
 
 @BOTH
+def test_an_action_that_nothing_was_learned_of_is_told(host: Host, models: Path, name: str) -> None:
+    (models / "dribbleBall.json").unlink()
+    output = host(name, models=models).output
+    assert output.count("action set default: no models of dribbleBall in ") == 1
+    assert "[WARN]" not in output  # nor does the calibration of that model count as one of others
+
+
+@BOTH
 def test_a_damaged_model_is_a_problem(host: Host, client: Client, models: Path, name: str) -> None:
     (models / "bezier").mkdir()
     text = (models / "goToPose.json").read_text(encoding="utf-8")

@@ -28,9 +28,11 @@ def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[lis
     return actions, left_out | {name: reason for name, reason in lacking.items() if reason is not None}
 
 
-def possible_chain(domain: Domain, library: TopLibrary, wanted: str, actions: Sequence[str]) -> str | None:
+def possible_chain(
+    domain: Domain, library: TopLibrary, wanted: str | None, actions: Sequence[str]
+) -> str | None:
     """Return the chain that was asked for, or else the first one all of whose actions are among `actions`."""
-    for name in (wanted, *domain.chains):
+    for name in sorted(domain.chains, key=lambda name: name != wanted):
         try:
             trial = random_trial(domain, name, library, seed=0, index=0)
         except ConfigError:
