@@ -23,6 +23,7 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.experience.collect import EpisodeTask, episode_generator, run_task
 from ator_ros.geometry import Pose
+from ator_ros.motion.trajectory import DT
 from ator_ros.nodes.simulation_settings import robots_of
 from ator_ros.performance.model_file import load_model
 from ator_ros.resources import resource_path
@@ -186,6 +187,20 @@ def test_a_weak_robot_that_catches_up_with_its_plan_does_not_run_past_the_goal()
         done = run_action(simulation, DribbleBall(HEAVY), goal)
         assert done.status is Status.SUCCEEDED
         assert simulation.time < 6.0
+
+
+def test_a_dribble_that_begins_fast_brakes_no_harder_than_the_ball_rolls() -> None:
+    """A drive too short for its loss of speed was planned as one that ends backward, which brakes harder."""
+    start = RobotState(Pose(0.005, 1.549, -2.958), 0.805)
+    held = QUICK.hold_point(start.pose)
+    action = DribbleBall(QUICK)
+    world = World(0.0, start, {BALL: ObjectState(held.x, held.y)})
+    action.start(world, Goal(Pose(-0.481, 0.842, -0.795), 0.0, Point.HOLD))
+    way = action.way()
+    assert way is not None
+    steps = np.linalg.norm(np.diff(way[:-1, :2], axis=0), axis=1)  # the last sample comes early
+    losses = -np.diff(steps) / DT**2
+    assert losses.max() < 1.1 * action.plan_limits.brake
 
 
 def test_an_approach_that_is_late_drives_on_to_the_ball() -> None:

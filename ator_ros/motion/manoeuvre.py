@@ -9,7 +9,7 @@ import numpy as np
 
 from ator_ros.geometry import Pose
 from ator_ros.motion.displacements import TurnDriving, displacements
-from ator_ros.motion.durations import turn_time
+from ator_ros.motion.durations import direction, turn_time
 from ator_ros.motion.profiles import Piece, straight_pieces, turn_pieces
 from ator_ros.robot.description import Limits
 
@@ -71,8 +71,17 @@ class Manoeuvre:
         return sum(piece.duration for piece in self.speed_pieces())
 
     def is_forward(self) -> bool:
-        """Return whether the robot never drives backward."""
-        return all(piece.end >= -1e-6 for piece in self.speed_pieces() if piece.duration > 0.0)
+        """Return whether the robot never drives backward, and the drive suffices for its change of speed."""
+        pieces = self.speed_pieces()
+        v1, v2 = self._drive_speeds()
+        suffices = direction(self.distance, v1, v2, self.limits) > 0.0
+        return bool(suffices) and all(piece.end >= -1e-6 for piece in pieces if piece.duration > 0.0)
+
+    def _drive_speeds(self) -> tuple[float, float]:
+        """Return the speeds at both ends of the straight drive in m/s."""
+        opening = _turn_speeds(self.first, self.entry.turn, self.limits)
+        closing = _turn_speeds(self.last, self.exit.turn, self.limits)
+        return opening[-1].end, closing[-1].end
 
     def speed_pieces(self) -> list[Piece]:
         """Return the translational velocity over time."""

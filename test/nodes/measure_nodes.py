@@ -34,7 +34,7 @@ from viser_client import ViserClient
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.network import free_domain
+from ator_ros.nodes.network import free_domain, stay_on_this_machine
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 
 _NODES = ("simulation", "refinement", "executor", "learning", "goal_pose")
@@ -88,6 +88,7 @@ class Reactions:
         self.heard.clear()
         for _ in range(count):
             chains.ros.place(robot=_START, ball=(0.0, 0.0))
+            chains.until_newer()
             outcome = chains.send(chain_of_the_paper(), refine=True).outcome()
             assert outcome.code == Outcome.SUCCEEDED, outcome.reason
         return np.array([b[0] - a[0] for a, b in pairwise(self.heard) if b[1] and not a[1]])
@@ -125,6 +126,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="of each idle node (default: 20)")
     parser.add_argument("--chains", type=int, default=5, help="with and without a view (default: 5)")
     options = parser.parse_args()
+    stay_on_this_machine(os.environ)  # the client announces itself as often as the nodes do
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores", flush=True)
     for name in _NODES:
         real, spent = min(helped(name) for _ in range(3))
