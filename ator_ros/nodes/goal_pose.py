@@ -7,10 +7,12 @@ from typing import Any
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
+from ator_ros.geometry import Pose
 from ator_ros.nodes import checks
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.conversions import chain_of, pose_from
@@ -28,6 +30,10 @@ from ator_ros.nodes.running import run_node
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.driving import driving_top
 
+PERIOD = 0.2
+"""Real s between two goals: the executor refuses floods, and the last pose of one must not be refused."""
+_WARNING_PERIOD = 2.0  # s
+
 PARAMETERS = (
     Parameter("frame", "odom", "frame that poses must be given in; an empty frame_id means it"),
     DOMAIN,
@@ -37,6 +43,8 @@ PARAMETERS = (
 
 class GoalPoseNode(Node):
     """Sends the executor a chain of one step for each pose that comes; a newer pose preempts.
+
+    Poses that come faster than `PERIOD` are left out, except the newest.
 
     Parameters: see `PARAMETERS`.
 
@@ -57,6 +65,9 @@ class GoalPoseNode(Node):
             raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")
         self._top = top
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
+        self._newest: Pose | None = None
+        self._sending = self.create_timer(PERIOD, self._send, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._sending.cancel()
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
         self.get_logger().info(f"poses become goals of {top.name}")
 
@@ -65,7 +76,18 @@ class GoalPoseNode(Node):
             checks.frame(message.header.frame_id, "goal_pose.header.frame_id", expected=self._frame)
             pose = pose_from(message.pose, "goal_pose.pose")
         except MessageError as error:
-            self.get_logger().warning(f"ignored: {error}")
+            self.get_logger().warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
+            return
+        self._newest = pose
+        if self._sending.is_canceled():
+            self._send()
+            self._sending.reset()
+
+    def _send(self) -> None:
+        """Send the newest pose; without one, wait for the next."""
+        pose, self._newest = self._newest, None
+        if pose is None:
+            self._sending.cancel()
             return
         if not self._chains.server_is_ready():
             self.get_logger().warning("ignored: expected the action execute_chain, it is not there")
@@ -83,9 +105,13 @@ class GoalPoseNode(Node):
 
     def _ended(self, future: Future) -> None:
         answer = future.result()
-        if answer is not None:
-            outcome, log = answer.result.outcome, self.get_logger()
-            (log.info if answer.status == GoalStatus.STATUS_SUCCEEDED else log.warning)(outcome.reason)
+        if answer is None:
+            return
+        # rclpy refuses a line that logs now as information, now as a warning.
+        if answer.status == GoalStatus.STATUS_SUCCEEDED:
+            self.get_logger().info(answer.result.outcome.reason)
+        else:
+            self.get_logger().warning(answer.result.outcome.reason)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 import pytest
 from chain_client import ChainClient, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from process import Process, Processes
 from ros_client import Client
@@ -20,9 +19,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.network import free_domain
-from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS
+from ator_ros.nodes.qos import LATCHED, RESULTS
 
 pytestmark = pytest.mark.node
 
@@ -125,27 +123,6 @@ def test_what_is_under_way_can_be_drawn_also_by_who_comes_later(chains: ChainCli
     sent.outcome()
     chains.ros.eventually(lambda: not paths[-1].poses, "no path without a goal")
     chains.ros.eventually(lambda: len(drawn["chain"][-1].markers) == 1, "no chain without a goal")
-
-
-@pytest.mark.long
-def test_a_goal_pose_of_rviz_is_driven_to(graph, chains: ChainClient) -> None:
-    node = graph[0]("goal_pose")
-    sender = chains.ros.node.create_publisher(PoseStamped, "goal_pose", COMMANDS)
-    chains.ros.eventually(sender.get_subscription_count, "somebody who takes poses")
-    before = len(chains.chains)
-    message = PoseStamped(pose=pose_of(Pose(-1.0, 0.5, 1.0)))
-    message.header.frame_id = "map"
-    sender.publish(message)
-    chains.ros.eventually(lambda: "expected the frame 'odom', got 'map'" in node.output, "a warning")
-    message.header.frame_id = "odom"
-
-    def arrived() -> bool:
-        sender.publish(message)  # again, as long as the node has not found the executor
-        time.sleep(3.0)
-        return any(chain.outcome.code == Outcome.SUCCEEDED for chain in chains.chains[before:])
-
-    chains.ros.eventually(arrived, "the end of a chain")
-    assert chains.ros.robot().pose.distance(Pose(-1.0, 0.5, 1.0)) < 0.06
 
 
 def test_cancel_stops_the_robot(chains: ChainClient) -> None:

@@ -1,0 +1,71 @@
+"""The node `goal_pose` beside simulation and executor: RViz's 2D Goal Pose drives the robot."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from chain_client import ChainClient
+from geometry_msgs.msg import PoseStamped
+from process import Process
+from rclpy.publisher import Publisher
+from ros_client import Client
+
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.qos import RESULTS
+
+pytestmark = [pytest.mark.node, pytest.mark.long]
+
+
+@pytest.fixture
+def node(start, client: Client) -> Process:
+    """Return the node, beside a simulation ten times as fast as real time."""
+    start("simulation", real_time_factor=10.0, command_wait=0.5)
+    start("executor", odom_timeout=1.5)
+    chains = ChainClient(client)
+    client.eventually(lambda: client.robots, "odometry")
+    chains.until_heard()
+    return start("goal_pose")
+
+
+@pytest.fixture
+def sender(node: Process, client: Client) -> Publisher:
+    """Return what publishes poses, once somebody takes them and has found the executor."""
+    sender = client.node.create_publisher(PoseStamped, "goal_pose", RESULTS)
+    client.eventually(sender.get_subscription_count, "somebody who takes poses")
+    here = client.robot().pose
+
+    def obeyed() -> bool:
+        sender.publish(PoseStamped(pose=pose_of(here)))
+        time.sleep(1.0)
+        return "arrived" in node.output
+
+    client.eventually(obeyed, "the executor's answer")
+    return sender
+
+
+def test_a_pose_is_driven_to_and_one_in_another_frame_is_ignored(
+    node: Process, sender: Publisher, client: Client
+) -> None:
+    message = PoseStamped(pose=pose_of(Pose(-1.0, 0.5, 1.0)))
+    message.header.frame_id = "map"
+    sender.publish(message)
+    client.eventually(lambda: "expected the frame 'odom', got 'map'" in node.output, "a warning")
+    message.header.frame_id = "odom"
+    sender.publish(message)
+    client.eventually(lambda: client.robot().pose.distance(Pose(-1.0, 0.5, 1.0)) < 0.06, "the robot")
+
+
+def test_the_last_of_a_flood_is_driven_to(node: Process, sender: Publisher, client: Client) -> None:
+    arrived = node.output.count("arrived")
+    for number in range(120):
+        sender.publish(PoseStamped(pose=pose_of(Pose(0.5 + 0.005 * number, -1.0, 0.0))))
+        time.sleep(0.005)
+    last = Pose(-1.0, -0.5, 0.0)
+    sender.publish(PoseStamped(pose=pose_of(last)))
+    client.eventually(lambda: client.robot().pose.distance(last) < 0.06, "the robot")
+    client.eventually(lambda: node.output.count("arrived") > arrived, "the outcome in the log")
+    assert node.running
+    assert "a newer goal took over" in node.output
+    assert "rejected" not in node.output
