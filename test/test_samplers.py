@@ -64,6 +64,14 @@ def test_a_scene_without_room_is_told(name: str, length: float, width: float) ->
         SAMPLERS[name](in_area(length, width), np.random.default_rng(0))
 
 
+def test_drives_of_a_domain_without_a_ball_have_none() -> None:
+    """Another domain may name our goToPose as its action."""
+    scene = dataclasses.replace(PIONEER.scene, objects={}, bays=())
+    robot, rng = dataclasses.replace(PIONEER, scene=scene), np.random.default_rng(0)
+    drawn = [SOCCER.actions()["goToPose"].sample(robot, rng) for _ in range(20)]
+    assert all(not situation.objects for situation in drawn)
+
+
 @pytest.mark.parametrize("name", SAMPLERS)
 def test_a_robot_that_gets_nowhere_in_time_is_told(name: str) -> None:
     with pytest.raises(NoPlaceError, match=r"^limits.v: expected 0.0\d+ m/s .*, got 0.01 m/s of robot"):

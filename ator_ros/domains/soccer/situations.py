@@ -96,9 +96,10 @@ def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
 def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a drive: three quarters approach a ball, half of these with an arrival speed, the others a pose.
 
-    One start in seven is in motion. A robot without a holder has no ball to approach.
+    One start in seven is in motion. A robot without a holder has no ball to approach, nor has one in a domain
+    without a ball.
     """
-    with_ball = _share(rng, 0.75) and robot.holder is not None
+    with_ball = _share(rng, 0.75) and robot.holder is not None and BALL in robot.scene.objects
     goal = random_pose(robot, rng)
     nearest = ball_clearance(robot) if with_ball else SHORTEST
     start = pose_within(robot, rng, goal, nearest, farthest(robot, ALONE, nearest))
