@@ -191,6 +191,16 @@ def test_a_domain_that_lacks_what_a_command_works_on_is_told_in_one_line(
     assert told == f"{command}: error: {expected}"
 
 
+def test_a_view_of_a_domain_without_chains_starts_no_nodes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bare.yaml").write_text(BARE)
+    assert view.main([f"--domain={tmp_path / 'bare.yaml'}"]) == 1
+    told = capsys.readouterr()
+    assert told.err == "view: domain: expected one with chains, got bare, which has none\n"
+    assert "nodes start" not in told.out
+
+
 NAMES = [
     ("collect", "--action-set", "default, bezier"),
     ("collect", "--actions", "goToPose, dribbleBall, shoot"),

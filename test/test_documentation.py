@@ -51,7 +51,7 @@ BY_TEST = {
     r".*evaluate --learning.*": "test_learning_stream.py::test_a_stream_goes_on_where_it_was_interrupted",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
-    r"scripts/run COMMAND …": "test_documentation.py::test_a_command_keeps_its_exit_code",
+    r"scripts/run COMMAND …": "test_environment.py::test_a_command_keeps_its_exit_code",
     r"scripts/run python test/nodes/fuzz_refinement\.py .*": "test_documentation.py::test_the_fuzz_runs",
     r"(scripts/run )?python benchmarks/learning_curve\.py .*": "test_learning_curve.py::test_a_curve_goes_",
     r"(scripts/run )?python benchmarks/over_ball_ruler\.py .*": "test_benchmarks.py::test_our_actions_are",
@@ -287,12 +287,6 @@ def test_clean_leaves_the_sources(tmp_path: Path) -> None:
     (tmp_path / "ator_ros" / "world.py").touch()
     assert make("clean", cwd=tmp_path).returncode == 0
     assert {path.name for path in tmp_path.rglob("*")} == {"Makefile", "ator_ros", "world.py"}
-
-
-@pytest.mark.long
-def test_a_command_keeps_its_exit_code(tmp_path: Path) -> None:
-    done = subprocess.run([str(ROOT / "scripts" / "run"), "sh", "-c", "exit 7"], cwd=tmp_path, check=False)
-    assert done.returncode == 7
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""`. scripts/env.sh` in the shells that people use: the checkout that is sourced last is the one in force."""
+"""`scripts/run`, and `. scripts/env.sh` in the shells that people use: the checkout sourced last is in force."""
 
 from __future__ import annotations
 
@@ -81,3 +81,9 @@ def test_a_ros_that_was_sourced_before_stays(tmp_path: Path, two: Path) -> None:
     assert both["AMENT_PREFIX_PATH"] == f"{one}/install:/opt/ros/jazzy"
     assert both["PYTHONPATH"].endswith("/site-packages:/opt/ros/jazzy/lib/python3.12/site-packages")
     assert both["PYTHONPATH"].count(str(one)) == 2
+
+
+@pytest.mark.long
+def test_a_command_keeps_its_exit_code(tmp_path: Path) -> None:
+    done = subprocess.run([str(ENV_SH.with_name("run")), "sh", "-c", "exit 7"], cwd=tmp_path, check=False)
+    assert done.returncode == 7

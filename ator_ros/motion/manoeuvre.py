@@ -72,10 +72,8 @@ class Manoeuvre:
 
     def is_forward(self) -> bool:
         """Return whether the robot never drives backward, and the drive suffices for its change of speed."""
-        pieces = self.speed_pieces()
-        v1, v2 = self._drive_speeds()
-        suffices = direction(self.distance, v1, v2, self.limits) > 0.0
-        return bool(suffices) and all(piece.end >= -1e-6 for piece in pieces if piece.duration > 0.0)
+        suffices = direction(self.distance, *self._drive_speeds(), self.limits) > 0.0
+        return bool(suffices) and all(p.end >= -1e-6 for p in self.speed_pieces() if p.duration > 0.0)
 
     def _drive_speeds(self) -> tuple[float, float]:
         """Return the speeds at both ends of the straight drive in m/s."""
@@ -103,8 +101,6 @@ class Manoeuvre:
     def turn_pieces(self) -> list[Piece]:
         """Return the rotational velocity over time."""
         aw = self.limits.aw
-        opening = _turn_speeds(self.first, self.entry.turn, self.limits)[-1].end
-        closing = _turn_speeds(self.last, self.exit.turn, self.limits)[-1].end
 
         def idle(distance: float, v1: float, v2: float) -> Piece:
             return Piece(sum(p.duration for p in straight_pieces(distance, v1, v2, self.limits)), 0.0, 0.0)
@@ -112,7 +108,7 @@ class Manoeuvre:
         return [
             idle(self.entry.length, self.entry.outer_speed, self.entry.turn.speed),
             *turn_pieces(self.first, self.entry.turn.turn_rate, aw),
-            idle(self.distance, opening, closing),
+            idle(self.distance, *self._drive_speeds()),
             *turn_pieces(self.last, self.exit.turn.turn_rate, aw),
             idle(self.exit.length, self.exit.turn.speed, self.exit.outer_speed),
         ]

@@ -30,7 +30,7 @@ from ator_ros.nodes.running import run_node
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.driving import driving_top
 
-PERIOD = 0.2
+_PERIOD = 0.2
 """Real s between two goals: the executor refuses floods, and the last pose of one must not be refused."""
 _WARNING_PERIOD = 2.0  # s
 
@@ -44,7 +44,7 @@ PARAMETERS = (
 class GoalPoseNode(Node):
     """Sends the executor a chain of one step for each pose that comes; a newer pose preempts.
 
-    Poses that come faster than `PERIOD` are left out, except the newest.
+    Of poses that come faster than five a second the newest is sent, and others are left out.
 
     Parameters: see `PARAMETERS`.
 
@@ -66,7 +66,7 @@ class GoalPoseNode(Node):
         self._top = top
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
         self._newest: Pose | None = None
-        self._sending = self.create_timer(PERIOD, self._send, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._sending = self.create_timer(_PERIOD, self._send, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._sending.cancel()
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
         self.get_logger().info(f"poses become goals of {top.name}")

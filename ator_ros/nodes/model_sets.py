@@ -86,11 +86,11 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str, domain: 
     problem = _summary([str(warning.message) for warning in caught])
     if problem:
         log.warning(f"action set {action_set}: {problem}")
-    library = domain.library(robot, action_set)
-    actions = {top.action for top in domain.tops if top.name not in library.left_out}
-    if lacking := sorted(actions - set(models)):
-        log.info(f"action set {action_set}: no models of {', '.join(lacking)} in {place}")
-    calibration = _calibration(node, models_folder(place, action_set), action_set, models)
+    files = models_folder(place, action_set)
+    usable = {top.action for top in domain.library(robot, action_set).usable()}
+    if lacking := sorted(usable - models.keys()):
+        log.info(f"action set {action_set}: no models of {', '.join(lacking)} in {files}")
+    calibration = _calibration(node, files, action_set, models)
     return ModelSet(place, models, problem=problem, digest=digest, calibration=calibration)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 
-from ator_ros.domains.domain import Domain, DomainError
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.refinement.objective import expected_time
 from ator_ros.tops.library import LeftOutError, TopLibrary
@@ -41,15 +41,7 @@ def drawn(
 
 
 def first(domain: Domain, libraries: Mapping[str, TopLibrary]) -> tuple[str, Draft]:
-    """Return the first chain for whose steps there are actions, and its first situation.
-
-    Raises
-    ------
-    DomainError
-        The domain has no chains.
-    """
-    if not domain.chains:
-        raise DomainError(f"domain: expected one with chains, got {domain.name}, which has none")
+    """Return the first chain for whose steps there are actions, and its first situation."""
     *others, last = domain.chains
     for name in others:
         with contextlib.suppress(LeftOutError):

@@ -58,6 +58,8 @@ def _serve(options: argparse.Namespace, words: Sequence[str], not_stopped: Calla
     from ator_ros.page.page import Page
 
     domain = find_domain(options.domain)
+    if not domain.chains:
+        raise DomainError(f"domain: expected one with chains, got {domain.name}, which has none")
     robot = domain.robot(options.robot or None)
     runs = worst_trials(options.shown, domain, robot) if options.shown else ()
     with _nodes(options) as (number, check):

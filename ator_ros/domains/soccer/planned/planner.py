@@ -118,5 +118,5 @@ def fastest(
 
 
 def _is_allowed(manoeuvre: Manoeuvre, longest: float, *, forward_only: bool) -> bool:
-    # A drive that is too short for its change of speed after closing would have to come back: never fastest.
+    # After closing, a drive may be too short for its change of speed: it would have to come back.
     return (manoeuvre.is_forward() or not forward_only) and manoeuvre.duration <= longest
