@@ -1,4 +1,4 @@
-"""`scripts/run`, and `. scripts/env.sh` in the shells that people use: the checkout sourced last is in force."""
+"""`scripts/run`, and `. scripts/env.sh` in the shells of people: the checkout sourced last is in force."""
 
 from __future__ import annotations
 
