@@ -149,7 +149,6 @@ SAID = {
     "robot/description.py": ('"pioneer.yaml"',),  # the default description
     "examples/refine_and_execute.py": ("goToBall", "dribbleBall", '"ball"'),
     "evaluation/heuristics.py": ("RoboCup teams", "Booster's RoboCup demo"),  # where these models come from
-    "robot/former_names.py": None,  # names in files, and in digests, that exist
 }
 """What modules may say; None: anything."""
 ROOT = PACKAGE.parent

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
-from ator_ros.robot import former_names
 from ator_ros.robot.description_file import ConfigError, read_description
+from ator_ros.robot.former_form import former_forms
 from ator_ros.schema import Within
 from ator_ros.world.scene import Mass, Scene, Size
 from ator_ros.world.state import World
@@ -231,7 +231,9 @@ class Robot:
 
     def digest(self) -> str:
         """Return a short digest of the whole description, stored with everything that is learned."""
-        content = former_names.in_former_names(self._said())
+        said = self._said()
+        written = (form.written(said) for form in former_forms())
+        content = next((content for content in written if content is not None), said)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 

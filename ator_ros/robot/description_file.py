@@ -11,7 +11,7 @@ from typing import Any, get_type_hints
 
 from ator_ros.formats import Format
 from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
-from ator_ros.robot import former_names
+from ator_ros.robot.former_form import FormerForm, former_forms
 from ator_ros.schema import SchemaError, structured
 from ator_ros.world.scene import Scene
 
@@ -35,11 +35,12 @@ def read_description(file: Path, kind: type[Any]) -> Any:
     shown: Mapping[str, str] = {}
     try:
         data: Any = FORMAT.content_if_stated(read_yaml(file, largest=_LARGEST))
-        if _is_former(data):
-            shown = former_names.SHOWN
+        form = _former_form(data)
+        if form is not None:
+            shown = form.shown
             names = frozenset(item.name for item in dataclasses.fields(kind) if _needed(item)) - {"scene"}
-            structured(data, former_names.file_of(names), closed=True)
-            data = former_names.from_former(data)
+            structured(data, form.schema(names), closed=True)
+            data = form.renamed(data)
         read = structured(data, _file(kind), closed=True)  # type: ignore[arg-type]  # a class is hashable
     except UnreadableYamlError as error:
         raise ConfigError(str(error)) from error
@@ -56,8 +57,11 @@ def _needed(item: dataclasses.Field[Any]) -> bool:
     return item.default is dataclasses.MISSING
 
 
-def _is_former(data: Any) -> bool:
-    return isinstance(data, Mapping) and "scene" not in data and not former_names.SECTIONS.isdisjoint(data)
+def _former_form(data: Any) -> FormerForm | None:
+    """Return the former form that the content of a file has, None if it has today's."""
+    if not isinstance(data, Mapping) or "scene" in data:
+        return None
+    return next((form for form in former_forms() if not form.sections.isdisjoint(data)), None)
 
 
 @functools.cache

@@ -1,8 +1,4 @@
-"""The form of descriptions before robot and scene were apart: files that have it are still read.
-
-It had one ball and two goals. The digest of what it can describe is taken of it, as it always was, so that
-models remain those of their robot.
-"""
+"""The form of robots' files when soccer was all there was, with one ball and two goals; see `FormerForm`."""
 
 from __future__ import annotations
 
@@ -12,6 +8,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import make_dataclass
 from typing import Any
 
+from ator_ros.robot.former_form import FormerForm
+
 _HOLDER = {"length": "fin_length", "gap": "fin_gap", "thickness": "fin_thickness", "limits": "dribble_limits"}
 _AREA = ("length", "width", "margin")
 _BAY = {"width": "goal_width", "depth": "goal_depth"}
@@ -19,8 +17,7 @@ _LIMITS = ("v", "w", "a", "brake", "aw")
 _BALL = ("radius", "mass", "rolling_deceleration", "restitution")
 _SIDES = ((-1.0, math.pi), (1.0, 0.0))
 
-SECTIONS = {"ball", "field"}
-SHOWN: Mapping[str, str] = {
+_SHOWN = {
     **{f"robot.holder.{new}": f"robot.{old}" for new, old in _HOLDER.items()},
     **{f"robot.holder.limits.{name}": f"robot.dribble_limits.{name}" for name in _LIMITS},
     "robot.holder.radius": "ball.radius",
@@ -30,17 +27,13 @@ SHOWN: Mapping[str, str] = {
     **{f"scene.area.{name}": f"field.{name}" for name in _AREA},
     **{f"scene.bays[{i}].{new}": f"field.{old}" for i in range(2) for new, old in _BAY.items()},
 }
-"""What a file of the former form calls each field."""
 
 
 @functools.cache
-def file_of(robot: frozenset[str]) -> type[Any]:
-    """Return the schema of the fields of a former file; their values are checked once they are renamed.
+def _schema(robot: frozenset[str]) -> type[Any]:
+    """Return the schema of the fields; their values are checked once they are renamed.
 
-    Parameters
-    ----------
-    robot : frozenset of str
-        The fields of a robot; in place of `holder` the former file has fields of its own.
+    In place of `holder` such a file has fields of its own.
     """
     section = _fields({*robot, *_HOLDER.values()} - {"holder"})
     field = _fields({*_AREA, *_BAY.values()})
@@ -51,14 +44,7 @@ def _fields(names: Collection[str]) -> type[Any]:
     return make_dataclass("FormerSection", [(name, Any) for name in sorted(names)])
 
 
-def from_former(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the sections `robot` and `scene` of a description in the former form.
-
-    Parameters
-    ----------
-    data : mapping
-        Of the schema that `file_of` returns.
-    """
+def _renamed(data: Mapping[str, Any]) -> dict[str, Any]:
     robot, ball, field = dict(data["robot"]), data["ball"], data["field"]
     holder = {new: robot.pop(old) for new, old in _HOLDER.items()}
     robot["holder"] = holder | {"radius": ball.get("radius") if isinstance(ball, Mapping) else None}
@@ -70,15 +56,19 @@ def from_former(data: Mapping[str, Any]) -> dict[str, Any]:
     return {"robot": robot, "scene": {"area": area, "objects": {"ball": ball}, "bays": bays}}
 
 
-def in_former_names(content: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the content of a description in the former form, or as it is where that form cannot say it."""
+def _written(content: Mapping[str, Any]) -> Mapping[str, Any] | None:
     holder, scene = content["holder"], content["scene"]
     if holder is None or set(scene["objects"]) != {"ball"} or len(scene["bays"]) != len(_SIDES):
-        return content
+        return None
     ball, area, bay = scene["objects"]["ball"], scene["area"], scene["bays"][0]
     field = {**area, **{old: bay[new] for new, old in _BAY.items()}}
     rest = {name: value for name, value in content.items() if name not in ("holder", "scene")}
     former = {**rest, **{old: holder[new] for new, old in _HOLDER.items()}, "ball": ball, "field": field}
-    both = from_former({"robot": {**former}, "ball": ball, "field": field})
+    both = _renamed({"robot": {**former}, "ball": ball, "field": field})
     said = both["scene"]["bays"] == list(scene["bays"]) and holder["radius"] == ball["radius"]
-    return former if said else content
+    return former if said else None
+
+
+FORM = FormerForm(
+    sections=frozenset({"ball", "field"}), shown=_SHOWN, schema=_schema, renamed=_renamed, written=_written
+)
