@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -96,19 +96,19 @@ class Diagnostics:
     ) -> None:
         self._node = node
         self._health = health
-        self._topics, self._states, self._strange = topics, states, ""
+        self._topics, self._states = topics, states
+        self._strange: Sequence[str] = ()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
         self._timer = node.create_timer(_PERIOD, self.publish, clock=STEADY)
 
     def publish(self) -> None:
         """Publish the health now."""
         health = self._health()
-        others = strange_senders(self._node, self._topics), rival_senders(self._node, self._states)
-        strange = "; ".join(filter(None, others))
-        if strange and strange != self._strange:
-            self._node.get_logger().warning(strange)
+        strange = strange_senders(self._node, self._topics), rival_senders(self._node, self._states)
+        if new := [told for told in strange if told and told not in self._strange]:
+            self._node.get_logger().warning("; ".join(new))
         self._strange = strange
-        problem = "; ".join(filter(None, (health.problem, strange)))
+        problem = "; ".join(filter(None, (health.problem, *strange)))
         level = DiagnosticStatus.OK
         if problem:
             level = DiagnosticStatus.ERROR if health.error else DiagnosticStatus.WARN
