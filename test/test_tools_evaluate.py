@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -197,3 +198,67 @@ def test_errors_of_predictions_are_reported_and_too_few_learn_nothing(
     assert calibrate_main([str(tmp_path), "--models", str(models)]) == 1
     assert "expected the digests of robot and models, got none" in capsys.readouterr().err
     assert not (models / CALIBRATION).exists()
+
+
+def test_policies_evaluated_again_give_what_evaluating_everything_anew_gives(
+    models: Path, finished: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    changed = tmp_path / "models"
+    shutil.copytree(models, changed)
+    save_gate(changed / GATE, ThresholdGate(1e9), {"situations": 1, "seed": 1})
+    shutil.copytree(finished[0], tmp_path / "out")
+    anew = evaluate(changed, tmp_path / "anew", *ORACLE)
+    again = evaluate(changed, tmp_path / "out", *ORACLE, "--again", "gated")
+    assert again["runs"]["policies"] == anew["runs"]["policies"] != finished[1]["runs"]["policies"]
+    assert again["runs"]["oracle"] == anew["runs"]["oracle"]
+    for name in (*POLICIES, "oracle", "oracle_speed"):
+        assert again["summary"][name] == anew["summary"][name]
+    assert again["digest"] == anew["digest"] != finished[1]["digest"]
+    assert again["summary"]["command"] == finished[1]["summary"]["command"]
+
+
+def test_policies_are_not_evaluated_again_in_another_evaluation(
+    models: Path, finished: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(finished[0], tmp_path / "out")
+    options = (
+        "--models",
+        str(models),
+        "--out",
+        str(tmp_path / "out"),
+        "--policies",
+        *POLICIES,
+        "--jobs",
+        "1",
+    )
+    for words, expected in (
+        (("--seed", "406"), "expected seed 406"),
+        (("--seed", "405", "--situations", "2"), "expected 2 situations"),
+        (("--seed", "405", "--oracle-jointly"), "joint oracle"),
+    ):
+        size = () if "--situations" in words else ("--situations", "3")
+        assert main([*options, *ORACLE, *words, *size, "--again", "gated"]) == 1
+        assert expected in capsys.readouterr().err
+    assert main([*options, *ORACLE, "--seed", "405", "--situations", "3", "--again", "bearing"]) == 1
+    assert "bearing is not among --policies" in capsys.readouterr().err
+
+
+def test_runs_are_not_kept_when_naive_chains_take_another_time(
+    models: Path, finished: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(finished[0], tmp_path / "out")
+    data = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    data["runs"]["policies"]["naive"]["duration"][1] += 0.05
+    (tmp_path / "out" / "evaluation.json").write_text(json.dumps(data))
+    options = (
+        "--models",
+        str(models),
+        "--out",
+        str(tmp_path / "out"),
+        "--policies",
+        *POLICIES,
+        "--jobs",
+        "1",
+    )
+    assert main([*options, *ORACLE, "--seed", "405", "--situations", "3", "--again", "gated"]) == 1
+    assert "situation 1: expected the naive run as before" in capsys.readouterr().err

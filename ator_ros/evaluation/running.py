@@ -115,7 +115,7 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
             row["prediction"] = prediction_errors(records, name)
     return {
         "summary": summary,
-        "settings": _portable(asdict(settings)),
+        "settings": portable(asdict(settings)),
         "executed": sum(record["executed"] for record in records),
         "digest": settings.source.digest(settings.policies, settings.chain),
         "digests": settings.source.digests(settings.chain),
@@ -124,7 +124,7 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
     }
 
 
-def _portable(settings: dict[str, Any]) -> dict[str, Any]:
+def portable(settings: dict[str, Any]) -> dict[str, Any]:
     """Return settings without the folders of this machine."""
     source = settings["source"]
     source["robot"] = Path(source["robot"]).name

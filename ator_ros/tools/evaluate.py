@@ -51,6 +51,14 @@ def arguments() -> argparse.ArgumentParser:
     add_setting(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
     parser.add_argument("--policies", nargs="+", metavar="NAME", help="default: all that can be run")
+    parser.add_argument(
+        "--again",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="execute only these policies again; the others and the oracle come from the result in --out, "
+        "which the same options have made",
+    )
     add_models(parser)
     parser.add_argument(
         "--experience",

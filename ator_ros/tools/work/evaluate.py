@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 
+from ator_ros.evaluation.again import former_records, joined, settings_again
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.running import describe, results_in
-from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.storage import PartialResults, write_result
+from ator_ros.evaluation.situation import Record, Settings
+from ator_ros.evaluation.storage import RESULT, PartialResults, read_result, write_result
 from ator_ros.evaluation.toolset import available_policies, make_toolset
 from ator_ros.evaluation.worst_runs import worst_runs
 from ator_ros.report.evaluation_page import write_report
@@ -43,7 +44,10 @@ def run(options: argparse.Namespace, command: str) -> int:
         joint_oracle=options.oracle_jointly,
     )
     with results_in(options.out, options.situations):
-        records = executed(settings, options, options.out)
+        if options.again:
+            records, command = _again(settings, options)
+        else:
+            records = executed(settings, options, options.out)
         result = describe(settings, records, command)
         path = write_result(options.out, result, records)
         print(evaluation_table(result["summary"]))
@@ -53,3 +57,16 @@ def run(options: argparse.Namespace, command: str) -> int:
         PartialResults.remove(options.out)
     print(f"wrote {path} and {report}")
     return 0
+
+
+def _again(settings: Settings, options: argparse.Namespace) -> tuple[list[Record], str]:
+    """Evaluate some policies of the result in `options.out` again; return all records, and its command."""
+    unknown = [name for name in options.again if name not in settings.policies]
+    if unknown:
+        raise EvaluationError(
+            f"--again: {unknown[0]} is not among --policies, so there is nothing to replace"
+        )
+    former = read_result(options.out / RESULT)
+    kept = former_records(former, settings, options.situations)
+    records = joined(kept, executed(settings_again(settings, options.again), options, options.out))
+    return records, former["summary"]["command"]
