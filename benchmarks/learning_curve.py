@@ -41,6 +41,12 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--headings", type=_number, default=whole.headings, help="that the oracle executes")
     parser.add_argument("--speeds", type=float, nargs="*", default=whole.speeds, metavar="V", help="m/s")
     parser.add_argument("--margin", type=float, default=whole.margin, metavar="S", help="of the oracle")
+    parser.add_argument(
+        "--executed",
+        default="",
+        metavar="FOLDER",
+        help="finished evaluation whose naive, described and oracle runs are taken (default: execute them)",
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
     return parser
 
@@ -64,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         options.headings,
         tuple(options.speeds),
         options.margin,
+        executed=options.executed,
     )
     return guarded("learning_curve", lambda: _run(options, settings, words), interrupted=RESUMES)
 

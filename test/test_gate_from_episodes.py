@@ -65,3 +65,29 @@ def test_the_other_half_judges(monkeypatch: pytest.MonkeyPatch) -> None:
     examples = cross.examples(trials, seed=0)
     # The chooser's best heading is the worst there is for the judge.
     assert examples.naive.min() > 6.9
+
+
+class Dips(Prefers):
+    """Predicts 2 s less within 2 degrees about `dip`."""
+
+    def __init__(self, dip: float) -> None:
+        super().__init__(0.0, 0.3)
+        self.dip = dip
+
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:
+        duration = super().predict(direct, measures).duration
+        off = np.abs((np.atleast_1d(direct["yaw"]) - self.dip + np.pi) % (2.0 * np.pi) - np.pi)
+        return SimpleNamespace(duration=duration - 2.0 * (off < np.radians(2.0)))
+
+
+@pytest.mark.parametrize(("dips", "wide"), [((-2.0, 2.0), True), ((2.0, 2.0), False)])
+def test_costs_are_averaged_where_the_other_half_does_not_confirm_single_errors(
+    dips: tuple[float, float], wide: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    models: dict[tuple[str, int], Prefers] = {("goToPose", half): Prefers(0.0, 0.2) for half in (0, 1)}
+    models |= {("dribbleBall", half): Dips(dip) for half, dip in enumerate(dips)}
+    trials = [random_trial(SOCCER, "dribble", LIBRARY, seed=403, index=index) for index in range(3)]
+    widths, examples, gains = fitted(monkeypatch, models).best_widths(trials, seed=0)
+    assert bool(widths) is wide
+    assert len(examples.naive) == 12
+    assert list(gains) == ["0", "0.5", "1"]

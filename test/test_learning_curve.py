@@ -14,6 +14,7 @@ from ator_ros.evaluation.learning_curve import CurveSettings, LearningCurve, dra
 from ator_ros.files import read_text
 from ator_ros.report.terminal_tables import curve_table
 from ator_ros.tools.collect import main as collect
+from ator_ros.tools.evaluate import main as evaluate
 
 PROGRAM = Path(__file__).parents[1] / "benchmarks" / "learning_curve.py"
 
@@ -70,3 +71,24 @@ def test_a_curve_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
     settings = CurveSettings(str(table), 431, (30,))
     assert [size for size, _ in LearningCurve(settings, tmp_path / "other").draws] == [30, 30, 30]
     assert main([*words, "--draws", "1", "--situations", "1"]) == 1  # a curve of other settings
+
+
+@pytest.mark.long
+def test_runs_can_be_taken_from_an_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, executed = tmp_path / "experience.parquet", tmp_path / "executed"
+    words = ["--seed", "101", "--episodes", "40", "--actions", "goToPose", "dribbleBall", "--out", str(table)]
+    assert collect(words) == 0
+    oracle = ["--oracle", "4", "--oracle-margin", "1.0", "--oracle-speeds", "0.4", "--jobs", "1"]
+    words = ["--seed", "431", "--situations", "2", "--policies", "naive", "gated", "gated_speed"]
+    assert evaluate([*words, *oracle, "--out", str(executed)]) == 0
+    main = runpy.run_path(str(PROGRAM))["main"]
+    words = [str(table), "--seed", "431", "--sizes", "40", "--headings", "4", "--speeds", "0.4"]
+    told = []
+    for number, more in enumerate(([], ["--executed", str(executed)])):
+        out = tmp_path / f"curve{number}"
+        assert main([*words, *more, "--situations", "2", "--out", str(out)]) == 0
+        told.append(json.loads((out / "curve.json").read_text(encoding="utf-8"))["points"])
+    assert told[0] == told[1]
+    taken = ["--executed", str(executed), "--out", str(tmp_path / "more")]
+    assert main([*words, *taken, "--situations", "3"]) == 1
+    assert "expected more than 2 situations, got 2" in capsys.readouterr().err

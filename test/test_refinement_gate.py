@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +45,16 @@ def test_rules_name_every_leaf() -> None:
     ]
 
 
-@pytest.mark.parametrize("gate", [OpenGate(), ThresholdGate(0.15, 0.5), TREE])
+@pytest.mark.parametrize(
+    "gate",
+    [
+        OpenGate(),
+        ThresholdGate(0.15, 0.5),
+        TREE,
+        ThresholdGate(0.15, 0.5, {"yaw": 0.14}),
+        replace(TREE, widths={"yaw": 0.14, "speed": 0.06}),
+    ],
+)
 def test_file_gives_back_the_same_gate(gate: Any, tmp_path: Path) -> None:
     save_gate(tmp_path / "gate.json", gate, {"seed": 301})
     assert load_gate(tmp_path / "gate.json") == gate
@@ -58,6 +69,8 @@ def test_file_gives_back_the_same_gate(gate: Any, tmp_path: Path) -> None:
         ({"action_set": "bezier"}, "action_set: expected 'default', got 'bezier'"),
         ({"kind": ["tree"]}, r"kind: expected a text; got \[\'tree\'\]"),
         ({"kind": "shut"}, "kind: expected one of open, threshold, tree; got 'shut'"),
+        ({"widths": {"yaw": -0.1}}, r"widths\.yaw: expected a finite number of at least 0"),
+        ({"widths": {"yaw": math.nan}}, r"widths\.yaw: expected a finite number"),
         ({"gate": [1]}, r"gate: expected a table; got \[1\]"),
         ({"gate": {"gain": "0.1", "spread_factor": 0.0}}, r"gate\.gain: expected a finite number"),
         ({"gate": {"gain": 1e999, "spread_factor": 0.0}}, r"gate\.gain: expected a finite number"),

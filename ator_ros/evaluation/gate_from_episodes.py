@@ -3,10 +3,14 @@
 Models of one half of the episodes choose chains. Models of the other half judge them, as they do not share
 the errors that led to the choice. Errors shared by both are resampled from the prediction errors of each
 half's models on the other half's episodes.
+
+How widely costs are averaged (`ator_ros.refinement.averaging`) is chosen in the same way: as it is judged to
+gain most.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -19,13 +23,21 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of, train
+from ator_ros.refinement.averaging import Widths
 from ator_ros.refinement.chain_model import predict_chain
-from ator_ros.refinement.gate import FEATURES
+from ator_ros.refinement.gate import FEATURES, OpenGate
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
+
+WIDEST_YAW = math.radians(8.0)
+"""Greatest width that is tried for headings, in rad."""
+WIDEST_SPEED = 0.05
+"""The same for arrival speeds, as a share of the robot's limit."""
+SHARES = (0.0, 0.5, 1.0)
+"""Widths that are tried, as shares of the greatest."""
 
 Halves = tuple[Mapping[str, PerformanceModel], Mapping[str, PerformanceModel]]
 
@@ -67,17 +79,39 @@ class CrossFit:
             for action, part in parts.items()
         }
 
-    def examples(self, trials: list[Trial], *, seed: int) -> GateExamples:
-        """Return the expected gain of refinement in each of `trials`, with and without speeds."""
-        rng = np.random.default_rng(seed)
-        columns = list(zip(*(row for trial in trials for row in self._of_trial(trial, rng)), strict=True))
-        return GateExamples(*(np.array(column) for column in columns))
+    def examples(self, trials: list[Trial], *, seed: int, widths: Widths | None = None) -> GateExamples:
+        """Return the expected gain of refinement in each of `trials`, with and without speeds.
+
+        Parameters
+        ----------
+        trials : list of Trial
+            The situations.
+        seed : int
+            Of the errors; examples of the same trials and seed differ in what was chosen only.
+        widths : mapping, optional
+            How widely costs are averaged; by default not at all.
+        """
+        rng, gate = np.random.default_rng(seed), OpenGate(widths or {})
+        rows = (row for trial in trials for row in self._of_trial(trial, gate, rng))
+        return GateExamples(*(np.array(column) for column in zip(*rows, strict=True)))
+
+    def best_widths(self, trials: list[Trial], *, seed: int) -> tuple[Widths, GateExamples, dict[str, float]]:
+        """Return the widths that are judged to gain most, their examples, and the mean gains in s.
+
+        The gains are those of `SHARES` of the greatest widths.
+        """
+        widths = [_widths(self.robot, share) for share in SHARES]
+        examples = [self.examples(trials, seed=seed, widths=each) for each in widths]
+        gains = [float(np.mean(each.naive - each.refined)) for each in examples]
+        best = int(np.argmax(gains))
+        told = {f"{share:g}": round(gain, 4) for share, gain in zip(SHARES, gains, strict=True)}
+        return widths[best], examples[best], told
 
     def _of_trial(
-        self, trial: Trial, rng: np.random.Generator
+        self, trial: Trial, gate: OpenGate, rng: np.random.Generator
     ) -> Iterator[tuple[list[float], float, float, int, int]]:
         for chooser, judge in (self.models, self.models[::-1]):
-            refiner = Refiner(self.robot, chooser, ranges=self.ranges, failure_cost=self.failure_cost)
+            refiner = Refiner(self.robot, chooser, gate, ranges=self.ranges, failure_cost=self.failure_cost)
             naive = refiner.naive(trial.world, open_speeds(trial.chain))
             for kind, plan in enumerate((trial.chain, open_speeds(trial.chain))):
                 refinement = refiner.refine(trial.world, reopened(naive, plan))
@@ -93,6 +127,12 @@ class CrossFit:
     def _error(self, chain: TopChain, rng: np.random.Generator) -> float:
         """Draw by how much a chain takes longer than predicted, in s."""
         return float(sum(rng.choice(self._errors[call.top.action]) for call in chain.calls))
+
+
+def _widths(robot: Robot, share: float) -> Widths:
+    """Return a share of the greatest widths."""
+    widths = {"yaw": share * WIDEST_YAW, "speed": share * WIDEST_SPEED * robot.limits.v}
+    return {name: round(width, 4) for name, width in widths.items() if width}
 
 
 def _halves(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:

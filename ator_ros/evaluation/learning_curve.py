@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.policies import OBSERVED as OBSERVED_MODELS
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.situation import Executions, Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import RESAMPLES
-from ator_ros.evaluation.storage import PartialResults
+from ator_ros.evaluation.storage import RESULT, PartialResults, read_result, to_records
 from ator_ros.evaluation.toolset import ToolsetSource, read_rows, tools_of
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.geometry import FloatArray
@@ -52,6 +53,9 @@ class CurveSettings:
         See `Settings.oracle_margin`; predicted by the described models.
     source : ToolsetSource
         Robot, actions, and folder of the described models, with the observed ones and their gate in it.
+    executed : str
+        Folder of a finished evaluation of the same seed and described models, whose naive, described and
+        oracle runs are taken; empty: they are executed.
     """
 
     table: str
@@ -62,6 +66,7 @@ class CurveSettings:
     speeds: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
     margin: float | None = 1.0
     source: ToolsetSource = field(default_factory=ToolsetSource)
+    executed: str = ""
 
     @property
     def oracle(self) -> Settings:
@@ -100,7 +105,8 @@ class LearningCurve:
         self._tools, self._library = tools_of(settings.source)
         of_files = settings.source.digest((*settings.oracle.policies, OBSERVED_MODELS), settings.oracle.chain)
         tables = "".join(digest(rows) for rows in self._rows.values())
-        portable = dataclasses.replace(settings, table=Path(settings.table).name)
+        table, executed = Path(settings.table).name, Path(settings.executed).name
+        portable = dataclasses.replace(settings, table=table, executed=executed)
         self.results = PartialResults(folder, portable, of_files + tables)
 
     @property
@@ -163,9 +169,33 @@ class LearningCurve:
     def _records(self, situations: int) -> list[Record]:
         return [self.results.records[index] for index in range(situations) if index in self.results.records]
 
+    @cached_property
+    def _executed(self) -> list[Record]:
+        """The records of the evaluation that `CurveSettings.executed` names."""
+        settings = self.settings
+        result = read_result(Path(settings.executed) / RESULT)
+        models = settings.source.digests(settings.oracle.chain)
+        if result["settings"]["seed"] != settings.seed or result["digests"] != models:
+            raise EvaluationError(
+                f"{settings.executed}: expected an evaluation of seed {settings.seed} with robot and models "
+                f"{models}, got seed {result['settings']['seed']} and {result['digests']}"
+            )
+        return to_records(result["runs"], result["summary"]["situations"])
+
+    def _told(self, index: int) -> Record:
+        """Return the naive, described and oracle runs of a situation."""
+        if not self.settings.executed:
+            return evaluate_trial((self.settings.oracle, index))
+        count = len(self._executed)
+        if index >= count:
+            raise EvaluationError(
+                f"{self.settings.executed}: expected more than {index} situations, got {count}"
+            )
+        return self._executed[index]
+
     def _evaluated(self, index: int) -> Record:
         """Return durations (s) of naive, described and observed chains, by kind, and of the oracles."""
-        told = evaluate_trial((self.settings.oracle, index))
+        told = self._told(index)
         tools = self._tools
         trial = random_trial(
             tools.domain, self.settings.oracle.chain, self._library, seed=self.settings.seed, index=index

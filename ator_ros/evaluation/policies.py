@@ -58,7 +58,8 @@ class Toolset:
 
     def refiner(self, models: str = "learned", *, gated: bool = False) -> Refiner:
         """Return a refiner with one of the sets of models."""
-        gate = self.gates.get(models, self.gate) if gated else OpenGate()
+        own = self.gate if models == "learned" else self.gates.get(models, OpenGate())
+        gate = own if gated else OpenGate(own.widths)
         return Refiner(
             self.robot,
             self.models[models],

@@ -59,7 +59,7 @@ def load_refiners(
     for name, library in libraries.items():
         models[name] = read = read_models(node, library.robot, name, folder, domain)
         if read.models:
-            gate = _gate(node, read, name) if gated else None
+            gate = _gate(node, read, name, gated=gated)
             refiners[name] = Refiner(
                 library.robot,
                 read.models,
@@ -75,13 +75,17 @@ def load_refiners(
 def set_gates(node: Node, refiners: Refiners, *, gated: bool) -> None:
     """Let the gates decide from the next request on, or no longer."""
     for name, refiner in refiners.by_set.items():
-        refiner.gate = (_gate(node, refiners.models[name], name) if gated else None) or OpenGate()
+        refiner.gate = _gate(node, refiners.models[name], name, gated=gated)
 
 
-def _gate(node: Node, read: ModelSet, action_set: str) -> Gate | None:
-    """Read the gate of an action set; without one the predicted gain alone decides."""
+def _gate(node: Node, read: ModelSet, action_set: str, *, gated: bool) -> Gate:
+    """Read the gate of an action set; without one, or not `gated`, the predicted gain alone decides."""
+    path = read.folder / model_path("gate", action_set)
+    if not gated and not path.exists():
+        return OpenGate()
     try:
-        return load_gate(read.folder / model_path("gate", action_set), action_set)
+        gate = load_gate(path, action_set)
     except RefinementError as error:
         node.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
-        return None
+        return OpenGate()
+    return gate if gated else OpenGate(gate.widths)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
 
 from ator_ros.geometry import wrap_angle
+from ator_ros.refinement.averaging import Widths
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
@@ -26,14 +27,23 @@ FEATURES: Mapping[str, str] = {
 
 
 def gate_features(
-    world: World, chain: TopChain, best: TopChain, before: ChainPrediction, after: ChainPrediction
+    world: World,
+    chain: TopChain,
+    best: TopChain,
+    before: ChainPrediction,
+    after: ChainPrediction,
+    *,
+    gain: float | None = None,
 ) -> dict[str, float]:
-    """Return the values of `FEATURES` for a chain and the best one found."""
+    """Return the values of `FEATURES` for a chain and the best one found.
+
+    The gain is the difference of both predictions, unless the search averaged costs and tells it.
+    """
     robot, first = world.robot.pose, chain.calls[0].goal.pose
     following = chain.calls[min(1, len(chain.calls) - 1)].goal.pose
     leg = math.atan2(first.y - robot.y, first.x - robot.x)
     next_leg = math.atan2(following.y - first.y, following.x - first.x)
-    gain = before.cost - after.cost
+    gain = before.cost - after.cost if gain is None else gain
     turns = [
         abs(wrap_angle(new.goal.pose.yaw - old.goal.pose.yaw))
         for old, new in zip(chain.calls, best.calls, strict=True)
@@ -55,14 +65,25 @@ class Gate(Protocol):
 
     kind: ClassVar[str]
 
+    @property
+    def widths(self) -> Widths:
+        """How far costs are averaged before the best chain is chosen, see `ator_ros.refinement.averaging`."""
+
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
         """Return whether to refine, and the reason in words."""
 
 
 @dataclass(frozen=True, slots=True)
 class OpenGate:
-    """Refines whenever any gain is predicted."""
+    """Refines whenever any gain is predicted.
 
+    Attributes
+    ----------
+    widths : mapping
+        As in `Gate`.
+    """
+
+    widths: Widths = field(default_factory=dict)
     kind: ClassVar[str] = "open"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -81,10 +102,13 @@ class ThresholdGate:
         Least predicted gain in s.
     spread_factor : float
         Added to it per second of spread.
+    widths : mapping
+        As in `Gate`.
     """
 
     gain: float
     spread_factor: float = 0.0
+    widths: Widths = field(default_factory=dict)
     kind: ClassVar[str] = "threshold"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -110,6 +134,8 @@ class TreeGate:
         otherwise; a leaf has an empty feature.
     label : sequence of str
         The label of each node.
+    widths : mapping
+        As in `Gate`.
     """
 
     feature: Sequence[str]
@@ -117,6 +143,7 @@ class TreeGate:
     left: Sequence[int]
     right: Sequence[int]
     label: Sequence[str]
+    widths: Widths = field(default_factory=dict)
     kind: ClassVar[str] = "tree"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -14,18 +16,19 @@ from ator_ros.formats import Format
 from ator_ros.printable import short
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import FEATURES, Gate, OpenGate, ThresholdGate, TreeGate
-from ator_ros.schema import OneOf, SchemaError, structured
+from ator_ros.schema import OneOf, SchemaError, Within, structured
 
 FORMAT = Format("ator_ros gate", 1, "gate")
 
 
 @dataclass(frozen=True)
 class _GateFile:
-    """The fields of a gate's file; gate: those of the gate of this kind."""
+    """The fields of a gate's file; gate: those of the gate of this kind, but its widths."""
 
     action_set: str
     kind: Annotated[str, OneOf((OpenGate.kind, ThresholdGate.kind, TreeGate.kind))]
     gate: dict[str, Any]
+    widths: dict[str, Annotated[float, Within(0.0, math.inf)]] = field(default_factory=dict)
     training: dict[str, Any] = field(default_factory=dict)
 
 
@@ -77,10 +80,13 @@ def save_gate(
     action_set: str = DEFAULT_SET,
 ) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
+    fields = asdict(gate)
+    widths = fields.pop("widths")
     data = {
         "action_set": action_set,
         "kind": gate.kind,
-        "gate": asdict(gate),
+        "gate": fields,
+        **({"widths": widths} if widths else {}),
         "training": dict(training),
     }
     write_text(path, FORMAT.text(data))
@@ -102,12 +108,16 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
                 f"action_set: expected {action_set!r}, got {short(file.action_set)}: "
                 "learn the gate of these actions with the tool gate"
             )
-        if file.kind == OpenGate.kind:
-            return OpenGate()
-        if file.kind == ThresholdGate.kind:
-            return structured(file.gate, ThresholdGate, "gate")
-        tree = structured(file.gate, _Tree, "gate")
-        return TreeGate(tree.feature, tree.threshold, tree.left, tree.right, tree.label)
+        return dataclasses.replace(_gate(file), widths=file.widths)
+
+
+def _gate(file: _GateFile) -> OpenGate | ThresholdGate | TreeGate:
+    if file.kind == OpenGate.kind:
+        return OpenGate()
+    if file.kind == ThresholdGate.kind:
+        return structured(file.gate, ThresholdGate, "gate")
+    tree = structured(file.gate, _Tree, "gate")
+    return TreeGate(tree.feature, tree.threshold, tree.left, tree.right, tree.label)
 
 
 def load_training(path: Path) -> GateTraining:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.geometry import FloatArray
+from ator_ros.refinement.averaging import Averages, averaged
 from ator_ros.refinement.slices import Slices
 
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
@@ -45,24 +46,30 @@ class SearchCurve:
 class Optimum:
     """Best values of each subgoal's free variables, shapes (k,), the cost there, the first grid's curves.
 
-    It is not `complete` where time was up before everything was searched.
+    It is not `complete` where time was up before everything was searched. `given` is the cost of what was
+    given, where costs are averaged.
     """
 
     values: tuple[FloatArray, ...]
     cost: float
     curves: tuple[SearchCurve, ...]
     complete: bool = True
+    given: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class BestPath:
-    """The best path through candidates: those considered, the values chosen, the least cost through each."""
+    """The best path through candidates: those considered, the values chosen, the least cost through each.
+
+    `given` is the cost of the path through what was given, where costs are averaged.
+    """
 
     candidates: Sequence[FloatArray]
     values: list[FloatArray]
     cost: float
     totals: list[FloatArray]
     complete: bool
+    given: float | None = None
 
 
 def best_apart(
@@ -82,20 +89,31 @@ def best_apart(
 
 
 def least_path(
-    step_cost: StepCost, candidates: Sequence[FloatArray], given: Sequence[FloatArray]
+    step_cost: StepCost,
+    candidates: Sequence[FloatArray],
+    given: Sequence[FloatArray],
+    averages: Averages | None = None,
 ) -> Slices[BestPath]:
-    """Find the best candidate of each subgoal; when time is up, only the `given` one of those that follow."""
+    """Find the best candidate of each subgoal; when time is up, only the `given` one of those that follow.
+
+    With `averages` each cost is the mean over neighbouring candidates.
+    """
     searched: list[FloatArray] = []
     costs: list[FloatArray] = []
     forward: list[FloatArray] = []
     origins = []
     before, complete = np.zeros((1, 0)), True
+    before_weights: FloatArray | None = None
     for index, offered in enumerate(candidates):
         after = offered if complete else given[index][None, :]
         cost = yield from _pairwise(step_cost, index, before, after, cut=complete and bool(given))
         if len(cost) < len(before):
             complete, after = False, given[index][None, :]
             cost = yield from _pairwise(step_cost, index, before, after, cut=False)
+        if averages is not None:
+            after_weights = averages.weights(index, after)
+            cost = averaged(cost, before_weights, after_weights)
+            before_weights = after_weights
         sums = forward[-1][:, None] + cost if forward else cost
         origins.append(np.argmin(sums, axis=0))
         forward.append(sums[origins[-1], np.arange(sums.shape[1])])
@@ -112,7 +130,20 @@ def least_path(
         path.insert(0, int(origin[path[0]]))
     values = [c[i] for c, i in zip(searched, path, strict=True)]
     totals = [f + b for f, b in zip(forward, backward, strict=True)]
-    return BestPath(searched, values, total, totals, complete)
+    as_given = _cost_of(given, searched, costs) if averages is not None and given else None
+    return BestPath(searched, values, total, totals, complete, as_given)
+
+
+def _cost_of(
+    chain: Sequence[FloatArray], candidates: Sequence[FloatArray], costs: Sequence[FloatArray]
+) -> float:
+    """Return the cost of a chain whose values (k,) are among the candidates (n, k) of each subgoal."""
+    row, total = 0, 0.0
+    for values, searched, cost in zip(chain, candidates, costs, strict=True):
+        column = int((searched == values).all(axis=1).argmax())
+        total += float(cost[row, column])
+        row = column
+    return total
 
 
 def _pairwise(

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
+from ator_ros.refinement.averaging import Averages
 from ator_ros.refinement.bounds import names_of, within_experience, within_regions
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
@@ -122,8 +123,9 @@ class Refiner:
             before = after = yield from model.predicting(model.given)
             optimum = unsearched(model.given, before.cost)
         else:
+            axes = _axes(chain, analysis.free)
             optimum = yield from searching(
-                model.step_cost, _axes(chain, analysis.free), model.given, regions.allowing()
+                model.step_cost, axes, model.given, regions.allowing(), self._averages(model, axes)
             )
             before = yield from model.predicting(model.given)
             after = yield from model.predicting(optimum.values)
@@ -203,6 +205,11 @@ class Refiner:
         analysis = within_regions(analysis, regions, chain)
         return analysis, regions.narrowed_to(names_of(chain, analysis.free))
 
+    def _averages(self, model: ChainModel, axes: Sequence[Sequence[Range]]) -> Averages | None:
+        """Return how the gate wants costs to be averaged; None where it does not."""
+        widths = [[self.gate.widths.get(name, 0.0) for name in names] for names in model.names]
+        return Averages(axes, widths) if any(map(any, widths)) else None
+
     def _model(
         self,
         world: World,
@@ -229,7 +236,8 @@ class Refiner:
         for index, names in enumerate(model.names):
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        features = gate_features(world, chain, best, before, after)
+        gain = None if optimum.given is None else optimum.given - optimum.cost
+        features = gate_features(world, chain, best, before, after, gain=gain)
         pays, reason = self.gate.decide(features)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []

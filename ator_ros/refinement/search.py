@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.geometry import FloatArray
+from ator_ros.refinement.averaging import Averages
 from ator_ros.refinement.paths import Optimum, SearchCurve, StepCost, best_apart, least_path
 from ator_ros.refinement.sampled import Allowed, into_domains, sampling
 from ator_ros.refinement.slices import Slices, completed
@@ -57,18 +58,20 @@ def searching(
     axes: Sequence[Sequence[Range]],
     given: Sequence[FloatArray] | None = None,
     allowed: Allowed | None = None,
+    averages: Averages | None = None,
 ) -> Slices[Optimum]:
     """Search as `search` does, in slices; when time is up, subgoals not yet searched keep what is `given`.
 
     Without given values, all of the first candidates are searched nevertheless. Candidates are limited to
-    what is `allowed`; what is given is searched in any case.
+    what is `allowed`; what is given is searched in any case. Costs are `averages` only on a grid: other
+    candidates have too few neighbours.
     """
     if allowed is not None or max(map(len, axes)) > MOST_ON_GRID:
         return (yield from sampling(step_cost, axes, given, allowed))
     grids, steps = _first_grids(tuple(map(tuple, axes)))
     known = list(given) if given is not None else []
     candidates = [_with(g, v) for g, v in zip(grids, known, strict=True)] if known else grids
-    first = yield from least_path(step_cost, candidates, known)
+    first = yield from least_path(step_cost, candidates, known, averages)
     curves = tuple(
         SearchCurve(grid, total[: len(grid)]) if searched is offered else SearchCurve(searched, total)
         for grid, offered, searched, total in zip(
@@ -76,7 +79,7 @@ def searching(
         )
     )
     if sum(len(domains) for domains in axes) <= 1 or not first.complete:
-        return Optimum(tuple(first.values), first.cost, curves, first.complete)
+        return Optimum(tuple(first.values), first.cost, curves, first.complete, first.given)
     windows = []
     for value, offered, total, step, domains in zip(
         first.values, candidates, first.totals, steps, axes, strict=True
@@ -85,8 +88,8 @@ def searching(
         best = best_apart(offered, total, step, most=ZOOM_WINDOWS) if domains else []
         zoomed = [_window(centre, step, domains) for centre in best]
         windows.append(np.vstack([value, *zoomed]) if domains else offered)
-    second = yield from least_path(step_cost, windows, first.values)
-    return Optimum(tuple(second.values), second.cost, curves, second.complete)
+    second = yield from least_path(step_cost, windows, first.values, averages)
+    return Optimum(tuple(second.values), second.cost, curves, second.complete, first.given)
 
 
 def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:

@@ -1,0 +1,72 @@
+"""Averages of costs over neighbouring candidates: a choice does not follow single errors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.refinement.averaging import Averages, averaged
+from ator_ros.refinement.search import search, searching
+from ator_ros.refinement.slices import completed
+from ator_ros.tops.ranges import Range
+
+CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
+SPEED = Range(0.0, 1.0, 6)
+WIDTH = math.radians(8.0)
+
+
+def dip_and_valley(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return a cost with a deep dip 4 degrees wide at 2.0 rad, and a broad valley at -1.0 rad."""
+    yaw = after[:, 0]
+    dip = np.abs(wrap_angles(yaw - 2.0)) < math.radians(2.0)
+    valley = np.exp(-(wrap_angles(yaw + 1.0) ** 2))
+    return np.asarray(5.0 - valley - 1.5 * dip)
+
+
+def test_a_choice_keeps_away_from_a_dip_among_high_costs() -> None:
+    given = [np.array([0.0])]
+    followed = search(dip_and_valley, [[CIRCLE]], given)
+    assert followed.values[0][0] == pytest.approx(2.0, abs=math.radians(2.0))
+    averages = Averages([[CIRCLE]], [[WIDTH]])
+    careful = completed(searching(dip_and_valley, [[CIRCLE]], given, averages=averages))
+    assert careful.values[0][0] == pytest.approx(-1.0, abs=math.radians(3.0))
+    assert careful.given == pytest.approx(5.0 - math.exp(-1.0), abs=0.05)
+
+
+def test_without_widths_nothing_is_averaged() -> None:
+    averages = Averages([[CIRCLE, SPEED]], [[0.0, 0.0]])
+    assert averages.weights(0, np.array([[0.0, 0.1], [0.1, 0.1]])) is None
+    assert Averages([[CIRCLE]], [[WIDTH]]).weights(0, np.array([[0.3]])) is None
+
+
+def test_neighbours_are_near_in_every_variable_also_across_the_end_of_a_circle() -> None:
+    candidates = np.array([[3.13, 0.2], [-3.13, 0.2], [3.13, 0.9], [0.0, 0.2]])
+    weights = Averages([[CIRCLE, SPEED]], [[WIDTH, 0.0]]).weights(0, candidates)
+    assert weights is not None
+    assert weights[0, 1] == pytest.approx(1.0, abs=0.05)  # 0.02 rad apart
+    assert weights[0, 2] == 0.0  # another speed, which has no width
+    assert weights[0, 3] < 1e-9
+    both = Averages([[CIRCLE, SPEED]], [[WIDTH, 0.7]]).weights(0, candidates)
+    assert both is not None
+    assert both[0, 2] == pytest.approx(math.exp(-0.5))
+
+
+def test_the_mean_of_equal_costs_is_that_cost_and_what_is_infinite_stays_so() -> None:
+    rng = np.random.default_rng(5)
+    before, after = rng.random((3, 3)), rng.random((4, 4))
+    np.testing.assert_allclose(averaged(np.full((3, 4), 2.5), before, after), 2.5)
+    cost = np.full((3, 4), 2.5)
+    cost[1, 2] = math.inf
+    mean = averaged(cost, before, after)
+    assert math.isinf(mean[1, 2])
+    np.testing.assert_allclose(np.delete(mean.ravel(), 6), 2.5)
+
+
+def test_both_sides_of_a_step_are_averaged() -> None:
+    cost, weights = np.array([[0.0, 1.0], [2.0, 3.0]]), np.array([[1.0, 1.0], [1.0, 1.0]])
+    np.testing.assert_allclose(averaged(cost, weights, None), [[1.0, 2.0], [1.0, 2.0]])
+    np.testing.assert_allclose(averaged(cost, None, weights), [[0.5, 0.5], [2.5, 2.5]])
+    np.testing.assert_allclose(averaged(cost, weights, weights), 1.5)
