@@ -6,10 +6,11 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.gate_from_episodes import CrossFit
+from ator_ros.evaluation.gate_from_episodes import CrossFit, usual_widths
 from ator_ros.evaluation.gate_learning import (
     GateExamples,
     better_kind,
@@ -25,7 +26,6 @@ from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, make_lib
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.files import reserved
 from ator_ros.performance.training import OBSERVED
-from ator_ros.refinement.averaging import Widths
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.work.situations import executed
@@ -60,21 +60,10 @@ def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, com
     actions = {call.top.action for call in trials[0].chain.calls}
     rows = {action: table for action, table in read_rows(options.episodes).items() if action in actions}
     fitted = CrossFit(robot, rows, OBSERVED, domain.ranges, domain.time_limit)
-    widths, examples, gains = fitted.best_widths(trials, seed=options.seed)
-    print(f"judged mean gain in s, by share of the greatest widths of averages: {gains}")
-    averaging = Averaging(widths, gains)
-    _save(examples, source.observed_folder() / GATE, options, command, averaging)
+    widths = usual_widths(robot)
+    examples = fitted.examples(trials, seed=options.seed, widths=widths)
+    _save(examples, source.observed_folder() / GATE, options, command, widths)
     return 0
-
-
-class Averaging(NamedTuple):
-    """How widely costs are averaged, and the mean gains in s by which that was chosen."""
-
-    widths: Widths
-    gains: Mapping[str, float]
-
-
-_NONE = Averaging({}, {})
 
 
 def _save(
@@ -82,11 +71,11 @@ def _save(
     path: Path,
     options: argparse.Namespace,
     command: str,
-    averaging: Averaging = _NONE,
+    widths: Mapping[str, float] = MappingProxyType({}),
 ) -> None:
     comparison = compare_gates(examples)
     tree, threshold = fit_tree(examples), fit_threshold(examples)
-    best = replace(tree if better_kind(comparison) == "tree" else threshold, widths=averaging.widths)
+    best = replace(tree if better_kind(comparison) == "tree" else threshold, widths=dict(widths))
     training: dict[str, Any] = {
         "command": command,
         "seed": options.seed,
@@ -95,8 +84,6 @@ def _save(
         "tree_rules": tree.rules(),
         "threshold": {"gain": threshold.gain, "spread_factor": threshold.spread_factor},
     }
-    if averaging.gains:
-        training["gain_by_width"] = averaging.gains
     save_gate(path, best, training, options.action_set)
     _report(training, best.kind, path)
 
