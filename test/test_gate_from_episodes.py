@@ -23,6 +23,7 @@ class Prefers:
     """Predicts `scale` s more, the farther the heading at the goal is from `yaw`."""
 
     used_variables = frozenset({"yawg"})
+    spread = 0.0
 
     def __init__(self, yaw: float, scale: float) -> None:
         self.yaw, self.scale = yaw, scale
@@ -30,20 +31,26 @@ class Prefers:
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:
         off = np.abs((np.atleast_1d(direct["yawg"]) - self.yaw + np.pi) % (2.0 * np.pi) - np.pi)
         count = max(np.size(value) for value in direct.values())
-        return SimpleNamespace(duration=np.broadcast_to(3.0 + self.scale * off, count).copy())
+        duration = np.broadcast_to(3.0 + self.scale * off, count).copy()
+        return SimpleNamespace(duration=duration, spread=np.full(count, self.spread))
 
 
-def fitted(monkeypatch: pytest.MonkeyPatch, models: Mapping[tuple[str, int], Prefers]) -> CrossFit:
-    """Return a cross-fit whose models of episodes 0, 2, … and 1, 3, … are `models`."""
+def fitted(
+    monkeypatch: pytest.MonkeyPatch, models: Mapping[tuple[str, int], Prefers], *, late: float = 0.0
+) -> CrossFit:
+    """Return a cross-fit whose models of episodes 0, 2, … and 1, 3, … are `models`.
+
+    All episodes took `late` s longer than the first one's model predicts.
+    """
 
     def train(action: str, rows: pd.DataFrame, *_: Any, **__: Any) -> Prefers:
         return models[action, int(rows["episode"].iloc[0]) % 2]
 
     monkeypatch.setattr(gate_from_episodes, "train", train)
     row = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"t": 0.0, "success": True, "yawg": 0.5 * np.pi}
-    row["duration"] = float(models["goToPose", 0].predict({"yawg": row["yawg"]}).duration[0])
+    row["duration"] = float(models["goToPose", 0].predict({"yawg": row["yawg"]}).duration[0]) + late
     rows = pd.DataFrame([row | {"episode": number} for number in range(6)])
-    return CrossFit(ROBOT, {"goToPose": rows, "dribbleBall": rows.assign(duration=3.0)}, ())
+    return CrossFit(ROBOT, {"goToPose": rows, "dribbleBall": rows.assign(duration=3.0 + late)}, ())
 
 
 def test_a_gain_that_only_the_choosing_half_sees_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,9 +82,10 @@ class Dips(Prefers):
         self.dip = dip
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:
-        duration = super().predict(direct, measures).duration
+        prediction = super().predict(direct, measures)
         off = np.abs((np.atleast_1d(direct["yaw"]) - self.dip + np.pi) % (2.0 * np.pi) - np.pi)
-        return SimpleNamespace(duration=duration - 0.8 * (off < np.radians(2.0)))
+        prediction.duration = prediction.duration - 0.8 * (off < np.radians(2.0))
+        return prediction
 
 
 def test_examples_are_of_what_is_chosen_with_averaged_costs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,3 +100,23 @@ def test_examples_are_of_what_is_chosen_with_averaged_costs(monkeypatch: pytest.
     ]
     assert loss[0] > 0.2  # each half follows a dip that the other does not know
     assert abs(loss[1]) < 0.02
+
+
+class Unsure(Prefers):
+    """Predicts twice the spread where the heading at the goal is below 0."""
+
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:
+        prediction = super().predict(direct, measures)
+        prediction.spread = (
+            np.where(np.atleast_1d(direct["yawg"]) < 0.0, 0.4, 0.2) + 0.0 * prediction.duration
+        )
+        return prediction
+
+
+def test_errors_are_drawn_in_units_of_the_predicted_spread(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = {(action, half): Unsure(0.0, 0.0) for action in ("goToPose", "dribbleBall") for half in (0, 1)}
+    cross = fitted(monkeypatch, models, late=0.1)  # half of the spread there
+    trials = [random_trial(SOCCER, "dribble", LIBRARY, seed=403, index=index) for index in range(20)]
+    late = {round(float(time) - 6.0, 6) for time in cross.examples(trials, seed=0).naive}
+    assert late == {0.2, 0.3, 0.4} or late < {0.2, 0.3, 0.4}
+    assert len(late) > 1

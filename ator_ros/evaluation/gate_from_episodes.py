@@ -2,7 +2,8 @@
 
 Models of one half of the episodes choose chains. Models of the other half judge them, as they do not share
 the errors that led to the choice. Errors shared by both are resampled from the prediction errors of each
-half's models on the other half's episodes.
+half's models on the other half's episodes, in units of the spread that the models predict there: where a
+model is less certain, a larger error is drawn.
 
 How widely costs are averaged (`ator_ros.refinement.averaging`) cannot be judged like that: both halves share
 the errors of their features, which averages are for. `usual_widths` did best in executed situations of
@@ -25,7 +26,7 @@ from ator_ros.performance.features import Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of, train
 from ator_ros.refinement.averaging import Widths
-from ator_ros.refinement.chain_model import predict_chain
+from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
 from ator_ros.refinement.gate import FEATURES, OpenGate
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
@@ -103,15 +104,17 @@ class CrossFit:
                 values = [refinement.features.get(name, 0.0) for name in FEATURES]
                 objective = expected_time(self.failure_cost)
                 before, after = (
-                    predict_chain(trial.world, chain, judge, self.robot, objective).cost
-                    + self._error(chain, rng)
+                    prediction.cost + self._error(chain, prediction, rng)
                     for chain in (naive, refinement.chain)
+                    for prediction in [predict_chain(trial.world, chain, judge, self.robot, objective)]
                 )
                 yield values, before, after, trial.index, kind
 
-    def _error(self, chain: TopChain, rng: np.random.Generator) -> float:
+    def _error(self, chain: TopChain, prediction: ChainPrediction, rng: np.random.Generator) -> float:
         """Draw by how much a chain takes longer than predicted, in s."""
-        return float(sum(rng.choice(self._errors[call.top.action]) for call in chain.calls))
+        errors = (rng.choice(self._errors[call.top.action]) for call in chain.calls)
+        spreads = (action.get("spread", 0.0) for action in prediction.actions)
+        return float(sum(error * spread for error, spread in zip(errors, spreads, strict=True)))
 
 
 def usual_widths(robot: Robot) -> dict[str, float]:
@@ -125,9 +128,10 @@ def _halves(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def _errors(model: PerformanceModel, rows: pd.DataFrame) -> FloatArray:
-    """Return by how much the episodes that succeeded took longer than predicted, in s."""
+    """Return by how much the episodes that succeeded took longer than predicted, in predicted spreads."""
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
-    predicted = model.predict(direct_of(starts)).duration
-    assert predicted is not None
-    errors: FloatArray = starts["duration"].to_numpy(dtype=float) - predicted
-    return errors
+    predicted = model.predict(direct_of(starts), ("duration", "spread"))
+    assert predicted.duration is not None
+    assert predicted.spread is not None
+    late: FloatArray = starts["duration"].to_numpy(dtype=float) - predicted.duration
+    return np.divide(late, predicted.spread, out=np.zeros_like(late), where=predicted.spread > 0.0)
