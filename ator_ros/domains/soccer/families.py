@@ -34,6 +34,12 @@ _APPROACHES_OF_THE_WEAK = (
     FreeTurns(-0.25, 0.0),
     FreeTurns(1.0, 0.25, share=0.8),
     FreeTurns(0.25, 0.6, share=1.0),
+    FreeTurns(-0.6, -0.25),
+    FreeTurns(1.0, 0.0, share=0.35),
+    FreeTurns(1.0, 0.6, share=1.0),
+    FreeTurns(-0.25, 0.0, share=1.0),
+    FreeTurns(1.0, 1.0, share=0.8),
+    FreeTurns(0.6, 1.0, share=1.0),
 )
 _AT_ONCE = np.nan
 # Speed gained in a turn below which there are more kinds, see `gained_in_turn`: without a ball, and with one.
@@ -81,6 +87,18 @@ _DRIBBLES_OF_THE_WEAK: tuple[PushedTurns, ...] = (
     PushedTurns(0.1, 0.96, 0.5, 0.5),
     PushedTurns(0.55, 0.0, 0.0, 0.5),
     PushedTurns(0.55, 0.5, 0.9, 0.2),
+    PushedTurns(0.55, 0.96, 0.5, 0.5),
+    PushedTurns(0.2, 0.5, 0.5, 0.3),
+    PushedTurns(0.55, 0.25, 0.5, 0.3),
+    PushedTurns(0.1, 0.96, 0.9, 0.5),
+    PushedTurns(0.55, 0.25, 0.9, 0.5),
+    PushedTurns(0.1, 0.96, 0.0, 0.3),
+    PushedTurns(0.1, 0.96, 0.5, 0.3),
+    PushedTurns(0.2, 0.5, 0.5, 0.5),
+    PushedTurns(0.55, 0.0, 0.0, 0.1),
+    PushedTurns(0.2, 0.96, 0.5, 0.5),
+    PushedTurns(0.2, 0.0, 0.0, 0.4),
+    PushedTurns(0.55, 0.5, 0.5, 0.3),
 )
 # Two last turns are a step off what the ball allows: the shipped models were learned with them.
 _SHOTS: tuple[PushedTurns, ...] = (
