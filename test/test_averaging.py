@@ -65,8 +65,20 @@ def test_the_mean_of_equal_costs_is_that_cost_and_what_is_infinite_stays_so() ->
     np.testing.assert_allclose(np.delete(mean.ravel(), 6), 2.5)
 
 
-def test_both_sides_of_a_step_are_averaged() -> None:
+def test_a_cost_is_raised_to_the_mean_over_both_sides_of_a_step_and_never_lowered() -> None:
     cost, weights = np.array([[0.0, 1.0], [2.0, 3.0]]), np.array([[1.0, 1.0], [1.0, 1.0]])
-    np.testing.assert_allclose(averaged(cost, weights, None), [[1.0, 2.0], [1.0, 2.0]])
-    np.testing.assert_allclose(averaged(cost, None, weights), [[0.5, 0.5], [2.5, 2.5]])
-    np.testing.assert_allclose(averaged(cost, weights, weights), 1.5)
+    np.testing.assert_allclose(averaged(cost, weights, None), [[1.0, 2.0], [2.0, 3.0]])
+    np.testing.assert_allclose(averaged(cost, None, weights), [[0.5, 1.0], [2.5, 3.0]])
+    np.testing.assert_allclose(averaged(cost, weights, weights), [[1.5, 1.5], [2.0, 3.0]])
+
+
+def test_a_choice_does_not_lean_over_a_step() -> None:
+    """Where a manoeuvre fits or does not, the mean alone would choose a candidate that costs more."""
+
+    def step(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
+        yaw = after[:, 0]
+        return np.asarray(5.0 + np.where(yaw < 0.5, 1.0 - yaw, 2.0 * (yaw < 0.55)) + np.abs(yaw - 0.5))
+
+    averages = Averages([[CIRCLE]], [[math.radians(20.0)]])
+    found = completed(searching(step, [[CIRCLE]], [np.array([0.0])], averages=averages))
+    assert found.cost >= float(step(0, np.zeros((1, 0)), found.values[0][None])[0])

@@ -2,8 +2,9 @@
 
 A search prefers candidates whose cost is predicted too low. Where models err by as much as candidates differ,
 and neighbours err independently, the mean over neighbours is the better guess (kernel regression after
-Nadaraya and Watson, with a normal kernel). How wide it should be depends on the models, so it is learned
-with their gate.
+Nadaraya and Watson, with a normal kernel). But a mean hides steps, which are real where a manoeuvre barely
+fits. So a candidate counts as what is predicted for it or as the mean of its neighbours, whichever is more.
+How wide the kernel should be depends on the models, so their gate says it.
 """
 
 from __future__ import annotations
@@ -53,12 +54,12 @@ class Averages:
 
 
 def averaged(cost: FloatArray, before: FloatArray | None, after: FloatArray | None) -> FloatArray:
-    """Return the cost of a step for n candidates before and m after it, averaged over both.
+    """Return the cost of a step for n candidates before and m after it: the mean over both, or more.
 
     Parameters
     ----------
     cost : ndarray, shape (n, m)
-        What is infinite stays so, and is left out of its neighbours' means.
+        Where it is above the mean it stays. What is infinite is left out of its neighbours' means.
     before, after : ndarray, shapes (n, n) and (m, m), or None
         Weights; None where nothing is averaged.
     """
@@ -68,5 +69,5 @@ def averaged(cost: FloatArray, before: FloatArray | None, after: FloatArray | No
         sums, weights = before @ sums, before @ weights
     if after is not None:
         sums, weights = sums @ after.T, weights @ after.T
-    mean: FloatArray = np.where(finite, sums / np.where(finite, weights, 1.0), cost)
-    return mean
+    means = sums / np.where(finite, weights, 1.0)
+    return np.maximum(cost, means)
