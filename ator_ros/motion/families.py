@@ -142,20 +142,30 @@ _DRIVES = (
     FreeTurns(0.6, 0.6),
     FreeTurns(-0.3, -1.0, backward=True),
 )
-_WEAK = 0.25
+_WEAK, _WIDE = 0.25, 0.6
 _DRIVES_OF_THE_WEAK = (FreeTurns(0.0, 0.0), FreeTurns(1.0, 0.3), FreeTurns(0.3, 1.0), FreeTurns(-0.3, -0.3))
 
 
 @lru_cache(maxsize=8)
 def drive_family(limits: Limits) -> Family:
     """Return the motions to a pose, forward or in reverse, of a robot with these limits."""
-    weak = gained_in_turn(limits) < _WEAK
-    return Family(limits, free_kinds(limits, (*_DRIVES, *_DRIVES_OF_THE_WEAK) if weak else _DRIVES))
+    more = needs_more_kinds(limits)
+    return Family(limits, free_kinds(limits, (*_DRIVES, *_DRIVES_OF_THE_WEAK) if more else _DRIVES))
+
+
+def needs_more_kinds(limits: Limits) -> bool:
+    """Return whether a robot that holds nothing needs more kinds of motion than most do: if weak or quick."""
+    return gained_in_turn(limits) < _WEAK or turning_radius(limits) > _WIDE
 
 
 def gained_in_turn(limits: Limits) -> float:
     """Return the speed gained in a turn by 1 rad as a share of full speed: weak robots need more kinds."""
     return limits.a / (limits.v * limits.w)
+
+
+def turning_radius(limits: Limits) -> float:
+    """Return the radius in m of the tightest turn at full speed: where it is wide, robots need more kinds."""
+    return limits.v / limits.w
 
 
 def free_kinds(limits: Limits, rows: Iterable[FreeTurns]) -> tuple[Kind, ...]:

@@ -14,7 +14,15 @@ import numpy as np
 
 from ator_ros.domains.soccer.planned.holding import fastest_rate
 from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
-from ator_ros.motion.families import Family, FreeTurns, Kind, free_kinds, gained_in_turn
+from ator_ros.motion.families import (
+    Family,
+    FreeTurns,
+    Kind,
+    free_kinds,
+    gained_in_turn,
+    needs_more_kinds,
+    turning_radius,
+)
 from ator_ros.motion.turn_tables import Way
 from ator_ros.robot.description import Limits, Robot
 
@@ -42,8 +50,8 @@ _APPROACHES_OF_THE_WEAK = (
     FreeTurns(0.6, 1.0, share=1.0),
 )
 _AT_ONCE = np.nan
-# Speed gained in a turn below which there are more kinds, see `gained_in_turn`: without a ball, and with one.
-_WEAK, _WEAK_WITH_BALL = 0.25, 0.5
+_WEAK_WITH_BALL, _WIDE_WITH_BALL = 0.5, 1.1
+"""Speed gained in a turn below which, and radius in m at full speed above which, there are more dribbles."""
 
 
 class PushedTurns(NamedTuple):
@@ -100,6 +108,18 @@ _DRIBBLES_OF_THE_WEAK: tuple[PushedTurns, ...] = (
     PushedTurns(0.2, 0.0, 0.0, 0.4),
     PushedTurns(0.55, 0.5, 0.5, 0.3),
 )
+_DRIBBLES_OF_THE_QUICK: tuple[PushedTurns, ...] = (
+    PushedTurns(0.55, 0.0, 0.0, 0.5),
+    PushedTurns(_AT_ONCE, 0.5, 0.5, 0.5),
+    PushedTurns(0.55, 0.0, 0.0, 0.2),
+    PushedTurns(_AT_ONCE, 0.5, 0.5, 0.3),
+    PushedTurns(0.2, 0.0, 0.0, 0.5),
+    PushedTurns(_AT_ONCE, 0.5, 0.9, 0.5),
+    PushedTurns(_AT_ONCE, 0.5, 0.0, 0.5),
+    PushedTurns(_AT_ONCE, 0.5, 0.0, 0.2),
+    PushedTurns(0.55, 0.0, 0.5, 0.3),
+    PushedTurns(0.2, 0.0, 0.0, 0.2),
+)
 # Two last turns are a step off what the ball allows: the shipped models were learned with them.
 _SHOTS: tuple[PushedTurns, ...] = (
     PushedTurns(_AT_ONCE, 0.75, 0.0, 0.5),
@@ -113,16 +133,20 @@ _SHOTS: tuple[PushedTurns, ...] = (
 @lru_cache(maxsize=8)
 def approach_family(robot: Robot) -> Family:
     """Return the motions up to a ball: forward or in reverse to behind it, then straight."""
-    weak = gained_in_turn(robot.limits) < _WEAK
-    kinds = free_kinds(robot.limits, (*_APPROACHES, *_APPROACHES_OF_THE_WEAK) if weak else _APPROACHES)
+    more = needs_more_kinds(robot.limits)
+    kinds = free_kinds(robot.limits, (*_APPROACHES, *_APPROACHES_OF_THE_WEAK) if more else _APPROACHES)
     return Family(robot.limits, kinds, run=approach_run(robot), passing=passing_distance(robot))
 
 
 @lru_cache(maxsize=8)
 def dribble_family(robot: Robot) -> Family:
     """Return the motions with the ball: forward only, no turn faster than the ball allows."""
-    weak = gained_in_turn(_limits(robot)) < _WEAK_WITH_BALL
-    return _pushing(robot, (*_DRIBBLES, *_DRIBBLES_OF_THE_WEAK) if weak else _DRIBBLES)
+    limits = _limits(robot)
+    if gained_in_turn(limits) < _WEAK_WITH_BALL:
+        return _pushing(robot, (*_DRIBBLES, *_DRIBBLES_OF_THE_WEAK))
+    if turning_radius(limits) > _WIDE_WITH_BALL:
+        return _pushing(robot, (*_DRIBBLES, *_DRIBBLES_OF_THE_QUICK))
+    return _pushing(robot, _DRIBBLES)
 
 
 @lru_cache(maxsize=8)
