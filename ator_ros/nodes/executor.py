@@ -9,7 +9,6 @@ from typing import Any
 
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.node import Node
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
@@ -22,6 +21,7 @@ from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
 from ator_ros.nodes.execution_drawing import ExecutionDrawing
 from ator_ros.nodes.executor_settings import fence_of, inputs_of, parameters_for
+from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.goal_run import GoalRun, run_of, unstarted
 from ator_ros.nodes.learned_sets import LearnedSets
 from ator_ros.nodes.loading import load_predictors
@@ -46,7 +46,7 @@ _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish 
 _HURRIED = 2.0  # times real time
 
 
-class ExecutorNode(Node):
+class ExecutorNode(FrugalNode):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
     Parameters: see `parameters_for`; timeouts, `latency` and `refine_again_after` can change.
