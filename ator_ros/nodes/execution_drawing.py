@@ -97,9 +97,14 @@ class ExecutionDrawing:
             self._way = way
             self._path.offer(partial(self._path_message, way, now))
 
+    @property
+    def watched(self) -> bool:
+        """Whether somebody listens to the objects."""
+        return bool(self._objects.get_subscription_count())
+
     def objects(self, world: World) -> None:
         """Draw the objects of the newest state, now and then."""
-        if abs(world.time - self._shown) < _OBJECTS_PERIOD or not self._objects.get_subscription_count():
+        if abs(world.time - self._shown) < _OBJECTS_PERIOD or not self.watched:
             return
         self._shown = world.time
         self._objects.publish(object_array(world.objects, self._scene, self._frame))
