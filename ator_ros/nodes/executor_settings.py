@@ -18,7 +18,7 @@ from ator_ros.world.sightings import Sightings
 from ator_ros.world.tracking import ObjectTracker
 
 _USUAL = Deadlines()
-_REST, _REST_WATCHED = 0.15, 0.08
+_REST, _REST_WATCHED = 0.15, 0.1
 """Real s. Positions tell a velocity while they are at most 0.3 s apart, also at twice real time."""
 _COMMON = (
     Parameter("frame", "odom", "frame of odom, objects and the goals of chains"),
