@@ -23,7 +23,7 @@ from rclpy.utilities import remove_ros_args
 from ator_ros.nodes.gathering import Resting
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import stay_on_this_machine
-from ator_ros.nodes.parameter_services import refuse_unknown_types
+from ator_ros.nodes.parameter_services import refuse_with_reasons
 from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.resources import ResourceError
 
@@ -59,7 +59,7 @@ def run_node(
         rclpy.try_shutdown()
         reason = " ".join(str(error).split())  # rcl's errors have several lines
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
-    refuse_unknown_types(node)
+    refuse_with_reasons(node)
     # Libraries and models live as long as the process: scanning them for garbage would take up to 50 ms.
     gc.collect()
     gc.freeze()
