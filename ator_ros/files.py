@@ -193,5 +193,7 @@ def read_json(path: Path, *, largest: int = LARGEST_JSON, **options: Any) -> Any
     """
     try:
         return json.loads(read_text(path, largest), parse_int=_whole, **options)
+    except FileNotFoundError:
+        raise UnreadableError(f"{path}: expected a JSON file, there is none") from None
     except (OSError, RecursionError, ValueError) as error:
         raise UnreadableError(f"{path}: expected a readable JSON file: {error}") from error

@@ -126,6 +126,6 @@ def test_how_a_gate_was_chosen_is_read(tmp_path: Path) -> None:
 
 def test_truncated_and_missing_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "gate.json").write_text('{"schema": "ator')
-    for name in ("gate.json", "none.json"):
-        with pytest.raises(RefinementError, match="expected a readable JSON file"):
+    for name, told in (("gate.json", "a readable JSON file: "), ("none.json", "a JSON file, there is none$")):
+        with pytest.raises(RefinementError, match=f"{name}: expected {told}"):
             load_gate(tmp_path / name)

@@ -115,8 +115,7 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert (drive.run.refined, drive.run.refined_again) == (True, 1)
     assert drive.run.refinement == (
-        "the first answer; refined again after 1.20 s, "
-        "as the ball comes to rest 0.50 m from where it was expected: 0.5 s faster"
+        "the first answer; refined again after 1.20 s, as the ball comes to rest 0.50 m off: 0.5 s faster"
     )
     outcomes = [(record.index, record.ending) for record in drive.run.records]
     moved, answered = (0, Ending.PREEMPTED), (0, Ending.PREEMPTED)
@@ -137,7 +136,7 @@ def test_without_an_answer_it_goes_on(drive: Drive) -> None:
     drive.tick(12)
     assert drive.run.question is None
     assert "asked again after" in drive.run.refinement
-    assert "refinement failed: no answer within 0.5 s" in drive.run.refinement
+    assert "m off: no answer within 0.5 s" in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert drive.run.refined_again == 0
 
@@ -166,9 +165,24 @@ def test_an_answer_that_changes_what_it_may_not_is_left_alone_on_the_way(
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(step, goal), True, "nonsense")
     drive.tick()
     assert drive.run.chain == question.chain
-    assert f"refinement failed: its answer cannot be used: {told}" in drive.run.refinement
+    assert f"m off: its answer cannot be used: {told}" in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert drive.run.refined_again == 0
+
+
+def test_a_long_refusal_on_the_way_is_told_in_short(drive: Drive) -> None:
+    asked(drive)
+    drive.run.unrefined("no valid plan: " + 50 * "it is too far; ")
+    assert "m off: no valid plan: it is too far; " in drive.run.refinement
+    assert len(drive.run.refinement) < 250
+
+
+def test_of_an_answer_that_is_no_plan_one_reason_is_told(drive: Drive) -> None:
+    question = asked(drive)
+    plan = TopChain(question.chain.calls[1:])  # dribbles where no ball is
+    asked_so = dataclasses.replace(question, chain=plan, step=1)
+    with pytest.raises(InvalidChainError, match=r"^no valid plan: pre-condition of step 1 [^;]* more\)$"):
+        refined_chain(CHAIN, asked_so, plan, question.world, LIBRARY)
 
 
 def test_the_first_answer_is_looked_at_too() -> None:

@@ -36,7 +36,7 @@ def test_worst_runs_of_an_evaluation_are_its_situations_again() -> None:
 def test_a_folder_without_an_evaluation_is_told(tmp_path: Path) -> None:
     with pytest.raises(EvaluationError, match=r"evaluation\.json") as told:
         worst_trials(tmp_path, SOCCER, ROBOT)
-    assert str(told.value).startswith(f"{tmp_path / 'evaluation.json'}: expected a readable JSON file: ")
+    assert str(told.value) == f"{tmp_path / 'evaluation.json'}: expected a JSON file, there is none"
 
 
 DAMAGE: dict[str, tuple[tuple[str, ...], object]] = {

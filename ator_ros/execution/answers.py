@@ -72,8 +72,8 @@ class Answers:
         """Go on with the chain as it is because `question` has no valid answer."""
         if self._course.phase is Phase.REFINING:
             self._number = self._plans.index(self._executor.chain)
-        sent = "" if self._course.phase is Phase.EXECUTING else "executed as sent, "
-        self._go_on(f"{sent}refinement failed: {why}", changed=False)
+        along = self._course.phase is Phase.EXECUTING
+        self._go_on(why if along else f"executed as sent, refinement failed: {why}", changed=False)
 
     def fall_back(self, why: str) -> bool:
         """Begin with the chain as sent if the first action of the refined one failed where it began."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ator_ros.actions.goal_variables import with_values
 from ator_ros.execution.remaining import Continuation
 from ator_ros.execution.told_world import ToldWorld, Way
+from ator_ros.printable import printable
 from ator_ros.refinement.changes import allowed_changes
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopChain
@@ -18,6 +19,8 @@ AGAIN_AFTER = 0.15
 """Distance in m by which the world must differ from what was expected before refinement is asked again."""
 _NOT_ASKED = "executed as sent: the goal does not ask for refinement"
 _UNANSWERED = "no answer from refinement yet"
+_LONGEST = 120
+"""Characters of the result of a question along the way: the sentence on all questions stays readable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +118,7 @@ class Refining:
         if self._first is None:
             self._first = why
             return
+        why = printable(why, _LONGEST)
         if changed:
             self.again += 1
             self._changed, self._left = f"; refined again after {elapsed:.2f} s, as {cause}: {why}", ""
@@ -146,5 +150,6 @@ def refined_chain(
     ]
     violations = TopChain(tuple(rest)).violations(world, library.robot)
     if violations:
-        raise InvalidChainError(f"no valid plan: {'; '.join(violations)}")
+        more = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
+        raise InvalidChainError(f"no valid plan: {violations[0]}{more}")
     return TopChain((*chain.calls[: question.step], *rest))

@@ -26,7 +26,7 @@ class Drawn:
 
     def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
         self._waiting: Callable[[], Any] | None = None
-        heard = PublisherEventCallbacks(matched=lambda _: self._send())
+        heard = PublisherEventCallbacks(matched=lambda _: self._send(), use_default_callbacks=False)
         self._publisher = node.create_publisher(kind, topic, LATCHED, event_callbacks=heard)
 
     def offer(self, make: Callable[[], Any]) -> None:

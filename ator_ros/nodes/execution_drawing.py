@@ -30,6 +30,7 @@ from ator_ros.world.state import World
 _PERIOD = 0.2
 """Time in s, on odometry's clock, between two updates of the way, which an action may replan in each tick."""
 _OBJECTS_PERIOD = 0.1
+_ROUNDING = 1e-6
 _TELL_PERIOD = 0.5
 _MOST_POSES = 60
 NO_WAY = np.zeros((0, 3))
@@ -97,9 +98,14 @@ class ExecutionDrawing:
             self._way = way
             self._path.offer(partial(self._path_message, way, now))
 
+    @property
+    def watched(self) -> bool:
+        """Whether somebody listens to the objects."""
+        return bool(self._objects.get_subscription_count())
+
     def objects(self, world: World) -> None:
         """Draw the objects of the newest state, now and then."""
-        if abs(world.time - self._shown) < _OBJECTS_PERIOD or not self._objects.get_subscription_count():
+        if abs(world.time - self._shown) < _OBJECTS_PERIOD - _ROUNDING or not self.watched:
             return
         self._shown = world.time
         self._objects.publish(object_array(world.objects, self._scene, self._frame))

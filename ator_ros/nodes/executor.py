@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import time
 from typing import Any
 
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.node import Node
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.execution.driving import Driving
 from ator_ros.execution.phases import Ending, Phase
-from ator_ros.execution.rehearsal import rehearse
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
 from ator_ros.nodes.execution_drawing import ExecutionDrawing
-from ator_ros.nodes.executor_settings import fence_of, inputs_of, parameters_for
+from ator_ros.nodes.executor_settings import fence_of, inputs_of, parameters_for, rest_of
+from ator_ros.nodes.frugal_node import FrugalNode
+from ator_ros.nodes.gathering import Gathering
 from ator_ros.nodes.goal_run import GoalRun, run_of, unstarted
-from ator_ros.nodes.learned_sets import LearnedSets
-from ator_ros.nodes.loading import load_predictors
+from ator_ros.nodes.loading import rehearsed_predictors
 from ator_ros.nodes.model_sets import problems_of, told_of
 from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
@@ -46,7 +44,7 @@ _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish 
 _HURRIED = 2.0  # times real time
 
 
-class ExecutorNode(Node):
+class ExecutorNode(FrugalNode):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
     Parameters: see `parameters_for`; timeouts, `latency` and `refine_again_after` can change.
@@ -81,10 +79,7 @@ class ExecutorNode(Node):
         incomplete = (library.incomplete for library in self._libraries.values())
         for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *incomplete)):
             self.get_logger().warning(reason)
-        load = functools.partial(load_predictors, self, domain, self._libraries)
-        self._sets = LearnedSets(self, self._settings["models"], self._settings["learned"], load)
-        for name, library in self._libraries.items():
-            rehearse(robot, library, self._sets.present.by_set[name])
+        self._sets = rehearsed_predictors(self, self._settings, domain, self._libraries)
         self._inputs = inputs_of(self._settings, domain.objects)
         self._driving = Driving(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
@@ -109,17 +104,22 @@ class ExecutorNode(Node):
         self._plans = PlannedGoals(self, settings, self._domain.objects, self._begin, self._finish)
         # In this order: of messages that have all come, those of objects are then taken first.
         self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
-        self._objects = ObjectSources(self, sources, self._take_object, self._tf, frame=frame, bounds=bounds)
-        self._state = RobotSource(self, settings, robot, self._take_robot, self._tf)
+        self.inputs = Gathering()
+        self._objects = ObjectSources(
+            self, sources, self._take_object, self._tf, frame=frame, bounds=bounds, group=self.inputs
+        )
+        self._state = RobotSource(self, settings, robot, self._take_robot, self._tf, self.inputs)
         self._server = DeferredActionServer(
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
         )
         self._watchdog = Watchdog(self, self._watch)
 
-    def rests(self) -> bool:
-        """Return whether inputs may gather. At several times real time objects would be far ahead of odom."""
+    def rest(self) -> float:
+        """Return for how many real s inputs may gather. At several times real time objects outrun odom."""
         busy = self._run or self._plans.waiting or self._remotes.ending()
-        return not (busy or self._tf.used or self._inputs.pace >= _HURRIED)
+        if busy or self._tf.used or self._inputs.pace >= _HURRIED:
+            return 0.0
+        return rest_of(self._settings, watched=self._drawing.watched)
 
     def _take_object(self, name: str, read: Reader, message: Any) -> None:
         try:

@@ -18,6 +18,8 @@ from ator_ros.world.sightings import Sightings
 from ator_ros.world.tracking import ObjectTracker
 
 _USUAL = Deadlines()
+_REST, _REST_WATCHED = 0.15, 0.1
+"""Real s. Positions tell a velocity while they are at most 0.3 s apart, also at twice real time."""
 _COMMON = (
     Parameter("frame", "odom", "frame of odom, objects and the goals of chains"),
     Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands and tf"),
@@ -90,6 +92,18 @@ def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
         return Fence.around(robot) if not any(edges) else Fence.of(edges)
     except ValueError as error:
         raise SetupError(f"parameter fence: {error}") from error
+
+
+def rest_of(settings: Mapping[str, Any], *, watched: bool) -> float:
+    """Return for how many real s inputs may gather while there is no goal.
+
+    Parameters
+    ----------
+    watched : bool
+        Whether somebody sees the objects drawn, ten times a second.
+    """
+    half: float = settings["odom_timeout"] / 2.0
+    return min(half, _REST_WATCHED if watched else _REST)
 
 
 def deadlines_of(settings: Mapping[str, Any]) -> Deadlines:

@@ -8,7 +8,6 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
@@ -16,6 +15,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes import checks
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.conversions import chain_of, pose_from
+from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.parameters import (
     DOMAIN,
     ROBOT,
@@ -41,7 +41,7 @@ PARAMETERS = (
 )
 
 
-class GoalPoseNode(Node):
+class GoalPoseNode(FrugalNode):
     """Sends the executor a chain of one step for each pose that comes; a newer pose preempts.
 
     Of poses that come faster than five a second the newest is sent, and others are left out.

@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.msg import ActionPerformance
@@ -23,6 +22,7 @@ from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import LearnedSetError, locked
 from ator_ros.nodes.bounded import bounded
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
+from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.parameters import (
     DOMAIN,
     ROBOT,
@@ -51,7 +51,7 @@ _MOST_ITEMS = 64
 _HOME = Path.home() / ".ros" / "ator_ros" / "learned"
 
 
-class LearningNode(Node):
+class LearningNode(FrugalNode):
     """Stores records, learns from them in a process of its own, and publishes sets of models that are better.
 
     Parameters: see `PARAMETERS`; they are read at the start only.

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from rclpy.node import Node
 
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.rehearsal import rehearse_predictions, rehearse_refinement
+from ator_ros.execution.rehearsal import rehearse, rehearse_predictions, rehearse_refinement
+from ator_ros.nodes.learned_sets import LearnedSets
 from ator_ros.nodes.model_sets import ModelSet, read_models
 from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.errors import RefinementError
@@ -46,6 +49,17 @@ def load_predictors(node: Node, domain: Domain, libraries: Libraries, folder: st
     for name, predictor in predictors.items():
         rehearse_predictions(libraries[name], predictor)
     return Predictors(models, predictors)
+
+
+def rehearsed_predictors(
+    node: Node, settings: Mapping[str, Any], domain: Domain, libraries: Libraries
+) -> LearnedSets[Predictors]:
+    """Return the predictors that the parameters `models` and `learned` name; all actions are rehearsed."""
+    load = functools.partial(load_predictors, node, domain, libraries)
+    sets = LearnedSets(node, settings["models"], settings["learned"], load)
+    for name, library in libraries.items():
+        rehearse(library.robot, library, sets.present.by_set[name])
+    return sets
 
 
 def load_refiners(

@@ -8,6 +8,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
 from ator_ros.nodes import checks
@@ -45,6 +46,8 @@ class ObjectSources:
         The frame that objects must be in.
     bounds : MessageBounds
         Greatest values accepted.
+    group : CallbackGroup, optional
+        Of the subscriptions, tf excepted.
 
     Attributes
     ----------
@@ -61,6 +64,7 @@ class ObjectSources:
         *,
         frame: str,
         bounds: MessageBounds,
+        group: CallbackGroup | None = None,
     ) -> None:
         self._sources = tuple(sources)
         self.topics = {item.listened: TYPES[item.type] for item in self._sources if item.type in TYPES}
@@ -70,7 +74,8 @@ class ObjectSources:
             if source.type == "tf":
                 tf.follow(frame, source.listened, callback)
             else:
-                node.create_subscription(TYPES[source.type], source.listened, callback, SENSOR_DATA)
+                kind, topic = TYPES[source.type], source.listened
+                node.create_subscription(kind, topic, callback, SENSOR_DATA, callback_group=group)
 
     def told(self, known: Container[str], overdue: Container[str]) -> dict[str, str]:
         """Return what diagnostics say of each object."""

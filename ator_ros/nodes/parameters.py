@@ -24,7 +24,7 @@ class SetupError(Exception):
     """A node that cannot start with these parameters or files; the message is for the user."""
 
 
-_FIXED = "fixed at the start, when topics, world and models are made of it: restart the node to change it"
+FIXED = "fixed at the start, when topics, world and models are made of it: restart the node to change it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Parameter:
         """Return the descriptor, which `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(description=self.description, read_only=not self.live)
         allowed = f"one of {', '.join(self.choices)}" if self.choices else ""
-        descriptor.additional_constraints = "; ".join(filter(None, (allowed, "" if self.live else _FIXED)))
+        descriptor.additional_constraints = "; ".join(filter(None, (allowed, "" if self.live else FIXED)))
         if isinstance(self.default, bool | str) or not math.isfinite(self.high - self.low):
             return descriptor
         if isinstance(self.default, int):

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
@@ -19,6 +18,7 @@ from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.drawn import Drawn
+from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.learned_sets import LEARNED, LearnedSets
 from ator_ros.nodes.loading import Refiners, load_refiners, set_gates
 from ator_ros.nodes.model_sets import problems_of, told_of
@@ -82,7 +82,7 @@ _REFUSALS_PER_SECOND = 1000.0
 _MOST_WAITING = 2000
 
 
-class RefinementNode(Node):
+class RefinementNode(FrugalNode):
     """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
     Parameters: see `PARAMETERS`; `gate`, `failure_cost` and `explore` can change while it runs.

@@ -8,6 +8,7 @@ from typing import Any
 
 from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import Odometry
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
 from ator_ros.geometry import Pose
@@ -42,6 +43,8 @@ class RobotSource:
         Is given what reads a message that has come.
     tf : TfListener
         Looks up the robot in tf.
+    group : CallbackGroup, optional
+        Of the subscription to odometry.
 
     Attributes
     ----------
@@ -56,6 +59,7 @@ class RobotSource:
         robot: Robot,
         take: Callable[[Read], None],
         tf: TfListener,
+        group: CallbackGroup | None = None,
     ) -> None:
         self._tf, self._frames = tf, (settings["frame"], settings["robot_frame"])
         self._from_tf = settings[STATE.name] == "tf"
@@ -66,7 +70,11 @@ class RobotSource:
             tf.follow(*self._frames, lambda found: take(partial(robot_in_tf, found, estimate, bounds)))
             return
         read = partial(conversions.robot_from, frame=frame, bounds=bounds)
-        node.create_subscription(Odometry, "odom", lambda message: take(partial(read, message)), SENSOR_DATA)
+
+        def hear(message: Odometry) -> None:
+            take(partial(read, message))
+
+        node.create_subscription(Odometry, "odom", hear, SENSOR_DATA, callback_group=group)
 
     def missing(self) -> str:
         """Return what is said where no state has come."""

@@ -8,7 +8,6 @@ import os
 import re
 import signal
 import sys
-import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,19 +20,14 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from ator_ros.nodes.gathering import Resting
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import stay_on_this_machine
-from ator_ros.nodes.parameter_services import refuse_unknown_types
+from ator_ros.nodes.parameter_services import refuse_with_reasons
 from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
-_REST = 0.08
-"""Real s that a node with nothing to do lets its inputs gather; a goal waits so long at most.
-
-rclpy collects all that it waits for anew each time that it wakes up, whatever came. Two inputs that have come
-together cost one awakening instead of two.
-"""
 _LAST_SPINS = 30
 _LIST = re.compile(r"Parameters: see `\w+`")
 """Where a node's docstring names the list in its source; the help prints that list itself."""
@@ -45,8 +39,8 @@ def run_node(
 ) -> None:
     """Make a node and spin it until Ctrl-C or SIGTERM, then end with exit code 0.
 
-    The node may have a method `stop`, which is called while it can still publish, and `rests`, which returns
-    whether it is idle, so that inputs may gather. Unusable parameters and files end the process with one line
+    The node may have a method `stop`, which is called while it can still publish; one that is `Resting` lets
+    its inputs gather while it is idle. Unusable parameters and files end the process with one line
     and exit code 1, unknown arguments with exit code 2. ``--help`` prints the documentation of the node and
     its `parameters`.
     """
@@ -65,18 +59,20 @@ def run_node(
         rclpy.try_shutdown()
         reason = " ".join(str(error).split())  # rcl's errors have several lines
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
-    refuse_unknown_types(node)
+    refuse_with_reasons(node)
     # Libraries and models live as long as the process: scanning them for garbage would take up to 50 ms.
     gc.collect()
     gc.freeze()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    may_rest = isinstance(node, Resting)
     try:
         while not stopped:
-            if hasattr(node, "rests") and node.rests():
-                time.sleep(_REST)
+            seconds = node.rest() if may_rest else 0.0
+            if seconds:
+                node.inputs.rest(executor, seconds)
+            else:
                 executor.spin_once(timeout_sec=_WAKE_UP)
-            executor.spin_once(timeout_sec=_WAKE_UP)
     finally:
         if hasattr(node, "stop"):
             node.stop()

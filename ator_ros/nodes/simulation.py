@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
@@ -16,6 +15,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
+from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of
 from ator_ros.nodes.qos import SENSOR_DATA, SERVICES
 from ator_ros.nodes.robot_topics import RobotTopics
@@ -29,7 +29,7 @@ _PAUSED_PERIOD = 0.05
 _WARNING_PERIOD = 2.0
 
 
-class SimulationNode(Node):
+class SimulationNode(FrugalNode):
     """Simulates one robot, or several, in one world; 20 ticks a second of simulated time.
 
     Parameters: see `parameters_for`; `real_time_factor` and `command_wait` can change while it runs.

@@ -9,7 +9,7 @@ from rclpy.node import Node
 from ator_ros.execution.phases import WATCH_PERIOD
 from ator_ros.nodes.diagnostics import STEADY
 
-_IDLE_PERIOD = 0.5
+_IDLE_PERIOD = 1.0
 
 
 class Watchdog:

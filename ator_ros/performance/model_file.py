@@ -211,6 +211,8 @@ def is_model(file: Path) -> bool:
 
 def _read(path: Path | str) -> tuple[dict[str, Any], _ModelFile]:
     """Return the file's fields as they are, which a model carries along, and as their schema."""
+    if not Path(path).exists():
+        raise ModelFileError(f"{path}: expected a model, there is no such file: run train to make it")
     try:
         data = FORMAT.current(read_json(Path(path), parse_constant=_refuse_constant))
         file = structured(data, _ModelFile)

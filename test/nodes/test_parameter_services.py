@@ -25,6 +25,9 @@ def test_a_parameter_of_an_unknown_type_is_refused_and_the_node_goes_on(start: S
     assert [result.successful for result in apart] == [False, False, True]
     assert apart[0].reason == "parameter 'seed': expected a type from 0 to 9, got 99"
     assert apart[1].reason == "expected the name of a parameter, got none"
+    fixed = SetParameters.Request(parameters=[Parameter(name="seed", value=number)])
+    reason = client.call(SetParameters, "simulation/set_parameters", fixed).results[0].reason
+    assert reason.startswith("parameter seed: fixed at the start, when topics, world and models are made")
     together = SetParametersAtomically.Request(parameters=wanted)
     name = "simulation/set_parameters_atomically"
     assert not client.call(SetParametersAtomically, name, together).result.successful
