@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.domains.soccer.planned.lag_seen import LagSeen
 from ator_ros.geometry import Pose
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Robot
@@ -87,16 +88,23 @@ class Tracker:
         first = trajectory.at(0.0)
         still = RobotState(first.pose, first.v, first.w).is_still
         self._waits = waits and still and trajectory.duration > _SHORT
+        self._weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
+        self._lag = LagSeen(robot)
+        self._foresee(robot.motor_time_constant)
+
+    def _foresee(self, lag: float) -> None:
+        """Look ahead by the lag of the motors, in s, and follow the more slowly the longer it is."""
         # A command is reached after a period's ramp, most of which it is late, and the motors lag behind.
-        self._preview = 0.8 * CONTROL_PERIOD + robot.motor_time_constant
-        weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
-        self._pace = min(1.0, weak, self.BRISK_LAG / self._preview)
+        self._preview = 0.8 * CONTROL_PERIOD + lag
+        self._pace = min(1.0, self._weak, self.BRISK_LAG / self._preview)
 
     def keep_time(self, world: World) -> None:
         """Let the plan's time pass until the state of this tick, as fast as the robot follows."""
         passed, self._seen = world.time - self._seen, world.time
         self._wait_for_start(world)
         self._rate = 1.0 if self._waits else self._rate_for(world)
+        self._lag.see(world)
+        self._foresee(self._lag.seconds)
         self._start += (1.0 - self._rate) * passed
 
     def _rate_for(self, world: World) -> float:
@@ -159,7 +167,9 @@ class Tracker:
         turning = self._pace * self.GAIN_HEADING * math.sin(error.heading)
         w = planned_w + self._across(planned_v) * error.across + turning
         bound = self._limits
-        return Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
+        command = Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
+        self._lag.sent(command)
+        return command
 
     def _catching_up(self, along: float) -> float:
         """Return the speed in m/s that is added to catch up: the reserve loses it again on the way."""
