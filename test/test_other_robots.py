@@ -203,8 +203,8 @@ def test_a_dribble_that_begins_fast_brakes_no_harder_than_the_ball_rolls() -> No
     assert losses.max() < 1.1 * action.plan_limits.brake
 
 
-def test_an_approach_that_is_late_drives_on_to_the_ball() -> None:
-    """The base accelerates without a break from backward to forward, and so falls behind its plan."""
+def test_an_approach_that_falls_behind_gets_to_the_ball_all_the_same() -> None:
+    """The base accelerates without a break from backward to forward, and the plan waits for it."""
     ball = Pose(2.9673233698630583, 1.3149295986930691, -1.3551968309603029)
     start = World(
         0.0,
@@ -223,6 +223,5 @@ def test_an_approach_that_is_late_drives_on_to_the_ball() -> None:
             simulation.tick()
         time = simulation.time
     assert step.status is Status.SUCCEEDED
-    assert any("driving on" in message for message in said)
     assert not any("anew" in message for message in said)
     assert time < 4.0

@@ -131,7 +131,7 @@ class PlannedAction(Action):
         tracker = self._tracker
         if tracker is None:
             return self._plan_on(world)
-        tracker.wait_for_start(world)
+        tracker.keep_time(world)
         disturbed = tracker.disturbed(world)
         if disturbed:
             return self.replan(world, "disturbed")
