@@ -16,7 +16,10 @@ from ator_ros.performance.direct import HOLD, XG, YAW, YAWG, YG, V, W, X, Y
 @compiled
 def wrapped(angle: float) -> float:
     """Return the same angle in rad in [-pi, pi), as `ator_ros.geometry.wrap_angles` does."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+    turned = angle + math.pi
+    if not 0.0 <= turned < 2.0 * math.pi:  # mostly it is: the remainder takes long and would change nothing
+        turned %= 2.0 * math.pi
+    return turned - math.pi
 
 
 @compiled

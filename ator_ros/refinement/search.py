@@ -87,7 +87,7 @@ def searching(
         yield
         best = best_apart(offered, total, step, most=ZOOM_WINDOWS) if domains else []
         zoomed = [_window(centre, step, domains) for centre in best]
-        windows.append(np.vstack([value, *zoomed]) if domains else offered)
+        windows.append(_distinct(np.vstack([value, *zoomed])) if domains else offered)
     second = yield from least_path(step_cost, windows, first.values, averages)
     return Optimum(tuple(second.values), second.cost, curves, second.complete, first.given)
 
@@ -127,6 +127,11 @@ def _first_grids(axes: tuple[tuple[Range, ...], ...]) -> tuple[list[FloatArray],
 def _with(grid: FloatArray, given: FloatArray) -> FloatArray:
     """Return `grid` (n, k) and, after it, what is `given` (k,), where that is not among it already."""
     return grid if (grid == given).all(axis=1).any() else np.vstack([grid, given])
+
+
+def _distinct(candidates: FloatArray) -> FloatArray:
+    """Return `candidates` (n, k), each once: windows overlap, and at a bound much of one falls together."""
+    return np.array(list(dict.fromkeys(map(tuple, candidates.tolist()))))
 
 
 def _product(lines: Sequence[FloatArray]) -> FloatArray:

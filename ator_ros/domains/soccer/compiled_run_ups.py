@@ -9,6 +9,7 @@ from ator_ros.compiled import compiled
 from ator_ros.domains.soccer.planned.holding import LARGEST_TURN
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Rates, change_distance, forward_time, turn_time
+from ator_ros.performance.compiled_geometry import wrapped
 
 ANGLES = 151
 """Entries of a table: turns to the left by 0 to `LARGEST_TURN`."""
@@ -122,7 +123,7 @@ def _fastest_turn(
         if number == len(slants) and turn_time(math.pi, rates.w, rates.aw) >= best:
             break
         slant, cos, sin, tan = slants[number % len(slants)]
-        angle = (slant - yaw + math.pi) % (2.0 * math.pi) - math.pi
+        angle = wrapped(slant - yaw)
         if number >= len(slants):
             angle -= math.copysign(2.0 * math.pi, angle)  # the other way round
         size, side = abs(angle), math.copysign(1.0, angle)
@@ -145,7 +146,7 @@ def _fastest_turn(
             to_x = x + ahead * forward - aside * side * left
             to_y = y + aside * forward + ahead * side * left
             after = min(speed + turns.gains[gain] * turning, rates.v)
-            best = min(best, turning + _shot(to_x, to_y, cos, sin, after, setting, rates))
+            best = min(best, turning + _shot(to_x, to_y, cos, sin, after, best - turning, setting, rates))
     return best if best < most else math.inf
 
 
@@ -159,14 +160,15 @@ def _between(table: FloatArray, row: int, low: int, gain: int, axis: int, share:
 
 @compiled
 def _shot(
-    x: float, y: float, cos: float, sin: float, speed: float, setting: ShotSetting, rates: Rates
+    x: float, y: float, cos: float, sin: float, speed: float, most: float, setting: ShotSetting, rates: Rates
 ) -> float:
     """Return the time in s from the beginning of the straight until the ball is in the goal.
 
-    It is infinite where the robot is too near the line or would touch the goal, as in `release`.
+    It is infinite where the robot is too near the line or would touch the goal, as in `release`, and where
+    the ball would take more than `most` (s) even at full speed.
     """
     way = (setting.radius - x - setting.hold * cos) / cos
-    if way < 0.0:
+    if way < 0.0 or way * (1.0 / rates.v) > most:
         return math.inf
     gaining = (way - setting.roll * speed * speed) / (1.0 + 2.0 * setting.roll * rates.a)
     pushed = max(gaining, way - setting.roll * rates.v * rates.v, 0.0)
