@@ -143,7 +143,7 @@ def test_what_the_node_was_made_of_cannot_be_changed_over_ros(asker: Client) -> 
     frame = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="moon")
     results = set_parameters(asker, models=models, frame=frame)
     assert [result.successful for result in results] == [False] * 2
-    assert all("read-only" in result.reason for result in results)
+    assert all("fixed at the start" in result.reason for result in results)
 
 
 def test_the_gate_can_be_opened_while_the_node_runs(host: Host, client: Client, tmp_path: Path) -> None:
