@@ -33,6 +33,11 @@ def compiled(function: Function) -> Function:
     return _Compiled(function)  # type: ignore[return-value]
 
 
+def inlined(function: Function) -> Function:
+    """Compile `function` into each place that calls it: handing over many arguments takes longer than it."""
+    return _Compiled(function, forceinline=True)  # type: ignore[return-value]
+
+
 def elementwise(function: Function) -> Function:
     """Compile `function` for compiled code that calls it; from Python it is numpy's, for arrays of any shape.
 
@@ -45,8 +50,9 @@ def elementwise(function: Function) -> Function:
 class _Compiled:
     """A function that becomes numba's dispatcher when it is called, or named by another compiled function."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], **options: bool) -> None:
         functools.update_wrapper(self, function)
+        self._options = options
 
     def __call__(self, *values: Any) -> Any:
         return self.dispatcher(*values)
@@ -64,7 +70,7 @@ class _Compiled:
 
         from ator_ros.compile_cache import CheckedCache
 
-        result = numba.njit(error_model="numpy")(function)
+        result = numba.njit(error_model="numpy", **self._options)(function)
         if not numba.config.DISABLE_JIT:
             # numba has no public way to bring a cache of one's own.
             result._cache = CheckedCache(function)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ator_ros.compiled import compiled
+from ator_ros.compiled import compiled, inlined
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import change_distance, drive_time, forward_time, turn_time
 from ator_ros.motion.motion_ends import ENTRY, LEAVE, Rows, Rules, set_arrival, set_speed
@@ -129,7 +129,7 @@ def _place_of(arrival: float, arrivals: FloatArray, kept: int) -> int:
     return (kept + 1) % _KEPT
 
 
-@compiled
+@inlined
 def _fastest(
     x: float,
     y: float,
@@ -188,7 +188,7 @@ def _fastest(
     return result, turned, fastest
 
 
-@compiled
+@inlined
 def _fill_gaps(
     gaps: RealArray,
     way: _Way,
@@ -214,7 +214,7 @@ def _fill_gaps(
     return int(above)
 
 
-@compiled
+@inlined
 def _time(
     turns: _Turns,
     straight: float,
@@ -255,7 +255,7 @@ def _time(
     return result
 
 
-@compiled
+@inlined
 def _straight(length: float, slack: float, before: float, after: float, rules: Rules) -> float:
     """Return the time in s of the drive between both turns, infinite where it lacks more than `slack` m."""
     if not rules.forward:
@@ -265,7 +265,7 @@ def _straight(length: float, slack: float, before: float, after: float, rules: R
     return forward_time(length, before, after, rules.rates)
 
 
-@compiled
+@inlined
 def _drive(turns: _Turns, way: _Way) -> float:
     """Return nearly how far in m the way leads in the direction after the first turn: no sine, no cosine.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ator_ros.compiled import compiled
+from ator_ros.compiled import compiled, inlined
 from ator_ros.domains.soccer.planned.holding import LARGEST_TURN
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Rates, change_distance, forward_time, turn_time
@@ -99,7 +99,7 @@ def fastest_run_ups(
         result[at] = best
 
 
-@compiled
+@inlined
 def _least_time(start: tuple[float, float, float, float], setting: ShotSetting, rates: Rates) -> float:
     """Return a lower bound in s of the time from a start until the ball is at the line."""
     way, speed = max(-setting.hold - start[0], 0.0), start[3]
@@ -109,7 +109,7 @@ def _least_time(start: tuple[float, float, float, float], setting: ShotSetting, 
     return (rates.v - speed) / rates.a + (way - gained) / rates.v
 
 
-@compiled
+@inlined
 def _fastest_turn(
     start: tuple[float, float, float, float], most: float, slants: FloatArray, turns: HeldTurns,
     setting: ShotSetting, rates: Rates,
@@ -150,7 +150,7 @@ def _fastest_turn(
     return best if best < most else math.inf
 
 
-@compiled
+@inlined
 def _between(table: FloatArray, row: int, low: int, gain: int, axis: int, share: float) -> float:
     """Return a displacement in m, forward (axis 0) or to the left (1), `share` beyond the entry `low`."""
     before = table[row, low, gain, axis]
@@ -158,7 +158,7 @@ def _between(table: FloatArray, row: int, low: int, gain: int, axis: int, share:
     return result
 
 
-@compiled
+@inlined
 def _shot(
     x: float, y: float, cos: float, sin: float, speed: float, most: float, setting: ShotSetting, rates: Rates
 ) -> float:
