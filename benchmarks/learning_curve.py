@@ -4,7 +4,7 @@
     scripts/run python benchmarks/learning_curve.py experience.parquet --seed 431 --situations 60 --out curve
 
 An interrupted curve goes on where it was; more situations may be asked for later. All models choose in the
-same situations, with the gate of the observed models that are shipped, and share one executed oracle.
+same situations, each behind a gate that was learned from the same episodes, and share one executed oracle.
 """
 
 from __future__ import annotations

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,26 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
     return GateExamples(
         np.array(rows, dtype=float), *(np.array(column) for column in (naive, refined, situation, kinds))
     )
+
+
+class LearnedGates(NamedTuple):
+    """Both kinds of gate, how `compare_gates` compares them, and the better one."""
+
+    threshold: ThresholdGate
+    tree: TreeGate
+    comparison: dict[str, dict[str, float]]
+    best: LearnedGate
+
+
+def learn_gate(examples: GateExamples, widths: Mapping[str, float]) -> LearnedGates:
+    """Learn both kinds of gate, and choose one.
+
+    `widths` is how widely costs were averaged for the examples; the chosen gate holds them.
+    """
+    comparison = compare_gates(examples)
+    tree, threshold = fit_tree(examples), fit_threshold(examples)
+    best = tree if better_kind(comparison) == "tree" else threshold
+    return LearnedGates(threshold, tree, comparison, dataclasses.replace(best, widths=dict(widths)))
 
 
 def fit_threshold(examples: GateExamples) -> ThresholdGate:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,8 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.gate_from_episodes import CrossFit, usual_widths
+from ator_ros.evaluation.gate_learning import learn_gate
 from ator_ros.evaluation.policies import OBSERVED as OBSERVED_MODELS
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.situation import Executions, Record, Settings, evaluate_trial
@@ -23,12 +25,14 @@ from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.model_file import load_models, model_path, save_model
 from ator_ros.performance.training import OBSERVED, digest, train
+from ator_ros.refinement.gate_file import load_gate, save_gate
 from ator_ros.refinement.refiner import Refiner
 
 KINDS = {"heading": "oracle", "heading and speed": "oracle_speed"}
 """What is refined, and which oracle limits it."""
 _DESCRIBED = {"heading": "gated", "heading and speed": "gated_speed"}
 _SLOWER = 1.02
+_GATE_SEED, _GATE_SITUATIONS = 302, 100  # of what gates are learned from
 
 
 @dataclass(frozen=True)
@@ -123,8 +127,10 @@ class LearningCurve:
         for size, draw in self.draws:
             place = self._place(size, draw)
             if not (place / "done").exists():
-                for action, rows in self._rows.items():
-                    self._learn(place, action, drawn(rows, size, draw))
+                parts = {action: drawn(rows, size, draw) for action, rows in self._rows.items()}
+                for action, rows in parts.items():
+                    self._learn(place, action, rows)
+                self._learn_gate(place, parts)
                 (place / "done").touch()
             yield size, draw
 
@@ -135,6 +141,21 @@ class LearningCurve:
         told = {"command": "learning_curve", "episodes": int(rows["episode"].nunique())}
         model = dataclasses.replace(model, metadata={"action_set": source.action_set, "training": told})
         save_model(place / model_path(action, source.action_set), model)
+
+    def _learn_gate(self, place: Path, rows: Mapping[str, pd.DataFrame]) -> None:
+        """Learn the gate from the same episodes as the models, as the tool `gate` does with `--episodes`."""
+        tools, source, chain = self._tools, self.settings.source, self.settings.oracle.chain
+        trials = [
+            random_trial(tools.domain, chain, self._library, seed=_GATE_SEED, index=index)
+            for index in range(_GATE_SITUATIONS)
+        ]
+        actions = {call.top.action for call in trials[0].chain.calls}
+        used = {action: part for action, part in rows.items() if action in actions}
+        fitted = CrossFit(tools.robot, used, OBSERVED, tools.domain.ranges, tools.domain.time_limit)
+        widths = usual_widths(tools.robot)
+        learned = learn_gate(fitted.examples(trials, seed=_GATE_SEED, widths=widths), widths)
+        told = {"command": "learning_curve", "seed": _GATE_SEED, "situations": _GATE_SITUATIONS}
+        save_gate(place / model_path("gate", source.action_set), learned.best, told, source.action_set)
 
     def _place(self, size: int, draw: int) -> Path:
         place = self._folder / "models" / f"{size}-{draw}"
@@ -152,10 +173,9 @@ class LearningCurve:
                 action_set=action_set,
                 folder=self._place(size, draw),
             )
-            gate, cost = tools.gates[OBSERVED_MODELS], tools.domain.time_limit
-            refiners[f"{size}/{draw}"] = Refiner(
-                tools.robot, models, gate, ranges=tools.domain.ranges, failure_cost=cost
-            )
+            gate = load_gate(self._place(size, draw) / model_path("gate", action_set), action_set)
+            ranges, cost = tools.domain.ranges, tools.domain.time_limit
+            refiners[f"{size}/{draw}"] = Refiner(tools.robot, models, gate, ranges=ranges, failure_cost=cost)
         return refiners
 
     def play(self, situations: int) -> Iterator[list[Record]]:

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.gate_from_episodes import CrossFit, usual_widths
-from ator_ros.evaluation.gate_learning import (
-    GateExamples,
-    better_kind,
-    compare_gates,
-    fit_threshold,
-    fit_tree,
-    gate_examples,
-)
+from ator_ros.evaluation.gate_learning import GateExamples, gate_examples, learn_gate
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Settings
@@ -73,19 +65,17 @@ def _save(
     command: str,
     widths: Mapping[str, float] = MappingProxyType({}),
 ) -> None:
-    comparison = compare_gates(examples)
-    tree, threshold = fit_tree(examples), fit_threshold(examples)
-    best = replace(tree if better_kind(comparison) == "tree" else threshold, widths=dict(widths))
+    learned = learn_gate(examples, widths)
     training: dict[str, Any] = {
         "command": command,
         "seed": options.seed,
         "situations": options.situations,
-        "cross_validation": comparison,
-        "tree_rules": tree.rules(),
-        "threshold": {"gain": threshold.gain, "spread_factor": threshold.spread_factor},
+        "cross_validation": learned.comparison,
+        "tree_rules": learned.tree.rules(),
+        "threshold": {"gain": learned.threshold.gain, "spread_factor": learned.threshold.spread_factor},
     }
-    save_gate(path, best, training, options.action_set)
-    _report(training, best.kind, path)
+    save_gate(path, learned.best, training, options.action_set)
+    _report(training, learned.best.kind, path)
 
 
 def refit_rulers(source: ToolsetSource, experience: Sequence[str]) -> None:
