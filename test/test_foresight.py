@@ -149,7 +149,7 @@ def test_planning_that_takes_its_time_does_not_make_the_robot_push_the_ball(tick
 
 def test_a_first_answer_that_is_sent_though_it_is_late_would_push_the_ball() -> None:
     _, moved = approach(2, late=2, held_back=False)
-    assert moved > 0.05
+    assert moved > 0.02  # m; less than it was before plans waited for a robot that falls behind
 
 
 def test_only_a_robot_that_stands_is_held_back() -> None:

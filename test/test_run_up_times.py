@@ -88,7 +88,7 @@ def test_shots_are_those_of_the_planner() -> None:
                                         - (x + PIONEER.hold * np.cos(heading)) * np.tan(heading))  # fmt: skip
     meets = lines * np.cos(heading) - setting.reach >= setting.room
     rows = zip(x, y, np.cos(heading), np.sin(heading), speed, strict=True)
-    times = np.array([_shot(*row, setting, rates_of(limits)) for row in rows])
+    times = np.array([_shot(*row, np.inf, setting, rates_of(limits)) for row in rows])
     assert 50 < planned_shots.allowed.sum() < 950
     assert np.array_equal(meets & np.isfinite(times), planned_shots.allowed)
     allowed = planned_shots.allowed
