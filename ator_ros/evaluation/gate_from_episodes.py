@@ -12,13 +12,14 @@ development seeds.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 import pandas as pd
 
-from ator_ros.evaluation.gate_learning import GateExamples
+from ator_ros.evaluation.gate_learning import GateExamples, LearnedGates, learn_gates
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.trials import Trial, open_speeds
 from ator_ros.geometry import FloatArray
@@ -27,7 +28,7 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of, train
 from ator_ros.refinement.averaging import Widths
 from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
-from ator_ros.refinement.gate import FEATURES, OpenGate
+from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
@@ -120,6 +121,19 @@ class CrossFit:
 def usual_widths(robot: Robot) -> dict[str, float]:
     """Return how widely the costs of observed models are averaged, see `ator_ros.refinement.averaging`."""
     return {"yaw": round(_YAW, 4), "speed": round(_SPEED * robot.limits.v, 4)}
+
+
+def learn_from_episodes(
+    fitted: CrossFit, trials: list[Trial], *, seed: int
+) -> tuple[ThresholdGate, LearnedGates]:
+    """Return the gate of observed models, and what it was compared with.
+
+    It is the threshold, whatever the comparison says: it grows with the spread, so it also holds for models
+    that are learned later from more episodes, or from fewer.
+    """
+    widths = usual_widths(fitted.robot)
+    learned = learn_gates(fitted.examples(trials, seed=seed, widths=widths))
+    return dataclasses.replace(learned.threshold, widths=widths), learned
 
 
 def _halves(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:

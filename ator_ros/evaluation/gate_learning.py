@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -79,18 +78,14 @@ class LearnedGates(NamedTuple):
     threshold: ThresholdGate
     tree: TreeGate
     comparison: dict[str, dict[str, float]]
-    best: LearnedGate
+    better: LearnedGate
 
 
-def learn_gate(examples: GateExamples, widths: Mapping[str, float]) -> LearnedGates:
-    """Learn both kinds of gate, and choose one.
-
-    `widths` is how widely costs were averaged for the examples; the chosen gate holds them.
-    """
+def learn_gates(examples: GateExamples) -> LearnedGates:
+    """Learn and compare both kinds of gate."""
     comparison = compare_gates(examples)
-    tree, threshold = fit_tree(examples), fit_threshold(examples)
-    best = tree if better_kind(comparison) == "tree" else threshold
-    return LearnedGates(threshold, tree, comparison, dataclasses.replace(best, widths=dict(widths)))
+    threshold, tree = fit_threshold(examples), fit_tree(examples)
+    return LearnedGates(threshold, tree, comparison, tree if better_kind(comparison) == "tree" else threshold)
 
 
 def fit_threshold(examples: GateExamples) -> ThresholdGate:

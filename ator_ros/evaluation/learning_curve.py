@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.gate_from_episodes import CrossFit, usual_widths
-from ator_ros.evaluation.gate_learning import learn_gate
+from ator_ros.evaluation.gate_from_episodes import CrossFit, learn_from_episodes
 from ator_ros.evaluation.policies import OBSERVED as OBSERVED_MODELS
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.situation import Executions, Record, Settings, evaluate_trial
@@ -152,10 +151,9 @@ class LearningCurve:
         actions = {call.top.action for call in trials[0].chain.calls}
         used = {action: part for action, part in rows.items() if action in actions}
         fitted = CrossFit(tools.robot, used, OBSERVED, tools.domain.ranges, tools.domain.time_limit)
-        widths = usual_widths(tools.robot)
-        learned = learn_gate(fitted.examples(trials, seed=_GATE_SEED, widths=widths), widths)
+        gate, _ = learn_from_episodes(fitted, trials, seed=_GATE_SEED)
         told = {"command": "learning_curve", "seed": _GATE_SEED, "situations": _GATE_SITUATIONS}
-        save_gate(place / model_path("gate", source.action_set), learned.best, told, source.action_set)
+        save_gate(place / model_path("gate", source.action_set), gate, told, source.action_set)
 
     def _place(self, size: int, draw: int) -> Path:
         place = self._folder / "models" / f"{size}-{draw}"

@@ -4,7 +4,8 @@ A search prefers candidates whose cost is predicted too low. Where models err by
 and neighbours err independently, the mean over neighbours is the better guess (kernel regression after
 Nadaraya and Watson, with a normal kernel). But a mean hides steps, which are real where a manoeuvre barely
 fits. So a candidate counts as what is predicted for it or as the mean of its neighbours, whichever is more.
-How wide the kernel should be depends on the models, so their gate says it.
+How wide the kernel should be depends on the models, so their gate says it. Where the steps of a grid are
+wider than the kernel, its candidates have no neighbours.
 """
 
 from __future__ import annotations

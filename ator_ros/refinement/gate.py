@@ -27,23 +27,14 @@ FEATURES: Mapping[str, str] = {
 
 
 def gate_features(
-    world: World,
-    chain: TopChain,
-    best: TopChain,
-    before: ChainPrediction,
-    after: ChainPrediction,
-    *,
-    gain: float | None = None,
+    world: World, chain: TopChain, best: TopChain, before: ChainPrediction, after: ChainPrediction
 ) -> dict[str, float]:
-    """Return the values of `FEATURES` for a chain and the best one found.
-
-    The gain is the difference of both predictions, unless the search averaged costs and tells it.
-    """
+    """Return the values of `FEATURES` for a chain and the best one found."""
     robot, first = world.robot.pose, chain.calls[0].goal.pose
     following = chain.calls[min(1, len(chain.calls) - 1)].goal.pose
     leg = math.atan2(first.y - robot.y, first.x - robot.x)
     next_leg = math.atan2(following.y - first.y, following.x - first.x)
-    gain = before.cost - after.cost if gain is None else gain
+    gain = before.cost - after.cost
     turns = [
         abs(wrap_angle(new.goal.pose.yaw - old.goal.pose.yaw))
         for old, new in zip(chain.calls, best.calls, strict=True)
@@ -67,7 +58,7 @@ class Gate(Protocol):
 
     @property
     def widths(self) -> Widths:
-        """How far costs are averaged before the best chain is chosen, see `ator_ros.refinement.averaging`."""
+        """How widely costs are averaged before a chain is chosen; see `ator_ros.refinement.averaging`."""
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
         """Return whether to refine, and the reason in words."""

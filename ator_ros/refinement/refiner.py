@@ -236,8 +236,7 @@ class Refiner:
         for index, names in enumerate(model.names):
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        gain = None if optimum.given is None else optimum.given - optimum.cost
-        features = gate_features(world, chain, best, before, after, gain=gain)
+        features = gate_features(world, chain, best, before, after)
         pays, reason = self.gate.decide(features)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []

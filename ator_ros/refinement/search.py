@@ -63,8 +63,9 @@ def searching(
     """Search as `search` does, in slices; when time is up, subgoals not yet searched keep what is `given`.
 
     Without given values, all of the first candidates are searched nevertheless. Candidates are limited to
-    what is `allowed`; what is given is searched in any case. Costs are `averages` only on a grid: other
-    candidates have too few neighbours.
+    what is `allowed`; what is given is searched in any case. With `averages` a candidate is compared by the
+    mean over its neighbours on the grid where that is more than its own cost; candidates that are spread
+    evenly have none.
     """
     if allowed is not None or max(map(len, axes)) > MOST_ON_GRID:
         return (yield from sampling(step_cost, axes, given, allowed))
@@ -79,7 +80,7 @@ def searching(
         )
     )
     if sum(len(domains) for domains in axes) <= 1 or not first.complete:
-        return Optimum(tuple(first.values), first.cost, curves, first.complete, first.given)
+        return Optimum(tuple(first.values), first.cost, curves, first.complete)
     windows = []
     for value, offered, total, step, domains in zip(
         first.values, candidates, first.totals, steps, axes, strict=True
@@ -89,7 +90,7 @@ def searching(
         zoomed = [_window(centre, step, domains) for centre in best]
         windows.append(_distinct(np.vstack([value, *zoomed])) if domains else offered)
     second = yield from least_path(step_cost, windows, first.values, averages)
-    return Optimum(tuple(second.values), second.cost, curves, second.complete, first.given)
+    return Optimum(tuple(second.values), second.cost, curves, second.complete)
 
 
 def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:

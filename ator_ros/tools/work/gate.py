@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.gate_from_episodes import CrossFit, usual_widths
-from ator_ros.evaluation.gate_learning import GateExamples, gate_examples, learn_gate
+from ator_ros.evaluation.gate_from_episodes import CrossFit, learn_from_episodes
+from ator_ros.evaluation.gate_learning import LearnedGate, LearnedGates, gate_examples, learn_gates
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Settings
@@ -37,7 +36,8 @@ def run(options: argparse.Namespace, command: str) -> int:
     source.digests(options.chain)  # before anything is executed: a missing model is reported at once
     with reserved(source.folder(), _GATE_BYTES), results_in(options.work, options.situations):
         records = executed(settings, options, options.work)
-    _save(gate_examples(records), source.folder() / GATE, options, command)
+    learned = learn_gates(gate_examples(records))
+    _save(learned.better, learned, source.folder() / GATE, options, command)
     return 0
 
 
@@ -52,20 +52,14 @@ def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, com
     actions = {call.top.action for call in trials[0].chain.calls}
     rows = {action: table for action, table in read_rows(options.episodes).items() if action in actions}
     fitted = CrossFit(robot, rows, OBSERVED, domain.ranges, domain.time_limit)
-    widths = usual_widths(robot)
-    examples = fitted.examples(trials, seed=options.seed, widths=widths)
-    _save(examples, source.observed_folder() / GATE, options, command, widths)
+    gate, learned = learn_from_episodes(fitted, trials, seed=options.seed)
+    _save(gate, learned, source.observed_folder() / GATE, options, command)
     return 0
 
 
 def _save(
-    examples: GateExamples,
-    path: Path,
-    options: argparse.Namespace,
-    command: str,
-    widths: Mapping[str, float] = MappingProxyType({}),
+    gate: LearnedGate, learned: LearnedGates, path: Path, options: argparse.Namespace, command: str
 ) -> None:
-    learned = learn_gate(examples, widths)
     training: dict[str, Any] = {
         "command": command,
         "seed": options.seed,
@@ -74,8 +68,8 @@ def _save(
         "tree_rules": learned.tree.rules(),
         "threshold": {"gain": learned.threshold.gain, "spread_factor": learned.threshold.spread_factor},
     }
-    save_gate(path, learned.best, training, options.action_set)
-    _report(training, learned.best.kind, path)
+    save_gate(path, gate, training, options.action_set)
+    _report(training, gate.kind, path)
 
 
 def refit_rulers(source: ToolsetSource, experience: Sequence[str]) -> None:
