@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import FIFTH, OTHERS, PIONEER
+from robots import FIFTH, OTHERS, PIONEER, SHIPPED
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.families import approach_family, dribble_family, shot_family
@@ -59,8 +60,7 @@ def test_approaches_are_nearly_as_fast_as_those_of_a_fine_grid(robot: Robot) -> 
     assert excess(family, grid, robot) < 0.04
 
 
-@every_robot
-def test_dribbles_are_nearly_as_fast_as_those_of_a_fine_grid(robot: Robot) -> None:
+def pushed_grid(robot: Robot) -> Family:
     limits, kinds = robot.holder_for("a test").limits, []
     for entry, gain, loss, after in itertools.product(
         (np.nan, 0.1, 0.2, 0.55), (0.0, 0.25, 0.75, 0.96), (0.0, 0.5, 0.9), (0.1, 0.2, 0.4, 0.6, 0.95)
@@ -71,8 +71,22 @@ def test_dribbles_are_nearly_as_fast_as_those_of_a_fine_grid(robot: Robot) -> No
             Way(last, fastest_rate(robot, after * limits.v, -last)),
         )
         kinds.append(Kind(*turns, after, entry * limits.v))
-    grid = Family(limits, tuple(kinds), run=None, forward=True)
-    assert excess(dribble_family(robot), grid, robot) < 0.08
+    return Family(limits, tuple(kinds), run=None, forward=True)
+
+
+@every_robot
+def test_dribbles_are_nearly_as_fast_as_those_of_a_fine_grid(robot: Robot) -> None:
+    assert excess(dribble_family(robot), pushed_grid(robot), robot) < 0.08
+
+
+@pytest.mark.parametrize("file", SHIPPED[1:], ids=lambda file: file.stem)
+def test_weak_and_quick_robots_that_ship_have_kinds_enough(file: Path) -> None:
+    robot = SOCCER.robot(file)
+    rows = free_grid((-1.0, -0.6, 0.0, 0.3, 0.6, 1.0), (0.0, 0.35, 0.8, 1.0))
+    family = approach_family(robot)
+    grid = Family(robot.limits, free_kinds(robot.limits, rows), run=family.run, passing=family.passing)
+    assert excess(family, grid, robot) < 0.02
+    assert excess(dribble_family(robot), pushed_grid(robot), robot) < 0.02
 
 
 @every_robot

@@ -143,18 +143,19 @@ _DRIVES = (
     FreeTurns(-0.3, -1.0, backward=True),
 )
 _WEAK, _WIDE = 0.25, 0.6
-_DRIVES_OF_THE_WEAK = (FreeTurns(0.0, 0.0), FreeTurns(1.0, 0.3), FreeTurns(0.3, 1.0), FreeTurns(-0.3, -0.3))
+"""Speed gained in a turn below which, and radius in m at full speed above which, there are more kinds."""
+_MORE_DRIVES = (FreeTurns(0.0, 0.0), FreeTurns(1.0, 0.3), FreeTurns(0.3, 1.0), FreeTurns(-0.3, -0.3))
 
 
 @lru_cache(maxsize=8)
 def drive_family(limits: Limits) -> Family:
     """Return the motions to a pose, forward or in reverse, of a robot with these limits."""
     more = needs_more_kinds(limits)
-    return Family(limits, free_kinds(limits, (*_DRIVES, *_DRIVES_OF_THE_WEAK) if more else _DRIVES))
+    return Family(limits, free_kinds(limits, (*_DRIVES, *_MORE_DRIVES) if more else _DRIVES))
 
 
 def needs_more_kinds(limits: Limits) -> bool:
-    """Return whether a robot that holds nothing needs more kinds of motion than most do: if weak or quick."""
+    """Return whether a robot that holds nothing needs more kinds of motion: if it is weak or turns widely."""
     return gained_in_turn(limits) < _WEAK or turning_radius(limits) > _WIDE
 
 

@@ -104,22 +104,23 @@ class ExecutorNode(FrugalNode):
         self._plans = PlannedGoals(self, settings, self._domain.objects, self._begin, self._finish)
         # In this order: of messages that have all come, those of objects are then taken first.
         self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
-        self.inputs = Gathering()
+        self.gathering = Gathering()
         self._objects = ObjectSources(
-            self, sources, self._take_object, self._tf, frame=frame, bounds=bounds, group=self.inputs
+            self, sources, self._take_object, self._tf, frame=frame, bounds=bounds, group=self.gathering
         )
-        self._state = RobotSource(self, settings, robot, self._take_robot, self._tf, self.inputs)
+        self._state = RobotSource(self, settings, robot, self._take_robot, self._tf, self.gathering)
         self._server = DeferredActionServer(
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
         )
         self._watchdog = Watchdog(self, self._watch)
 
     def rest(self) -> float:
-        """Return for how many real s inputs may gather. At several times real time objects outrun odom."""
+        """Return for how many real s inputs may gather: not at several times real time."""
         busy = self._run or self._plans.waiting or self._remotes.ending()
         if busy or self._tf.used or self._inputs.pace >= _HURRIED:
             return 0.0
-        return rest_of(self._settings, watched=self._drawing.watched)
+        watched, pace = self._drawing.watched, self._inputs.pace
+        return rest_of(self._settings, self._domain.objects, pace, watched=watched)
 
     def _take_object(self, name: str, read: Reader, message: Any) -> None:
         try:

@@ -19,7 +19,9 @@ from ator_ros.world.tracking import ObjectTracker
 
 _USUAL = Deadlines()
 _REST, _REST_WATCHED = 0.15, 0.1
-"""Real s. Positions tell a velocity while they are at most 0.3 s apart, also at twice real time."""
+"""Real s that inputs may gather, in all, and while somebody sees the objects drawn, ten times a second."""
+_APART = 0.2
+"""Stamped s that inputs may gather: positions tell a velocity while they are at most 0.3 s apart."""
 _COMMON = (
     Parameter("frame", "odom", "frame of odom, objects and the goals of chains"),
     Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands and tf"),
@@ -94,16 +96,23 @@ def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
         raise SetupError(f"parameter fence: {error}") from error
 
 
-def rest_of(settings: Mapping[str, Any], *, watched: bool) -> float:
+def rest_of(settings: Mapping[str, Any], objects: Iterable[str], pace: float, *, watched: bool) -> float:
     """Return for how many real s inputs may gather while there is no goal.
 
     Parameters
     ----------
+    settings : mapping
+        Values of the node's parameters.
+    objects : iterable of str
+        Names of the objects that it listens to.
+    pace : float
+        Stamped s that pass in 1 real s.
     watched : bool
-        Whether somebody sees the objects drawn, ten times a second.
+        Whether somebody sees the objects drawn.
     """
-    half: float = settings["odom_timeout"] / 2.0
-    return min(half, _REST_WATCHED if watched else _REST)
+    shortest: float = min(settings[f"{name}_timeout"] for name in ("odom", *objects))
+    most = min(_APART, shortest / 2.0) / max(1.0, pace)
+    return min(most, _REST_WATCHED if watched else _REST)
 
 
 def deadlines_of(settings: Mapping[str, Any]) -> Deadlines:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any, Protocol, runtime_checkable
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.subscription import Subscription
 
@@ -43,17 +45,27 @@ class Gathering(MutuallyExclusiveCallbackGroup):
             It is less where something else happens before.
         """
         self._held = True
-        executor.spin_once(timeout_sec=seconds)
-        self._held = False
+        try:
+            executor.spin_once(timeout_sec=seconds)
+        finally:
+            self._held = False
         self._take()
 
     def _take(self) -> None:
         """Take the newest messages, in the order in which the subscriptions were created."""
         for subscription in self._subscriptions:
-            with subscription.handle:
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-            if taken is not None:
-                subscription.callback(taken[0])
+            newest = _newest(subscription)
+            if newest is not None:
+                subscription.callback(newest)
+
+
+def _newest(subscription: Subscription) -> Any:
+    """Return the last message that has come; None where none has, or the subscription was destroyed."""
+    newest = None
+    with contextlib.suppress(InvalidHandle), subscription.handle as handle:
+        while (taken := handle.take_message(subscription.msg_type, subscription.raw)) is not None:
+            newest = taken[0]
+    return newest
 
 
 @runtime_checkable
@@ -62,11 +74,11 @@ class Resting(Protocol):
 
     Attributes
     ----------
-    inputs : Gathering
+    gathering : Gathering
         What gathers meanwhile.
     """
 
-    inputs: Gathering
+    gathering: Gathering
 
     def rest(self) -> float:
         """Return for how many real s inputs may gather; 0 where they are to be taken as they come."""

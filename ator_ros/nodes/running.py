@@ -70,7 +70,7 @@ def run_node(
         while not stopped:
             seconds = node.rest() if may_rest else 0.0
             if seconds:
-                node.inputs.rest(executor, seconds)
+                node.gathering.rest(executor, seconds)
             else:
                 executor.spin_once(timeout_sec=_WAKE_UP)
     finally:

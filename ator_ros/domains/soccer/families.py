@@ -37,7 +37,7 @@ _APPROACHES = (
     FreeTurns(-0.6, -1.0, backward=True, share=0.8),
     FreeTurns(0.1, 0.0, share=0.35),
 )
-_APPROACHES_OF_THE_WEAK = (
+_MORE_APPROACHES = (
     FreeTurns(0.0, 0.25, share=1.0),
     FreeTurns(-0.25, 0.0),
     FreeTurns(1.0, 0.25, share=0.8),
@@ -108,7 +108,7 @@ _DRIBBLES_OF_THE_WEAK: tuple[PushedTurns, ...] = (
     PushedTurns(0.2, 0.0, 0.0, 0.4),
     PushedTurns(0.55, 0.5, 0.5, 0.3),
 )
-_DRIBBLES_OF_THE_QUICK: tuple[PushedTurns, ...] = (
+_DRIBBLES_OF_THE_WIDE: tuple[PushedTurns, ...] = (
     PushedTurns(0.55, 0.0, 0.0, 0.5),
     PushedTurns(_AT_ONCE, 0.5, 0.5, 0.5),
     PushedTurns(0.55, 0.0, 0.0, 0.2),
@@ -134,7 +134,7 @@ _SHOTS: tuple[PushedTurns, ...] = (
 def approach_family(robot: Robot) -> Family:
     """Return the motions up to a ball: forward or in reverse to behind it, then straight."""
     more = needs_more_kinds(robot.limits)
-    kinds = free_kinds(robot.limits, (*_APPROACHES, *_APPROACHES_OF_THE_WEAK) if more else _APPROACHES)
+    kinds = free_kinds(robot.limits, (*_APPROACHES, *_MORE_APPROACHES) if more else _APPROACHES)
     return Family(robot.limits, kinds, run=approach_run(robot), passing=passing_distance(robot))
 
 
@@ -145,7 +145,7 @@ def dribble_family(robot: Robot) -> Family:
     if gained_in_turn(limits) < _WEAK_WITH_BALL:
         return _pushing(robot, (*_DRIBBLES, *_DRIBBLES_OF_THE_WEAK))
     if turning_radius(limits) > _WIDE_WITH_BALL:
-        return _pushing(robot, (*_DRIBBLES, *_DRIBBLES_OF_THE_QUICK))
+        return _pushing(robot, (*_DRIBBLES, *_DRIBBLES_OF_THE_WIDE))
     return _pushing(robot, _DRIBBLES)
 
 
