@@ -115,7 +115,7 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert (drive.run.refined, drive.run.refined_again) == (True, 1)
     assert drive.run.refinement == (
-        "the first answer; refined again after 1.20 s, as the ball comes to rest 0.50 m off: 0.5 s faster"
+        "the first answer; refined again after 1.20 s, as the ball comes to rest 0.50 m from the forecast: 0.5 s faster"
     )
     outcomes = [(record.index, record.ending) for record in drive.run.records]
     moved, answered = (0, Ending.PREEMPTED), (0, Ending.PREEMPTED)
@@ -136,7 +136,7 @@ def test_without_an_answer_it_goes_on(drive: Drive) -> None:
     drive.tick(12)
     assert drive.run.question is None
     assert "asked again after" in drive.run.refinement
-    assert "m off: no answer within 0.5 s" in drive.run.refinement
+    assert "m from the forecast: no answer within 0.5 s" in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert drive.run.refined_again == 0
 
@@ -165,7 +165,7 @@ def test_an_answer_that_changes_what_it_may_not_is_left_alone_on_the_way(
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(step, goal), True, "nonsense")
     drive.tick()
     assert drive.run.chain == question.chain
-    assert f"m off: its answer cannot be used: {told}" in drive.run.refinement
+    assert f"m from the forecast: the answer cannot be used: {told}" in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert drive.run.refined_again == 0
 
@@ -173,7 +173,7 @@ def test_an_answer_that_changes_what_it_may_not_is_left_alone_on_the_way(
 def test_a_long_refusal_on_the_way_is_told_in_short(drive: Drive) -> None:
     asked(drive)
     drive.run.unrefined("no valid plan: " + 50 * "it is too far; ")
-    assert "m off: no valid plan: it is too far; " in drive.run.refinement
+    assert "m from the forecast: no valid plan: it is too far; " in drive.run.refinement
     assert len(drive.run.refinement) < 250
 
 
@@ -189,7 +189,7 @@ def test_the_first_answer_is_looked_at_too() -> None:
     with Simulation(ROBOT) as simulation:
         drive = Drive(simulation, refine=True, again_after=0.15, answer=TopChain(CHAIN.calls[:1]))
         assert drive.run.chain is CHAIN
-        told = "its answer cannot be used: expected the steps of the question"
+        told = "the answer cannot be used: expected the steps of the question"
         assert drive.run.refinement == f"executed as sent, refinement failed: {told}"
         assert not drive.run.refined
 

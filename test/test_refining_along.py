@@ -124,7 +124,7 @@ def test_a_question_on_the_way_offers_the_other_plans_with_their_goals_at_the_ba
     assert other.number == 1
     assert other.chain.calls[0].goal.pose == Pose(2.0, 0.4, 0.0)
     assert other.chain.calls[1:] == ANYWHERE.calls[1:]
-    assert question.cause == "the ball comes to rest 0.40 m off"
+    assert question.cause == "the ball comes to rest 0.40 m from the forecast"
 
 
 def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Simulation) -> None:
@@ -139,7 +139,7 @@ def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Sim
     assert_smooth(drive.commands[3:])
     assert drive.run.predicted_remaining(drive.simulation.time) == pytest.approx(2.0 + 0.0, abs=0.1)
     assert drive.run.refined_again == 1
-    told = "as the ball comes to rest 0.40 m off: alternative 2 is chosen: 3 s faster"
+    told = "as the ball comes to rest 0.40 m from the forecast: alternative 2 is chosen: 3 s faster"
     assert told in drive.run.refinement
     assert drive.to_the_end() is Ending.SUCCEEDED, drive.run.reason
     assert [r.top for r in drive.run.records if r.ending is Ending.SUCCEEDED] == [

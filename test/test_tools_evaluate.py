@@ -232,13 +232,18 @@ def test_policies_are_not_evaluated_again_in_another_evaluation(
         "1",
     )
     for words, expected in (
-        (("--seed", "406"), "expected seed 406"),
+        (("--seed", "406"), "expected a result of seed 406"),
         (("--seed", "405", "--situations", "2"), "expected 2 situations"),
         (("--seed", "405", "--oracle-jointly"), "joint oracle"),
     ):
         size = () if "--situations" in words else ("--situations", "3")
         assert main([*options, *ORACLE, *words, *size, "--again", "gated"]) == 1
         assert expected in capsys.readouterr().err
+    data = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    for digests in (None, {**data["digests"], "dribbleBall": "another"}):
+        (tmp_path / "out" / "evaluation.json").write_text(json.dumps({**data, "digests": digests}))
+        assert main([*options, *ORACLE, "--seed", "405", "--situations", "3", "--again", "gated"]) == 1
+        assert "expected a result of robot and described models" in capsys.readouterr().err
     assert main([*options, *ORACLE, "--seed", "405", "--situations", "3", "--again", "bearing"]) == 1
     assert "bearing is not among --policies" in capsys.readouterr().err
 

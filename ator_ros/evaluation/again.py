@@ -1,7 +1,8 @@
 """Evaluates some policies of a finished evaluation again, after what they choose from has changed.
 
 Executions are deterministic, so the runs of the other policies and of the oracle stay what they are, as long
-as simulation and actions do. Whether they do is seen at the naive chains, which are executed again too.
+as simulation and actions do, and robot and described models, by which the oracle leaves out headings. Whether
+the former do is seen at the naive chains, which are executed again too.
 """
 
 from __future__ import annotations
@@ -32,25 +33,38 @@ def former_records(result: Mapping[str, Any], settings: Settings, situations: in
     Raises
     ------
     EvaluationError
-        Settings, number of situations or robot are others; the message names what differs. Or the oracle is a
-        joint one, which the policies' own chains belong to.
+        Settings, number of situations, robot or described models are others; the message names what differs.
+        Or the oracle is a joint one, which the policies' own chains belong to.
     """
     if settings.joint_oracle:
         raise EvaluationError("--again: a joint oracle depends on the policies: evaluate all of it anew")
+    records = same_records(result, settings)
+    if len(records) != situations:
+        raise EvaluationError(f"expected {situations} situations, the result there has {len(records)}")
+    return records
+
+
+def same_records(result: Mapping[str, Any], settings: Settings, *, but: Sequence[str] = ()) -> list[Record]:
+    """Return the records of a finished evaluation of the same settings, `but` those of these names.
+
+    Raises
+    ------
+    EvaluationError
+        Settings, robot or described models are others; the message names what differs.
+    """
     former = _compared(result["settings"])
     for name, value in _compared(portable(dataclasses.asdict(settings))).items():
-        if former.get(name) != value:
+        if name not in but and former.get(name) != value:
             raise EvaluationError(
-                f"--again: expected {name} {value} as on this command line, "
-                f"the result there has {former.get(name)}"
+                f"expected a result of {name} {value}, the result there has {former.get(name)}"
             )
-    count = result["summary"]["situations"]
-    if count != situations:
-        raise EvaluationError(f"--again: expected {situations} situations, the result there has {count}")
-    robot = settings.source.described().digest()
-    if result["digests"]["robot"] != robot:
-        raise EvaluationError("--again: the result there is of another robot: evaluate all of it anew")
-    return to_records(result["runs"], count)
+    digests = settings.source.digests(settings.chain)
+    if result.get("digests") != digests:
+        raise EvaluationError(
+            f"expected a result of robot and described models {digests}, "
+            f"the result there has {result.get('digests')}: evaluate all of it anew"
+        )
+    return to_records(result["runs"], result["summary"]["situations"])
 
 
 def joined(former: Sequence[Record], again: Sequence[Record]) -> list[Record]:

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ator_ros.evaluation.again import same_records
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.gate_from_episodes import CrossFit, learn_from_episodes
 from ator_ros.evaluation.policies import OBSERVED as OBSERVED_MODELS
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.situation import Executions, Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import RESAMPLES
-from ator_ros.evaluation.storage import RESULT, PartialResults, read_result, to_records
+from ator_ros.evaluation.storage import RESULT, PartialResults, read_result
 from ator_ros.evaluation.toolset import ToolsetSource, read_rows, tools_of
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.geometry import FloatArray
@@ -190,15 +191,14 @@ class LearningCurve:
     @cached_property
     def _executed(self) -> list[Record]:
         """The records of the evaluation that `CurveSettings.executed` names."""
-        settings = self.settings
-        result = read_result(Path(settings.executed) / RESULT)
-        models = settings.source.digests(settings.oracle.chain)
-        if result["settings"]["seed"] != settings.seed or result["digests"] != models:
-            raise EvaluationError(
-                f"{settings.executed}: expected an evaluation of seed {settings.seed} with robot and models "
-                f"{models}, got seed {result['settings']['seed']} and {result['digests']}"
-            )
-        return to_records(result["runs"], result["summary"]["situations"])
+        result = read_result(Path(self.settings.executed) / RESULT)
+        lacking = set(self.settings.oracle.policies) - set(result["runs"].get("policies", ()))
+        if lacking:
+            raise EvaluationError(f"{self.settings.executed}: expected runs of {', '.join(sorted(lacking))}")
+        try:
+            return same_records(result, self.settings.oracle, but=("policies",))
+        except EvaluationError as error:
+            raise EvaluationError(f"{self.settings.executed}: {error}") from error
 
     def _told(self, index: int) -> Record:
         """Return the naive, described and oracle runs of a situation."""

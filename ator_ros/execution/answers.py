@@ -112,11 +112,11 @@ class Answers:
     def _switch(self, question: Question, refined: TopChain, chosen: int, world: World) -> str:
         """Switch to the refined goals; return why that is impossible, or an empty text."""
         if question.step != self._executor.index:
-            return "its step was over when the answer came"
+            return "the step was over when the answer came"
         try:
             changed = self._changed(question, refined, chosen, world)
         except InvalidChainError as error:
-            return f"its answer cannot be used: {error}"
+            return f"the answer cannot be used: {error}"
         if not self._executor.head_for(world, changed):
             return "there is no way from here to the refined subgoal"
         return ""
@@ -143,7 +143,7 @@ class Answers:
         try:
             executed = refined_chain(planned, asked, chain, question.world, self._library)
         except InvalidChainError as error:
-            self.refuse(f"its answer cannot be used: {error}")
+            self.refuse(f"the answer cannot be used: {error}")
             return
         self._executor.choose(executed)
         self._number = chosen

@@ -62,7 +62,7 @@ class ToldWorld:
                 return f"the {name} was not known"
             moved = math.hypot(there.x - expected.x, there.y - expected.y)
             if moved > most:
-                return f"the {name} comes to rest {moved:.2f} m off"
+                return f"the {name} comes to rest {moved:.2f} m from the forecast"
         off = self._off(world.robot.pose, (step, chain.calls[step]), way)
         return f"the robot is {off:.2f} m off its way" if off > most else ""
 

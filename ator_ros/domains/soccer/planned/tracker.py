@@ -19,9 +19,9 @@ _ROUNDING = 1e-6  # s by which sums of ticks may be off
 _LONGEST_WAIT = 1.0  # s for the robot's start, on a computer that plans slowly
 _SHORT = 0.5  # s; a robot may hardly move in a plan that takes less
 _SEEN_LATE = 0.02  # s after which the speeds of a plan are those of a robot that follows it
-# m/s^2 and rad/s^2: an acceleration leaves a robot as described behind its plan by the square of its preview. The
-# Pioneer is behind by 0.0114 m and off by 0.033 rad at most, where 0.028 and 0.063 are allowed, the Pioneer LX by
-# 0.12 m and 0.11 rad (0.2 and 0.47). Farther from its plan the plan's time slows down.
+# m/s^2 and rad/s^2: times the square of its preview, how far from its plan a robot as described may be.
+# The Pioneer is behind by 0.0114 m and off by 0.033 rad at most, where it may be by 0.028 and 0.063, the
+# Pioneer LX by 0.12 and 0.11 (0.2 and 0.47). Farther from the plan the plan's time slows down.
 _BEHIND, _TURNED_OFF = 5.7, 12.9
 _STRETCH, _TURN_STRETCH = 0.125, 0.3  # m and rad beyond these at which it would stop
 _LEAST_RATE = 0.3  # s of the plan in 1 s
