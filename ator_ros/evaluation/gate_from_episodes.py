@@ -27,7 +27,7 @@ from ator_ros.performance.features import Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of, train
 from ator_ros.refinement.averaging import Widths
-from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
+from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
@@ -103,19 +103,20 @@ class CrossFit:
             for kind, plan in enumerate((trial.chain, open_speeds(trial.chain))):
                 refinement = refiner.refine(trial.world, reopened(naive, plan))
                 values = [refinement.features.get(name, 0.0) for name in FEATURES]
-                objective = expected_time(self.failure_cost)
-                before, after = (
-                    prediction.cost + self._error(chain, prediction, rng)
-                    for chain in (naive, refinement.chain)
-                    for prediction in [predict_chain(trial.world, chain, judge, self.robot, objective)]
-                )
+                before = self._judged(trial, naive, judge, rng)
+                after = self._judged(trial, refinement.chain, judge, rng)
                 yield values, before, after, trial.index, kind
 
-    def _error(self, chain: TopChain, prediction: ChainPrediction, rng: np.random.Generator) -> float:
-        """Draw by how much a chain takes longer than predicted, in s."""
+    def _judged(
+        self, trial: Trial, chain: TopChain, judge: Mapping[str, PerformanceModel], rng: np.random.Generator
+    ) -> float:
+        """Return the cost of a chain by the judge's prediction and an error that is drawn."""
+        objective = expected_time(self.failure_cost)
+        prediction = predict_chain(trial.world, chain, judge, self.robot, objective)
         errors = (rng.choice(self._errors[call.top.action]) for call in chain.calls)
         spreads = (action.get("spread", 0.0) for action in prediction.actions)
-        return float(sum(error * spread for error, spread in zip(errors, spreads, strict=True)))
+        late = sum(error * spread for error, spread in zip(errors, spreads, strict=True))
+        return prediction.cost + float(late)
 
 
 def usual_widths(robot: Robot) -> dict[str, float]:

@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.gate_from_episodes import usual_widths
 from ator_ros.experience.store_reading import NUMBER, action_sets_in, convert_closed, read_records
 from ator_ros.experience.table import library_versions
 from ator_ros.learning.improving import ActionVerdict, improved
@@ -193,7 +194,9 @@ def _made(
         known |= {_key(name, change.measure): ends[name] for change in better}
         gate = made / model_path("gate", action_set)
         if not gate.exists():
-            save_gate(gate, CAUTION, {"command": "learning"}, action_set)
+            widths = usual_widths(source.robot) if source.observed else {}
+            cautious = dataclasses.replace(CAUTION, widths=widths)
+            save_gate(gate, cautious, {"command": "learning"}, action_set)
     for action_set in {change.action_set for change in changes}:
         _keep_matching(source, made, action_set)
     manifest = {

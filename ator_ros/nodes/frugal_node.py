@@ -12,8 +12,9 @@ class FrugalNode(Node):
     """A node whose publishers and subscriptions come without the events that rclpy adds by default.
 
     These are two for each, which log a mismatch of QoS and of type. rclpy collects all of them anew each time
-    that the node wakes up: in the executor they were half of that work. The other side of a mismatch of QoS
-    logs it as well, and `Diagnostics` names those who publish another type.
+    that the node wakes up: in the executor they were half of that work. A mismatch of QoS with somebody
+    else's node is logged there; where a node has `Diagnostics` of its inputs, these name who publishes
+    another type.
     """
 
     def create_publisher(self, *args: Any, **options: Any) -> Any:

@@ -53,6 +53,14 @@ class GateTraining:
 
 
 @dataclass(frozen=True)
+class _Threshold:
+    """The numbers of a `ThresholdGate`."""
+
+    gain: float
+    spread_factor: float = 0.0
+
+
+@dataclass(frozen=True)
 class _Tree:
     """The columns of a `TreeGate`."""
 
@@ -115,7 +123,8 @@ def _gate(file: _GateFile) -> OpenGate | ThresholdGate | TreeGate:
     if file.kind == OpenGate.kind:
         return OpenGate()
     if file.kind == ThresholdGate.kind:
-        return structured(file.gate, ThresholdGate, "gate")
+        threshold = structured(file.gate, _Threshold, "gate")
+        return ThresholdGate(threshold.gain, threshold.spread_factor)
     tree = structured(file.gate, _Tree, "gate")
     return TreeGate(tree.feature, tree.threshold, tree.left, tree.right, tree.label)
 
