@@ -27,14 +27,23 @@ FEATURES: Mapping[str, str] = {
 
 
 def gate_features(
-    world: World, chain: TopChain, best: TopChain, before: ChainPrediction, after: ChainPrediction
+    world: World,
+    chain: TopChain,
+    best: TopChain,
+    before: ChainPrediction,
+    after: ChainPrediction,
+    *,
+    averaged: float = math.inf,
 ) -> dict[str, float]:
-    """Return the values of `FEATURES` for a chain and the best one found."""
+    """Return the values of `FEATURES` for a chain and the best one found.
+
+    The gain is the difference of both predictions, or that of `averaged` costs where it is less.
+    """
     robot, first = world.robot.pose, chain.calls[0].goal.pose
     following = chain.calls[min(1, len(chain.calls) - 1)].goal.pose
     leg = math.atan2(first.y - robot.y, first.x - robot.x)
     next_leg = math.atan2(following.y - first.y, following.x - first.x)
-    gain = before.cost - after.cost
+    gain = min(before.cost - after.cost, averaged)
     turns = [
         abs(wrap_angle(new.goal.pose.yaw - old.goal.pose.yaw))
         for old, new in zip(chain.calls, best.calls, strict=True)

@@ -46,24 +46,30 @@ class SearchCurve:
 class Optimum:
     """Best values of each subgoal's free variables, shapes (k,), the cost there, the first grid's curves.
 
-    It is not `complete` where time was up before everything was searched.
+    It is not `complete` where time was up before everything was searched. `given` is the cost of what was
+    given, where costs are averaged.
     """
 
     values: tuple[FloatArray, ...]
     cost: float
     curves: tuple[SearchCurve, ...]
     complete: bool = True
+    given: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class BestPath:
-    """The best path through candidates: those considered, the values chosen, the least cost through each."""
+    """The best path through candidates: those considered, the values chosen, the least cost through each.
+
+    `given` is the cost of the path through what was given, where costs are averaged.
+    """
 
     candidates: Sequence[FloatArray]
     values: list[FloatArray]
     cost: float
     totals: list[FloatArray]
     complete: bool
+    given: float | None = None
 
 
 def best_apart(
@@ -124,7 +130,20 @@ def least_path(
         path.insert(0, int(origin[path[0]]))
     values = [c[i] for c, i in zip(searched, path, strict=True)]
     totals = [f + b for f, b in zip(forward, backward, strict=True)]
-    return BestPath(searched, values, total, totals, complete)
+    as_given = _cost_of(given, searched, costs) if averages is not None and given else None
+    return BestPath(searched, values, total, totals, complete, as_given)
+
+
+def _cost_of(
+    chain: Sequence[FloatArray], candidates: Sequence[FloatArray], costs: Sequence[FloatArray]
+) -> float:
+    """Return the cost of a chain whose values (k,) are among the candidates (n, k) of each subgoal."""
+    row, total = 0, 0.0
+    for values, searched, cost in zip(chain, candidates, costs, strict=True):
+        column = int((searched == values).all(axis=1).argmax())
+        total += float(cost[row, column])
+        row = column
+    return total
 
 
 def _pairwise(

@@ -236,7 +236,8 @@ class Refiner:
         for index, names in enumerate(model.names):
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        features = gate_features(world, chain, best, before, after)
+        averaged = math.inf if optimum.given is None else optimum.given - optimum.cost
+        features = gate_features(world, chain, best, before, after, averaged=averaged)
         pays, reason = self.gate.decide(features)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []

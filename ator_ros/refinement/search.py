@@ -80,7 +80,7 @@ def searching(
         )
     )
     if sum(len(domains) for domains in axes) <= 1 or not first.complete:
-        return Optimum(tuple(first.values), first.cost, curves, first.complete)
+        return Optimum(tuple(first.values), first.cost, curves, first.complete, first.given)
     windows = []
     for value, offered, total, step, domains in zip(
         first.values, candidates, first.totals, steps, axes, strict=True
@@ -90,7 +90,7 @@ def searching(
         zoomed = [_window(centre, step, domains) for centre in best]
         windows.append(_distinct(np.vstack([value, *zoomed])) if domains else offered)
     second = yield from least_path(step_cost, windows, first.values, averages)
-    return Optimum(tuple(second.values), second.cost, curves, second.complete)
+    return Optimum(tuple(second.values), second.cost, curves, second.complete, first.given)
 
 
 def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
