@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
@@ -10,6 +11,9 @@ from ator_ros.actions.base import Action, Goal, Point, Status
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.lag_seen import LagSeen
+from ator_ros.domains.soccer.planned.planned_action import PLAN_SHARE
+from ator_ros.domains.soccer.planned.reactions import Reaction, Reactions
+from ator_ros.domains.soccer.planned.strength_seen import StrengthSeen
 from ator_ros.geometry import Pose
 from ator_ros.learning.changed import CHANGES
 from ator_ros.robot.description import load_robot
@@ -58,7 +62,11 @@ def approach(change: str, bearing: float, yaw: float, speed: float = 0.0) -> Dri
     ("change", "bearing", "yaw"),
     [
         ("motors", 0.0, 0.0),
+        ("motors", 0.7, -1.0),
+        ("motors", -1.5, 0.8),
+        ("motors", 2.2, -1.0),
         ("motors", 2.2, 1.9),
+        ("motors", 3.0, 1.9),
         ("wheel", 0.7, -1.0),
         ("wheel", -1.5, 0.8),
         ("wheel", 2.2, 1.9),
@@ -81,17 +89,42 @@ def test_a_robot_whose_motors_lag_brakes_in_time(bearing: float, yaw: float) -> 
     assert changed.time < 1.2 * described.time
 
 
+def reactions(change: str, *, v: float, w: float = 0.0) -> Iterator[Reaction]:
+    """Yield the reactions of a changed robot to commands whose speeds rise by `v` m/s^2 and `w` rad/s^2."""
+    told = Reactions(PIONEER)
+    with Simulation(CHANGES[change].robot(PIONEER)) as simulation:
+        for tick in range(CONTROL_RATE):
+            reaction = told.see(simulation.world())
+            if reaction is not None:
+                yield reaction
+            time = (tick + 1) * CONTROL_PERIOD
+            command = Command(v * time, w * time)
+            told.sent(command)
+            simulation.command(command)
+            simulation.tick()
+
+
 @pytest.mark.parametrize(
     ("change", "lag", "within"), [("none", 0.03, 0.0), ("lag", 0.12, 0.03), ("motors", 0.03, 0.0)]
 )
 def test_a_lag_is_seen_while_the_base_gains_speed(change: str, lag: float, within: float) -> None:
     """A weak base, which gains less than was asked, tells nothing; one as described shows nothing new."""
-    seen, changed = LagSeen(PIONEER), CHANGES[change]
-    with Simulation(changed.robot(PIONEER)) as simulation:
-        for tick in range(CONTROL_RATE):
-            seen.see(simulation.world())
-            command = Command(0.97 * PIONEER.limits.a * (tick + 1) * CONTROL_PERIOD, 0.0)
-            seen.sent(command)
-            simulation.command(command)
-            simulation.tick()
+    seen = LagSeen(PIONEER)
+    for reaction in reactions(change, v=PLAN_SHARE * PIONEER.limits.a):
+        seen.see(reaction)
     assert seen.seconds == pytest.approx(lag, abs=within)
+
+
+@pytest.mark.parametrize("change", ["none", "lag", "wheel", "motors"])
+def test_a_weak_base_is_seen_while_it_gains_speed(change: str) -> None:
+    """One whose motors lag, or whose wheel slips, is not weak, nor is one that is at its greatest speed."""
+    limits = PIONEER.limits.scaled(PLAN_SHARE)
+    a, aw = limits.a, limits.aw
+    weak = CHANGES[change].acceleration
+    for v, w in ((a, 0.0), (-a, 0.0), (0.0, aw), (0.0, -aw)):
+        seen = StrengthSeen(PIONEER, limits)
+        for reaction in reactions(change, v=v, w=w):
+            seen.see(reaction)
+        assert seen.limits.a == pytest.approx(weak * a if v else a)
+        assert seen.limits.aw == pytest.approx(weak * aw if w else aw)
+        assert seen.limits.brake == limits.brake

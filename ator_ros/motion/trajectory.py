@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import copy
+import math
+
 import numpy as np
 
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.opening import Opening
 from ator_ros.motion.profiles import Piece
-from ator_ros.world.state import RobotState
+from ator_ros.motion.retiming import greatest_rates
+from ator_ros.robot.description import Limits
+from ator_ros.world.state import CONTROL_PERIOD, RobotState
 
 DT = 0.01
 """Time in s between two samples."""
@@ -66,6 +71,30 @@ class Trajectory:
             return float(values[low] + share * (values[high] - values[low]))
 
         return RobotState(Pose(mix(self._x), mix(self._y), mix(self._yaw)), mix(self._v), mix(self._w))
+
+    def rest(self, since: float, limits: Limits) -> Trajectory:
+        """Return the motion from the moment `since` (s) on, slower where it asks for more than `limits`."""
+        count = max(1, math.ceil((self.duration - since) / CONTROL_PERIOD))
+        moments = np.linspace(since, self.duration, count + 1)
+        v, w = np.interp(moments, self._times, self._v), np.interp(moments, self._times, self._w)
+        steps = np.diff(moments)
+        rates = greatest_rates(v, w, steps, limits)
+        times = np.concatenate(([0.0], np.cumsum(2.0 * steps / (rates[:-1] + rates[1:]))))
+        return self._retimed(since, times, rates)
+
+    def _retimed(self, since: float, times: FloatArray, rates: FloatArray) -> Trajectory:
+        """Return the motion from `since` on; at `times` its time passes at `rates`, linearly in between."""
+        slower = copy.copy(self)
+        slower.duration = float(times[-1])
+        slower._times = np.append(np.arange(0.0, slower.duration, DT), slower.duration)
+        rate = np.interp(slower._times, times, rates)
+        moments = since + _integral(rate, np.diff(slower._times))
+        slower._v = rate * np.interp(moments, self._times, self._v)
+        slower._w = rate * np.interp(moments, self._times, self._w)
+        slower._x = np.interp(moments, self._times, self._x)
+        slower._y = np.interp(moments, self._times, self._y)
+        slower._yaw = np.interp(moments, self._times, self._yaw)
+        return slower
 
     def poses(self) -> FloatArray:
         """Return the sampled poses, shape (n, 3): x, y in m, yaw in rad."""

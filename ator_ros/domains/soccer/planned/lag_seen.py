@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from ator_ros.domains.soccer.planned.reactions import Reaction
 from ator_ros.robot.description import Robot
-from ator_ros.robot.ramp import ramped
-from ator_ros.world.state import STOP, Command, World
 
 _LEAST_SHARE = 0.8  # of the described acceleration: with less of it a lag hardly shows
 _FOLLOWS = 0.8  # share of the set speed's change with which a base follows that lags, and is not weak
@@ -21,13 +20,11 @@ class LagSeen:
     Parameters
     ----------
     robot : Robot
-        Limits within which the base follows commands, and the lag that is expected.
+        The acceleration that the base should have, and the lag that is expected.
     """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self._last: World | None = None
-        self._command, self._set = STOP, STOP
         self._short, self._gained, self._count = 0.0, 0.0, 0
 
     @property
@@ -38,23 +35,13 @@ class LagSeen:
             return described
         return min(self._short / self._gained, _MOST)
 
-    def sent(self, command: Command) -> None:
-        """Take in the command for the state that was seen last."""
-        self._command = command
-
-    def see(self, world: World) -> None:
-        """Take in the state of this tick."""
-        last, before = self._last, self._set
-        self._last = world
-        if last is None or world.time <= last.time:
-            self._set = Command(world.robot.v, world.robot.w)
-            return
-        robot, passed = self._robot, world.time - last.time
-        self._set = ramped(before, self._command, passed, robot.limits, robot.stop)
-        was, now = abs(last.robot.v), abs(world.robot.v)
-        asked, gained = (abs(self._set.v) - abs(before.v)) / passed, (now - was) / passed
-        if asked >= _LEAST_SHARE * robot.limits.a and gained >= _FOLLOWS * asked:
-            short = 0.5 * (abs(self._set.v) + abs(before.v) - now - was)
+    def see(self, reaction: Reaction) -> None:
+        """Take in what the base did in a tick."""
+        before, after, passed = abs(reaction.before.v), abs(reaction.set.v), reaction.passed
+        was, now = abs(reaction.was.v), abs(reaction.now.v)
+        asked, gained = (after - before) / passed, (now - was) / passed
+        if asked >= _LEAST_SHARE * self._robot.limits.a and gained >= _FOLLOWS * asked:
+            short = 0.5 * (after + before - now - was)
             self._short += short * gained
             self._gained += gained * gained
             self._count += 1

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.planned.pause import Pause
+from ator_ros.domains.soccer.planned.strength_seen import StrengthSeen
 from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, Tracker
 from ator_ros.domains.soccer.thresholds import gripping
 from ator_ros.geometry import FloatArray, Pose
@@ -59,6 +60,7 @@ class PlannedAction(Action):
         self._replans = 0
         self._deferred = -math.inf
         self._tracker: Tracker | None = None
+        self._strength = StrengthSeen(self.robot, self.plan_limits)
         self._pause = Pause(world, self.plan_limits)
         self._search: Search | None = self._searched(world, standing=world.robot.is_still)
         self._commit(world, self._search, waits=True)
@@ -186,7 +188,9 @@ class PlannedAction(Action):
         if manoeuvre is None:
             return False
         trajectory = Trajectory(manoeuvre, search.opening)
-        self._tracker = Tracker(self.robot, trajectory, world.time, waits=waits, reserve=self.reserve)
+        self._tracker = Tracker(
+            self.robot, trajectory, world.time, self._strength, waits=waits, reserve=self.reserve
+        )
         self._search = None
         return True
 

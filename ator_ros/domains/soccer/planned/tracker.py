@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.domains.soccer.planned.lag_seen import LagSeen
+from ator_ros.domains.soccer.planned.reactions import Reactions
+from ator_ros.domains.soccer.planned.strength_seen import StrengthSeen
 from ator_ros.geometry import Pose
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Robot
@@ -46,6 +48,7 @@ class Tracker:
 
     The time of the trajectory passes more slowly where the robot falls behind, since the base is weaker than
     its description: so it stays on the way that was planned (trajectory time scaling, Dahl and Nielsen 1990).
+    Once the base has shown how weak it is, the rest is slowed down ahead, where it would ask for too much.
 
     Parameters
     ----------
@@ -55,6 +58,8 @@ class Tracker:
         What to follow.
     start_time : float
         When the trajectory starts, in s of the world's time.
+    strength : StrengthSeen
+        The accelerations that the base has shown, and shows.
     waits : bool
         Whether the trajectory starts later where the robot does.
     reserve : float
@@ -78,6 +83,7 @@ class Tracker:
         robot: Robot,
         trajectory: Trajectory,
         start_time: float,
+        strength: StrengthSeen,
         *,
         waits: bool = False,
         reserve: float = math.inf,
@@ -90,7 +96,9 @@ class Tracker:
         still = RobotState(first.pose, first.v, first.w).is_still
         self._waits = waits and still and trajectory.duration > _SHORT
         self._weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
-        self._lag = LagSeen(robot)
+        self._reactions, self._lag, self._strength = Reactions(robot), LagSeen(robot), strength
+        self._able = strength.described
+        self._slow_down(start_time)
         self._foresee(robot.motor_time_constant)
         self._usual = self._preview
 
@@ -105,9 +113,21 @@ class Tracker:
         passed, self._seen = world.time - self._seen, world.time
         self._wait_for_start(world)
         self._rate = 1.0 if self._waits else self._rate_for(world)
-        self._lag.see(world)
-        self._foresee(self._lag.seconds)
         self._start += (1.0 - self._rate) * passed
+        reaction = self._reactions.see(world)
+        if reaction is not None:
+            self._strength.see(reaction)
+            if not self._strength.weak:  # else its speed is behind since it gains less
+                self._lag.see(reaction)
+        self._foresee(self._lag.seconds)
+        self._slow_down(world.time)
+
+    def _slow_down(self, time: float) -> None:
+        """Follow the rest of the plan only as fast as the base has shown that it can, from `time` (s) on."""
+        able, passed = self._strength.limits, time - self._start
+        if able != self._able and passed < self.trajectory.duration:
+            self.trajectory, self._start = self.trajectory.rest(passed, able), time
+            self._able = able
 
     def _rate_for(self, world: World) -> float:
         """Return how fast the plan's time passes: 1, or less for a robot that falls behind."""
@@ -170,7 +190,7 @@ class Tracker:
         w = planned_w + self._across(planned_v) * error.across + turning
         bound = self._limits
         command = Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
-        self._lag.sent(command)
+        self._reactions.sent(command)
         return command
 
     def _catching_up(self, along: float) -> float:
