@@ -62,8 +62,9 @@ class Gathering(MutuallyExclusiveCallbackGroup):
 def _newest(subscription: Subscription) -> Any:
     """Return the last message that has come; None where none has, or the subscription was destroyed."""
     newest = None
-    with contextlib.suppress(InvalidHandle), subscription.handle as handle:
-        while (taken := handle.take_message(subscription.msg_type, subscription.raw)) is not None:
+    handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
+    with contextlib.suppress(InvalidHandle), handle:
+        while (taken := handle.take_message(kind, raw)) is not None:
             newest = taken[0]
     return newest
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -33,9 +34,11 @@ class Sleeper(FrugalNode):
 
     def __init__(self, context: rclpy.Context) -> None:
         super().__init__("sleeper", context=context)
-        self.inputs, self.heard, self.woken = Gathering(), [], 0
+        self.gathering, self.heard, self.woken = Gathering(), [], 0
         for topic in ("first", "second"):
-            self.create_subscription(Int32, topic, self._hear(topic), SENSOR_DATA, callback_group=self.inputs)
+            self.create_subscription(
+                Int32, topic, self._hear(topic), SENSOR_DATA, callback_group=self.gathering
+            )
         self.create_service(Trigger, "wake", self._wake)
 
     def _hear(self, topic: str) -> Callable[[Int32], None]:
@@ -73,7 +76,7 @@ def test_inputs_gather_and_the_newest_are_taken_in_the_order_of_subscription(sle
         first.publish(Int32(data=number))
     began = time.monotonic()
     while not node.heard:
-        node.inputs.rest(executor, 0.3)
+        node.gathering.rest(executor, 0.3)
     assert time.monotonic() - began >= 0.3
     assert node.heard == [("first", 2), ("second", 2)]
 
@@ -84,16 +87,36 @@ def test_whatever_else_happens_ends_a_rest_at_once(sleeper, client: Client) -> N
     asking.start()
     began = time.monotonic()
     while not node.woken:
-        node.inputs.rest(executor, _LONG)
+        node.gathering.rest(executor, _LONG)
     assert time.monotonic() - began < _LONG
     asking.join()
     assert isinstance(node, Resting)
 
 
 def test_a_rest_ends_before_odometry_would_count_as_missing() -> None:
-    assert rest_of({"odom_timeout": 0.05}, watched=False) == 0.025
-    assert rest_of({"odom_timeout": 0.5}, watched=True) <= 0.1  # drawn ten times a second
-    assert rest_of({"odom_timeout": 0.5}, watched=False) <= 0.15
+    assert rest_of({"odom_timeout": 0.05}, (), 1.0, watched=False) == 0.025
+    assert rest_of({"odom_timeout": 0.5}, (), 1.0, watched=True) <= 0.1  # drawn ten times a second
+    assert rest_of({"odom_timeout": 0.5}, (), 1.0, watched=False) <= 0.15
+
+
+@pytest.mark.parametrize("pace", [1.0, 1.5, 1.95])
+def test_a_rest_ends_before_objects_would_be_too_far_ahead_or_their_velocity_unknown(pace: float) -> None:
+    for timeout in (0.05, 0.1, 0.3):
+        settings = {"odom_timeout": 0.5, "cup_timeout": timeout}
+        stamped = pace * rest_of(settings, ["cup"], pace, watched=False)
+        assert stamped <= timeout / 2.0 + 1e-9
+        assert stamped <= 0.2 + 1e-9  # with an awakening and a tick less than 0.3 s
+
+
+def test_inputs_are_heard_again_after_a_callback_that_raises(sleeper) -> None:
+    node, _ = sleeper
+
+    def raising(*, timeout_sec: float) -> None:
+        raise RuntimeError("of a callback")
+
+    with pytest.raises(RuntimeError, match="of a callback"):
+        node.gathering.rest(SimpleNamespace(spin_once=raising), 0.1)
+    assert node.gathering.can_execute(next(iter(node.subscriptions)))
 
 
 def test_objects_are_drawn_ten_times_a_second(host: Host, client: Client) -> None:
