@@ -119,8 +119,7 @@ class ExecutorNode(FrugalNode):
         busy = self._run or self._plans.waiting or self._remotes.ending()
         if busy or self._tf.used or self._inputs.pace >= _HURRIED:
             return 0.0
-        watched, pace = self._drawing.watched, self._inputs.pace
-        return rest_of(self._settings, self._domain.objects, pace, watched=watched)
+        return rest_of(self._settings, self._domain.objects, self._inputs.pace, watched=self._drawing.watched)
 
     def _take_object(self, name: str, read: Reader, message: Any) -> None:
         try:
