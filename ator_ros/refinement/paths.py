@@ -61,12 +61,14 @@ class Optimum:
 class BestPath:
     """The best path through candidates: those considered, the values chosen, the least cost through each.
 
-    `given` is the cost of the path through what was given, where costs are averaged.
+    `costs` are those of its steps. `given` is the cost of the path through what was given, where costs are
+    averaged.
     """
 
     candidates: Sequence[FloatArray]
     values: list[FloatArray]
     cost: float
+    costs: list[float]
     totals: list[FloatArray]
     complete: bool
     given: float | None = None
@@ -130,8 +132,9 @@ def least_path(
         path.insert(0, int(origin[path[0]]))
     values = [c[i] for c, i in zip(searched, path, strict=True)]
     totals = [f + b for f, b in zip(forward, backward, strict=True)]
+    steps = [float(cost[i, j]) for cost, i, j in zip(costs, [0, *path], path, strict=False)]
     as_given = _cost_of(given, searched, costs) if averages is not None and given else None
-    return BestPath(searched, values, total, totals, complete, as_given)
+    return BestPath(searched, values, total, steps, totals, complete, as_given)
 
 
 def _cost_of(

@@ -1,9 +1,10 @@
 """The search for the best subgoals of a whole chain (paper, section 4.3, for any number of variables).
 
 Dynamic programming finds the best chain through a grid of candidates for every subgoal. The grid is
-exhaustive where one variable is free; otherwise it is coarse first and then refined around the best
-candidates. Where a subgoal has more than two free variables, or its candidates are bounded by a region,
-candidates are spread evenly instead (`ator_ros.refinement.sampled`).
+exhaustive where one variable is free. Otherwise it is coarse, and the subgoals of the best chain are then
+placed exactly, one after the other (`ator_ros.refinement.sweeps`). Where a subgoal has more than two free
+variables, or its candidates are bounded by a region, candidates are spread evenly instead
+(`ator_ros.refinement.sampled`).
 """
 
 from __future__ import annotations
@@ -18,18 +19,22 @@ from ator_ros.refinement.averaging import Averages
 from ator_ros.refinement.paths import Optimum, SearchCurve, StepCost, best_apart, least_path
 from ator_ros.refinement.sampled import Allowed, into_domains, sampling
 from ator_ros.refinement.slices import Slices, completed
+from ator_ros.refinement.sweeps import sweeping
 from ator_ros.tops.ranges import Range
 
 SINGLE = 120
 """Candidates for one free variable on its own: 3 degrees of an angle. Nothing finer is searched then."""
 ALONE = 432
 """First candidates of a subgoal with several free variables whose neighbours are fixed."""
-PAIRED = 16
-"""First candidates per free variable of a subgoal whose neighbour has free variables too."""
-LEAST_STEPS = 4
-ZOOM_STEPS = (7, 5, 3)
-"""Steps of a window in each direction, for one, two, and more free variables."""
+PAIRED = 24
+"""The same of a subgoal whose neighbour has free variables too: all pairs of both are searched."""
+LEAST_STEPS = 3
+ROUNDS = 4
+"""How often such subgoals are placed anew, each time in windows half as wide."""
+ZOOM_STEPS = (9, 5)
+"""Steps of a window in each direction, for one and two free variables."""
 ZOOM_WINDOWS = 2
+"""In the first round, around so many of the best candidates."""
 MOST_ON_GRID = 2
 """Free variables of a subgoal that are searched on a grid."""
 
@@ -81,16 +86,18 @@ def searching(
     )
     if sum(len(domains) for domains in axes) <= 1 or not first.complete:
         return Optimum(tuple(first.values), first.cost, curves, first.complete, first.given)
-    windows = []
-    for value, offered, total, step, domains in zip(
-        first.values, candidates, first.totals, steps, axes, strict=True
-    ):
-        yield
-        best = best_apart(offered, total, step, most=ZOOM_WINDOWS) if domains else []
-        zoomed = [_window(centre, step, domains) for centre in best]
-        windows.append(_distinct(np.vstack([value, *zoomed])) if domains else offered)
-    second = yield from least_path(step_cost, windows, first.values, averages)
-    return Optimum(tuple(second.values), second.cost, curves, second.complete, first.given)
+    centres = [
+        best_apart(offered, total, step, most=ZOOM_WINDOWS) if domains else []
+        for offered, total, step, domains in zip(candidates, first.totals, steps, axes, strict=True)
+    ]
+
+    def window(index: int, value: FloatArray, number: int) -> FloatArray:
+        around, step = (centres[index] if number == 0 else [value]), steps[index] * 0.5**number
+        return _distinct(np.vstack([value, *(_window(centre, step, axes[index]) for centre in around)]))
+
+    rounds = ROUNDS if any(axes[i] and axes[i + 1] for i in range(len(axes) - 1)) else 1
+    values, cost, complete = yield from sweeping(step_cost, first, window, rounds, averages)
+    return Optimum(tuple(values), cost, curves, complete, first.given)
 
 
 def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
@@ -108,10 +115,7 @@ def _first_grids(axes: tuple[tuple[Range, ...], ...]) -> tuple[list[FloatArray],
     grids, steps = [], []
     for index, domains in enumerate(axes):
         neighbours = [axes[i] for i in (index - 1, index + 1) if 0 <= i < len(axes)]
-        if any(neighbours):
-            budget = float(PAIRED * len(domains))
-        else:
-            budget = float(SINGLE if len(domains) == 1 else ALONE)
+        budget = PAIRED if any(neighbours) else SINGLE if len(domains) == 1 else ALONE
         product = float(np.prod([domain.steps for domain in domains]))
         scale = (budget / product) ** (1.0 / max(len(domains), 1))
         counts = [max(LEAST_STEPS, round(domain.steps * scale)) for domain in domains]
@@ -144,7 +148,7 @@ def _product(lines: Sequence[FloatArray]) -> FloatArray:
 
 def _window(centre: FloatArray, step: FloatArray, domains: Sequence[Range]) -> FloatArray:
     """Return candidates, shape (n, k), that divide the steps of the first grid around `centre`."""
-    count = ZOOM_STEPS[min(len(domains), len(ZOOM_STEPS)) - 1]
+    count = ZOOM_STEPS[len(domains) - 1]
     window = _product([c + s * np.linspace(-1.0, 1.0, count) for c, s in zip(centre, step, strict=True)])
     into_domains(window, domains)
     return window
