@@ -38,6 +38,11 @@ def inlined(function: Function) -> Function:
     return _Compiled(function, forceinline=True)  # type: ignore[return-value]
 
 
+def unlocked(function: Function) -> Function:
+    """Compile `function` to run without Python's lock, so that other threads run meanwhile."""
+    return _Compiled(function, nogil=True)  # type: ignore[return-value]
+
+
 def elementwise(function: Function) -> Function:
     """Compile `function` for compiled code that calls it; from Python it is numpy's, for arrays of any shape.
 

@@ -124,7 +124,7 @@ def times_of(family: Family, ends: FloatArray, hold: float) -> FloatArray:
     for kind in range(len(family.kinds)):
         result = np.empty((2, ends.shape[2]))
         row = family.rows[kind : kind + 1]
-        search_fastest(ends, row, family.tables, family.rules(hold), (np.inf, 0.0), result)
+        search_fastest(ends, row, family.tables, family.rules(hold), (np.inf, 0.0), result, 0, ends.shape[2])
         times[kind] = result[0]
     return times
 

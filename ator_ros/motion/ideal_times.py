@@ -9,12 +9,17 @@ them before. docs/ablation.md tells the accuracy with and without them, the eval
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from ator_ros.cores import in_shares
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.families import Family
 from ator_ros.motion.motion_search import search_fastest
+
+_SHARE = 60
+"""Situations that one core takes at least: some 60 microseconds."""
 
 
 @dataclass(frozen=True)
@@ -52,5 +57,8 @@ def fastest_motions(ends: FloatArray, family: Family, *, hold: float) -> Motions
         Distance in m from the destination to the object in front of it.
     """
     time, turn = result = np.empty((2, ends.shape[2]))
-    search_fastest(ends, family.rows, family.tables, family.rules(hold), family.missed, result)
+    search = partial(
+        search_fastest, ends, family.rows, family.tables, family.rules(hold), family.missed, result
+    )
+    in_shares(search, ends.shape[2], _SHARE)
     return Motions(time, turn)

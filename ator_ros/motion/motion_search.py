@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ator_ros.compiled import compiled, inlined
+from ator_ros.compiled import compiled, inlined, unlocked
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import change_distance, drive_time, forward_time, turn_time
 from ator_ros.motion.motion_ends import ENTRY, LEAVE, Rows, Rules, set_arrival, set_speed
@@ -65,7 +65,7 @@ class _Turns(NamedTuple):
     beyond: float
 
 
-@compiled
+@unlocked
 def search_fastest(
     ends: FloatArray,
     kinds: Rows,
@@ -73,6 +73,8 @@ def search_fastest(
     rules: Rules,
     missed: tuple[float, float],
     result: FloatArray,
+    first: int,
+    end: int,
 ) -> None:
     """Find the fastest motion in each of n situations to one of m destinations, whichever is reached first.
 
@@ -89,15 +91,17 @@ def search_fastest(
         Time (s) and angle (rad) that stand for a destination to which no motion has room.
     result : ndarray, shape (2, n)
         Becomes the time in s, and the sum of the angles turned in rad.
+    first, end : int
+        Of which situations.
     """
     entries = np.empty(len(kinds), dtype=ENTRY)
     leaves = np.empty((_KEPT, len(kinds)), dtype=LEAVE)
     arrivals = np.full(_KEPT, np.nan)
     gaps = np.empty(WIDTH, dtype=np.float32)
     likely, kept = 0, 0  # what was fastest just before is tried first: then more of the others are hopeless
-    for at in range(ends.shape[2]):
+    for at in range(first, end):
         speed = ends[3, 0, at]
-        if at == 0 or speed != ends[3, 0, at - 1]:
+        if at == first or speed != ends[3, 0, at - 1]:
             set_speed(entries, speed, kinds, tables, rules)
         best, turned = np.inf, 0.0
         for choice in range(ends.shape[1]):

@@ -12,6 +12,7 @@ from typing import Any
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.cores import use_cores
 from ator_ros.learning.exploring import Explorer
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError, bounds_of
@@ -65,6 +66,7 @@ PARAMETERS = (
     Parameter(
         "deadline", 0.05, "real s until a request is answered with the best found by then", 0.001, 60.0
     ),
+    Parameter("cores", 2, "how many cores search at once; the node itself takes one", 1, 64),
     Parameter("most_requests", 32, "requests under way at once; more are refused as busy", 1, 1000),
 )
 
@@ -103,6 +105,7 @@ class RefinementNode(FrugalNode):
     def __init__(self) -> None:
         super().__init__("refinement")
         self._settings = declare_parameters(self, PARAMETERS, self._change)
+        use_cores(self._settings["cores"])
         robot = robot_of(self._settings)
         self._domain = domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}

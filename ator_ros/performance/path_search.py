@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.compiled import compiled
+from ator_ros.compiled import compiled, unlocked
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Rates
 from ator_ros.performance.compiled_paths import (
@@ -152,7 +152,7 @@ def _fastest(
     return best, angle
 
 
-@compiled
+@unlocked
 def fastest_ways(
     ends: FloatArray,
     ways: PathWays,
@@ -160,8 +160,13 @@ def fastest_ways(
     tables: FloatArray,
     times: FloatArray,
     turns: FloatArray,
+    first: int,
+    end: int,
 ) -> None:
-    """Write the least time in s of all `ways` to each of `ends` (n, 5), and the angle turned on it in rad."""
+    """Write the least time in s of all `ways` to each of `ends` (n, 5), and the angle turned on it in rad.
+
+    Only those from `first` to `end` are computed.
+    """
     bounds = np.empty((len(ways.entries), len(ways.exits)))
-    for row in range(len(ends)):
+    for row in range(first, end):
         times[row], turns[row] = _fastest(ends[row], ways, rules, tables, bounds)

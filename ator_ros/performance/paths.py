@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
+from ator_ros.cores import in_shares
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import rates_of, turn_parts
 from ator_ros.motion.ideal_times import Motions
@@ -22,6 +23,7 @@ from ator_ros.performance.driving import LEVELS, DrivingStyle
 from ator_ros.performance.path_search import PathWays, fastest_ways
 from ator_ros.performance.tree.nodes import IntArray
 
+_SHARE = 12  # ends that one core takes at least: some 60 microseconds
 _ANGLES = 257  # of a table of turns, from 0 to a full turn
 _MOMENTS = 96  # at which a turn is summed up
 _RATES = 12  # tables, of equally spaced turn rates up to the limit
@@ -129,5 +131,6 @@ def path_times(ends: FloatArray, driving: DrivingStyle, *, hold: float, holding:
     rules = PathRules(rates, run, not driving.backward, passing, hold, _TIGHT * rates.w)
     times, turns = np.empty(len(ends)), np.empty(len(ends))
     ways = _ways(driving, holding=holding)
-    fastest_ways(ends, ways, rules, _tables(rates.w, rates.aw), times, turns)
+    search = partial(fastest_ways, ends, ways, rules, _tables(rates.w, rates.aw), times, turns)
+    in_shares(search, len(ends), _SHARE)
     return Motions(times, turns)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ator_ros.compiled import compiled, inlined
+from ator_ros.compiled import inlined, unlocked
 from ator_ros.domains.soccer.planned.holding import LARGEST_TURN
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Rates, change_distance, forward_time, turn_time
@@ -56,10 +56,10 @@ class ShotSetting(NamedTuple):
     room: float
 
 
-@compiled
+@unlocked
 def fastest_run_ups(
     starts: FloatArray, speeds: FloatArray, slants: FloatArray, turns: HeldTurns, setting: ShotSetting,
-    rates: Rates, result: FloatArray,
+    rates: Rates, result: FloatArray, first: int, end: int,
 ) -> None:  # fmt: skip
     """Write the time in s until the ball is in the goal, infinite where no run-up leads there; NaN for NaN.
 
@@ -75,8 +75,10 @@ def fastest_run_ups(
         How turns are driven, robot, ball and goal, and the limits with the ball.
     result : ndarray, shape (n,)
         The times.
+    first, end : int
+        Of which situations.
     """
-    for at in range(starts.shape[1]):
+    for at in range(first, end):
         x, y, yaw = starts[0, at], starts[1, at], starts[2, at]
         if not math.isfinite(x + y + yaw + starts[3, at]):
             result[at] = math.nan

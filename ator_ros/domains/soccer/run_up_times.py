@@ -6,10 +6,11 @@ decides between one second and six. A few ideal motions to fixed places cannot s
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
+from ator_ros.cores import in_shares
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.compiled_run_ups import ANGLES, HeldTurns, ShotSetting, fastest_run_ups
 from ator_ros.domains.soccer.field import field_of
@@ -33,6 +34,8 @@ _SLANTS: FloatArray = np.column_stack((_HEADINGS, np.cos(_HEADINGS), np.sin(_HEA
 _ENTRY_SHARES: FloatArray = np.array((0.0, 0.15, 0.35, 0.7))
 _GAIN_SHARES = (*(step / 8 for step in range(8)), MOST_GAINED)
 _SPEEDS = 51
+_SHARE = 12
+"""Situations that one core takes at least: some 60 microseconds."""
 
 
 def run_up_times(robot: Robot, starts: FloatArray) -> FloatArray:
@@ -66,7 +69,8 @@ def run_up_times(robot: Robot, starts: FloatArray) -> FloatArray:
     limits, turns, setting = _tables(robot)
     times = np.empty(starts.shape[1])
     speeds = _ENTRY_SHARES * limits.v
-    fastest_run_ups(starts, speeds, _SLANTS, turns, setting, rates_of(limits), times)
+    search = partial(fastest_run_ups, starts, speeds, _SLANTS, turns, setting, rates_of(limits), times)
+    in_shares(search, len(times), _SHARE)
     return times
 
 

@@ -1,0 +1,97 @@
+"""Loops that several cores share: every item once, the same results, and no waiting for a busy core."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from ator_ros import cores
+from ator_ros.cores import in_shares, use_cores
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.run_up_times import run_up_times
+from ator_ros.geometry import FloatArray
+from ator_ros.performance.features import feature_table
+from ator_ros.robot.description import load_robot
+
+
+@pytest.fixture(autouse=True)
+def one_core_again(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Pretend that there are four cores, and use one again in the end."""
+    monkeypatch.setattr(cores.os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
+    yield
+    use_cores(1)
+
+
+@pytest.mark.parametrize("most", [1, 2, 3])
+@pytest.mark.parametrize(("count", "least"), [(0, 5), (1, 5), (5, 5), (6, 5), (1000, 7)])
+def test_every_item_is_computed_once(most: int, count: int, least: int) -> None:
+    use_cores(most)
+    done: list[int] = []
+    in_shares(lambda first, end: done.extend(range(first, end)), count, least)
+    assert sorted(done) == list(range(count))
+
+
+def test_another_core_takes_shares_while_this_one_computes() -> None:
+    use_cores(2)
+    met = threading.Barrier(2, timeout=10.0)
+
+    def run(first: int, end: int) -> None:
+        if first in (0, 50):
+            met.wait()  # breaks unless both shares are under way at once
+
+    in_shares(run, 100, 50)
+
+
+def test_no_more_cores_are_used_than_there_are() -> None:
+    assert use_cores(64) == 4
+    assert use_cores(1) == 1
+
+
+def test_a_core_that_is_busy_delays_nothing() -> None:
+    use_cores(2)
+    end = threading.Event()
+    cores._helpers.start(lambda: end.wait(10.0) and None)
+    began = time.monotonic()
+    done: list[int] = []
+    in_shares(lambda first, end: done.extend(range(first, end)), 100, 10)
+    assert time.monotonic() - began < 5.0
+    assert sorted(done) == list(range(100))
+    end.set()
+
+
+@pytest.mark.parametrize("failing", [0, 60])
+def test_an_error_is_raised_wherever_it_happens(failing: int) -> None:
+    use_cores(2)
+
+    def run(first: int, end: int) -> None:
+        time.sleep(0.01)
+        if first == failing:
+            raise ArithmeticError(f"share {first}")
+
+    with pytest.raises(ArithmeticError, match=f"share {failing}"):
+        in_shares(run, 120, 60)
+
+
+def results() -> tuple[FloatArray, FloatArray]:
+    rng = np.random.default_rng(23)
+    count = 1500
+    direct = {name: rng.uniform(-3.0, 3.0, count) for name in ("x", "y", "yaw", "xg", "yg", "yawg")}
+    direct |= {"v": rng.uniform(0.0, 1.0, count), "w": np.zeros(count)}
+    direct |= {"speedg": rng.uniform(0.0, 0.5, count), "hold": np.ones(count)}
+    names = ["drive_time", "drive_turn", "dribble_time", "dribble_turn", "path_time"]
+    table = feature_table(direct, load_robot(), [SOCCER.known_features[name] for name in names])
+    starts = np.stack(
+        [rng.uniform(-4.0, -1.0, count), *rng.uniform(-2.0, 2.0, (2, count)), 0.5 + 0.0 * direct["v"]]
+    )
+    return table, run_up_times(load_robot(), starts)
+
+
+def test_results_are_the_same_to_the_bit_however_they_are_shared() -> None:
+    alone = results()
+    use_cores(3)
+    for one, shared in zip(alone, results(), strict=True):
+        assert one.tobytes() == shared.tobytes()
