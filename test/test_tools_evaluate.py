@@ -128,6 +128,16 @@ def test_what_cannot_be_run_is_said_in_one_line(
     assert len(error.splitlines()) == 1
 
 
+def test_experience_must_have_every_action_of_the_chain(
+    models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "experience.parquet"
+    write_experience(table, Experience(made_up_experience("goToPose"), {"seed": 1}))
+    words = ["--models", str(models), "--out", str(tmp_path / "out"), "--experience", str(table)]
+    assert main([*words, "--policies", "naive", "hist_gradient_boosting"]) == 1
+    assert "no table of --experience has dribbleBall" in capsys.readouterr().err
+
+
 def test_gate_is_learned_and_rulers_are_refitted(models: Path, tmp_path: Path) -> None:
     table = tmp_path / "experience.parquet"
     frames = [made_up_experience(action) for action in SOCCER.actions()]

@@ -30,6 +30,8 @@ from ator_ros.tops.library import TopLibrary
 
 GATE = "gate.json"
 BASELINES = "baselines.json"
+BOOSTING = "hist_gradient_boosting"
+"""The policy that learns from a table of experience instead of model files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,12 +77,12 @@ class ToolsetSource:
         """Return a digest of the robot's description and of all files that the choices depend on."""
         robot = self.described()
         sha = hashlib.sha256(robot.digest().encode())
-        names = [f"{action}.json" for action in self._actions(chain, robot)] + [CALIBRATION]
+        names = [f"{action}.json" for action in self.actions_of(chain, robot)] + [CALIBRATION]
         names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
         names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []
         files = [self.folder() / name for name in names]
         if any(policy.startswith(OBSERVED) for policy in policies):
-            models = [f"{action}.json" for action in self._actions(chain, robot)]
+            models = [f"{action}.json" for action in self.actions_of(chain, robot)]
             files += [self.observed_folder() / name for name in (*models, GATE)]
         for file in [*files, *map(Path, self.experience)]:
             sha.update(file.read_bytes() if file.exists() else b"none")
@@ -95,7 +97,7 @@ class ToolsetSource:
             A model cannot be used.
         """
         robot, features = self.described(), find_domain(self.domain).known_features
-        files = {action: self.folder() / f"{action}.json" for action in self._actions(chain, robot)}
+        files = {action: self.folder() / f"{action}.json" for action in self.actions_of(chain, robot)}
         models = {action: model_digest(load_model(file, robot, features)) for action, file in files.items()}
         return {"robot": robot.digest(), **models}
 
@@ -111,7 +113,7 @@ class ToolsetSource:
                 stamps.append((str(file), stat.st_mtime_ns, stat.st_size))
         return tuple(stamps)
 
-    def _actions(self, chain: str, robot: Robot) -> list[str]:
+    def actions_of(self, chain: str, robot: Robot) -> list[str]:
         """Return the action of each step of a chain."""
         trial = random_trial(find_domain(self.domain), chain, make_library(robot, self), seed=0, index=0)
         return [call.top.action for call in trial.chain.calls]
@@ -142,8 +144,17 @@ def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str
         why = f"{source.observed_folder()} has no models; `train --observed` makes them"
         missing |= {OBSERVED: why, f"{OBSERVED}_speed": why}
     if not source.experience:
-        missing["hist_gradient_boosting"] = "it needs the table of experience: --experience FILE"
+        missing[BOOSTING] = "it needs the table of experience: --experience FILE"
     return tuple(name for name in POLICIES if name not in missing), missing
+
+
+def without_experience(tools: Toolset, source: ToolsetSource, chain: str) -> dict[str, str]:
+    """Return the policies that experience lacks an action of a chain for, and which it lacks."""
+    if BOOSTING not in tools.models:
+        return {}
+    there = tools.models[BOOSTING]
+    lacking = [action for action in source.actions_of(chain, tools.robot) if action not in there]
+    return {BOOSTING: f"no table of --experience has {lacking[0]}"} if lacking else {}
 
 
 def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
@@ -179,7 +190,7 @@ def make_toolset(source: ToolsetSource) -> Toolset:
         models |= load_baselines(folder / BASELINES, robot)
     if source.experience:
         described = tuple(feature for feature in features.values() if feature not in PATHS)
-        models["hist_gradient_boosting"] = {
+        models[BOOSTING] = {
             action: BoostedTime(robot, described).fit(rows)
             for action, rows in read_rows(source.experience).items()
         }

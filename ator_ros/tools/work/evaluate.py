@@ -11,7 +11,7 @@ from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.running import describe, results_in
 from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.evaluation.storage import RESULT, PartialResults, read_result, write_result
-from ator_ros.evaluation.toolset import available_policies, make_toolset
+from ator_ros.evaluation.toolset import available_policies, make_toolset, without_experience
 from ator_ros.evaluation.worst_runs import worst_runs
 from ator_ros.report.evaluation_page import write_report
 from ator_ros.report.terminal_tables import evaluation_table, prediction_table
@@ -27,12 +27,13 @@ def run(options: argparse.Namespace, command: str) -> int:
     tools = make_toolset(source)  # before anything is executed: a damaged file is reported at once
     source.digests(options.chain)
     policies, missing = available_policies(source)
+    missing |= without_experience(tools, source, options.chain)
     for name, why in missing.items():
         if options.policies is None:
             print(f"evaluate: without the policy {name}: {why}", file=sys.stderr)
         elif name in options.policies:
             raise EvaluationError(f"--policies: {name} cannot be run: {why}")
-    wanted = policies if options.policies is None else tuple(options.policies)
+    wanted = tuple(name for name in options.policies or policies if name not in missing)
     settings = Settings(
         seed=options.seed,
         chain=options.chain,
