@@ -23,12 +23,10 @@ from ator_ros.performance.features import PATHS
 from ator_ros.performance.model_file import load_model, model_path
 from ator_ros.refinement.calibration import model_digest
 from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
-from ator_ros.refinement.gate import Gate, OpenGate
-from ator_ros.refinement.gate_file import load_gate
+from ator_ros.refinement.gate_file import GATE, gate_in
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 
-GATE = "gate.json"
 BASELINES = "baselines.json"
 BOOSTING = "hist_gradient_boosting"
 """The policy that learns from a table of experience instead of model files."""
@@ -201,8 +199,8 @@ def make_toolset(source: ToolsetSource) -> Toolset:
             for action in actions
             if (file := observed / f"{action}.json").exists()
         }
-    gates = {OBSERVED: _gate(observed, source.action_set)}
-    gate = _gate(folder, source.action_set)
+    gates = {OBSERVED: gate_in(observed, source.action_set)}
+    gate = gate_in(folder, source.action_set)
     return Toolset(domain, robot, models, gate, load_calibration_if_any(folder), gates)
 
 
@@ -215,8 +213,3 @@ def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
 def _made(source: ToolsetSource, _stamps: tuple[tuple[str, int, int], ...]) -> tuple[Toolset, TopLibrary]:
     tools = make_toolset(source)
     return tools, make_library(tools.robot, source)
-
-
-def _gate(folder: Path, action_set: str) -> Gate:
-    """Return the gate in a folder of models; an open one where there is none."""
-    return load_gate(folder / GATE, action_set) if (folder / GATE).exists() else OpenGate()

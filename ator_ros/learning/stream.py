@@ -17,7 +17,7 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
 from ator_ros.evaluation.policies import Models, reopened
-from ator_ros.evaluation.toolset import GATE, ToolsetSource, make_library
+from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial, with_headings
 from ator_ros.execution.phases import Ending
 from ator_ros.execution.step_run import ActionRecord
@@ -33,7 +33,7 @@ from ator_ros.learning.sets import RECORDS, current_set, publish
 from ator_ros.performance.model_file import load_models, model_path, save_model
 from ator_ros.performance.training import train
 from ator_ros.refinement.chain_model import predict_chain
-from ator_ros.refinement.gate_file import load_gate
+from ator_ros.refinement.gate_file import GATE, gate_in
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.simulation import Simulation
@@ -223,7 +223,7 @@ class Stream:
             self._described, self._domain.known_features, action_set=source.action_set, folder=folder
         )
         place = dataclasses.replace(source, models=str(folder)).folder()
-        gate = load_gate(place / GATE, source.action_set) if (place / GATE).exists() else CAUTION
+        gate = gate_in(place, source.action_set, otherwise=CAUTION)
         return Refiner(
             self._described,
             models,

@@ -19,6 +19,8 @@ from ator_ros.refinement.gate import FEATURES, Gate, OpenGate, ThresholdGate, Tr
 from ator_ros.schema import OneOf, SchemaError, Within, structured
 
 FORMAT = Format("ator_ros gate", 1, "gate")
+GATE = "gate.json"
+"""Name of the file beside the models."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,28 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
                 "learn the gate of these actions with the tool gate"
             )
         return dataclasses.replace(_gate(file), widths=file.widths)
+
+
+def gate_in(folder: Path, action_set: str, *, otherwise: Gate | None = None) -> Gate:
+    """Read the gate beside the models of an action set; where there is none, return `otherwise`.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds the models of the action set.
+    action_set : str
+        Its name.
+    otherwise : Gate, optional
+        By default an open gate.
+
+    Raises
+    ------
+    RefinementError
+        As for `load_gate`.
+    """
+    if (folder / GATE).exists():
+        return load_gate(folder / GATE, action_set)
+    return OpenGate() if otherwise is None else otherwise
 
 
 def _gate(file: _GateFile) -> OpenGate | ThresholdGate | TreeGate:

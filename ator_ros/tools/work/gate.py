@@ -13,11 +13,11 @@ from ator_ros.evaluation.gate_learning import LearnedGate, LearnedGates, gate_ex
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, make_library, read_rows
+from ator_ros.evaluation.toolset import BASELINES, ToolsetSource, make_library, read_rows
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.files import reserved
 from ator_ros.performance.training import OBSERVED
-from ator_ros.refinement.gate_file import save_gate
+from ator_ros.refinement.gate_file import GATE, save_gate
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.work.situations import executed
 

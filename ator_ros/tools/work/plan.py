@@ -7,12 +7,14 @@ from pathlib import Path
 
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
-from ator_ros.performance.model_file import load_models
+from ator_ros.performance.model_file import load_models, model_path
 from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.planning.search import search
 from ator_ros.planning.wanted import Wish, wish_from
 from ator_ros.refinement.alternatives import Judged, choosing
+from ator_ros.refinement.gate import OpenGate
+from ator_ros.refinement.gate_file import gate_in
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
 from ator_ros.robot.description import Robot
@@ -36,7 +38,8 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
         return 0
     folder = Path(options.models) if options.models else domain.shipped_models
     models = load_models(robot, domain.known_features, action_set=options.action_set, folder=folder)
-    refiner = Refiner(robot, models, ranges=library.ranges)
+    gate = gate_in(folder / model_path("gate", options.action_set).parent, options.action_set)
+    refiner = Refiner(robot, models, OpenGate(gate.widths), ranges=library.ranges)
     judged = completed(choosing(refiner, world, chains, placeholders=True)).judged
     for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: pair[0].rank):
         print(_line(each, chain))

@@ -19,10 +19,11 @@ from ator_ros.evaluation.study_result import (
     StudyResult,
     StudySettings,
 )
-from ator_ros.evaluation.toolset import GATE, ToolsetSource, make_library
+from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import read_json, write_text
 from ator_ros.performance.model_file import load_model
+from ator_ros.refinement.gate_file import GATE
 from ator_ros.report.study_page import study_page
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured, unstructured
