@@ -120,3 +120,16 @@ def test_errors_are_drawn_in_units_of_the_predicted_spread(monkeypatch: pytest.M
     late = {round(float(time) - 6.0, 6) for time in cross.examples(trials, seed=0).naive}
     assert late == {0.2, 0.3, 0.4} or late < {0.2, 0.3, 0.4}
     assert len(late) > 1
+
+
+def test_many_errors_are_drawn_of_each_chain(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = {(action, half): Unsure(0.0, 0.3) for action in ("goToPose", "dribbleBall") for half in (0, 1)}
+    cross = fitted(monkeypatch, models)
+    cross._errors = dict.fromkeys(("goToPose", "dribbleBall"), np.array([-1.0, 1.0]))
+    trials = [random_trial(SOCCER, "dribble", LIBRARY, seed=403, index=index) for index in range(2)]
+    examples = cross.examples(trials, seed=0)
+    for first in range(0, len(examples.naive), DRAWS):
+        of_chain = slice(first, first + DRAWS)
+        assert len(np.unique(examples.features[of_chain], axis=0)) == 1
+        assert len(np.unique(examples.naive[of_chain].round(9))) > 1
+        assert len(np.unique(examples.refined[of_chain].round(9))) > 1
