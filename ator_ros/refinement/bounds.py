@@ -72,7 +72,7 @@ def _experienced(
             low, high = known[direct]
             yield low, high, f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
     if variable.name == "speed" and variable.subgoal + 1 < len(chain.calls):
-        yield from _braked(*chain.calls[variable.subgoal : variable.subgoal + 2], models)
+        yield from _braked(chain.calls[variable.subgoal], chain.calls[variable.subgoal + 1], models)
 
 
 def _braked(
