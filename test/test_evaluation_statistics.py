@@ -157,6 +157,21 @@ def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
     assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()
 
 
+def test_a_threshold_that_may_give_up_more_of_the_gain_lets_fewer_become_slower() -> None:
+    rng = np.random.default_rng(4)
+    features = np.zeros((400, len(FEATURES)))
+    gain = rng.uniform(0.0, 0.5, 400)
+    features[:, list(FEATURES).index("gain")] = gain
+    actual = gain + rng.normal(0.0, 0.3, 400)
+    data = GateExamples(features, np.full(400, 10.0), 10.0 - actual, np.arange(400), np.arange(400) % 2)
+    slower = []
+    for keep in (0.97, 0.7):
+        refined = gain > fit_threshold(data, keep=keep).gain
+        assert actual[refined].sum() >= keep * actual.sum()
+        slower.append(int(np.sum(actual[refined] < -0.2)))
+    assert slower[1] < 0.7 * slower[0]
+
+
 def test_a_gain_that_was_not_predicted_leaves_a_threshold_to_choose() -> None:
     features = np.zeros((20, len(FEATURES)))  # no gain is predicted, so that every threshold keeps none
     durations = np.full(20, 10.0)

@@ -13,7 +13,7 @@ from refinement_fakes import LIBRARY, ROBOT
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation import gate_from_episodes
-from ator_ros.evaluation.gate_from_episodes import CrossFit, usual_widths
+from ator_ros.evaluation.gate_from_episodes import DRAWS, CrossFit, usual_widths
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.refinement.gate import FEATURES
@@ -46,7 +46,7 @@ def fitted(
     def train(action: str, rows: pd.DataFrame, *_: Any, **__: Any) -> Prefers:
         return models[action, int(rows["episode"].iloc[0]) % 2]
 
-    monkeypatch.setattr(gate_from_episodes, "train", train)
+    monkeypatch.setattr(gate_from_episodes, "observed_model", train)
     row = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"t": 0.0, "success": True, "yawg": 0.5 * np.pi}
     row["duration"] = float(models["goToPose", 0].predict({"yawg": row["yawg"]}).duration[0]) + late
     rows = pd.DataFrame([row | {"episode": number} for number in range(6)])
@@ -58,7 +58,7 @@ def test_a_gain_that_only_the_choosing_half_sees_is_none(monkeypatch: pytest.Mon
     models |= {("dribbleBall", half): Prefers(0.0, 0.0) for half in (0, 1)}
     trials = [random_trial(SOCCER, "dribble", LIBRARY, seed=403, index=index) for index in range(3)]
     examples = fitted(monkeypatch, models).examples(trials, seed=0)
-    assert examples.features.shape == (12, len(FEATURES))
+    assert examples.features.shape == (12 * DRAWS, len(FEATURES))
     assert sorted(set(examples.kind)) == [0, 1]
     # What both halves think best is the naive chain itself.
     assert np.allclose(examples.naive, examples.refined, atol=1e-6)
@@ -120,3 +120,16 @@ def test_errors_are_drawn_in_units_of_the_predicted_spread(monkeypatch: pytest.M
     late = {round(float(time) - 6.0, 6) for time in cross.examples(trials, seed=0).naive}
     assert late == {0.2, 0.3, 0.4} or late < {0.2, 0.3, 0.4}
     assert len(late) > 1
+
+
+def test_many_errors_are_drawn_of_each_chain(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = {(action, half): Unsure(0.0, 0.3) for action in ("goToPose", "dribbleBall") for half in (0, 1)}
+    cross = fitted(monkeypatch, models)
+    cross._errors = dict.fromkeys(("goToPose", "dribbleBall"), np.array([-1.0, 1.0]))
+    trials = [random_trial(SOCCER, "dribble", LIBRARY, seed=403, index=index) for index in range(2)]
+    examples = cross.examples(trials, seed=0)
+    for first in range(0, len(examples.naive), DRAWS):
+        of_chain = slice(first, first + DRAWS)
+        assert len(np.unique(examples.features[of_chain], axis=0)) == 1
+        assert len(np.unique(examples.naive[of_chain].round(9))) > 1
+        assert len(np.unique(examples.refined[of_chain].round(9))) > 1

@@ -53,10 +53,10 @@ def test_shares_are_of_all_that_could_be_gained() -> None:
 @pytest.mark.long
 def test_a_curve_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
     table, out = tmp_path / "experience.parquet", tmp_path / "curve"
-    words = ["--seed", "101", "--episodes", "40", "--actions", "goToPose", "dribbleBall", "--out", str(table)]
+    words = ["--seed", "101", "--episodes", "60", "--actions", "goToPose", "dribbleBall", "--out", str(table)]
     assert collect(words) == 0
     main = runpy.run_path(str(PROGRAM))["main"]
-    words = [str(table), "--seed", "431", "--sizes", "30", "1000", "--draws", "2", "--headings", "4"]
+    words = [str(table), "--seed", "431", "--sizes", "50", "1000", "--draws", "2", "--headings", "4"]
     words += ["--speeds", "0.4", "--out", str(out)]
     assert main([*words, "--situations", "1"]) == 0
     before = read_text(out / "situations.jsonl", 10**6)
@@ -66,8 +66,8 @@ def test_a_curve_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
     assert after.count("\n") == 3
     told = json.loads((out / "curve.json").read_text(encoding="utf-8"))
     assert told["situations"] == 2
-    assert list(told["points"]["heading"]) == ["described", "30", "40"]
-    assert [len(told["points"]["heading"][size]["draws"]) for size in ("30", "40")] == [2, 1]
+    assert list(told["points"]["heading"]) == ["described", "50", "60"]
+    assert [len(told["points"]["heading"][size]["draws"]) for size in ("50", "60")] == [2, 1]
     settings = CurveSettings(str(table), 431, (30,))
     assert [size for size, _ in LearningCurve(settings, tmp_path / "other").draws] == [30, 30, 30]
     assert main([*words, "--draws", "1", "--situations", "1"]) == 1  # a curve of other settings

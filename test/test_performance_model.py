@@ -9,9 +9,18 @@ from experience_rows import made_up_experience
 
 from ator_ros.performance.accuracy import accuracy, bootstrap_ci95, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import derived_from
+from ator_ros.performance.features import PAPER_3, derived_from
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.training import Training, TrainingError, digest, direct_of, start_ranges, train
+from ator_ros.performance.training import (
+    Training,
+    TrainingError,
+    digest,
+    direct_of,
+    observed_model,
+    observed_starts,
+    start_ranges,
+    train,
+)
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
@@ -142,3 +151,24 @@ def test_the_ranges_of_the_starts_are_kept_for_the_search() -> None:
     assert ranges["xg"] == [starts["xg"].min(), starts["xg"].max()]
     assert {"yaw", "yawg", "hold"} & set(ranges) == set()
     assert 0.0 <= ranges["way"][0] <= ranges["way"][1] < 20.0
+
+
+def braking_of(count: int, goal_speed: float = 0.0) -> float:
+    """Return the known deceleration of `count` episodes over 2 m whose speeds rise evenly up to 1 m/s."""
+    row = dict.fromkeys(ROWS.columns, 0.0) | {"success": True, "xg": 2.0, "speedg": goal_speed}
+    rows = pd.DataFrame([row | {"v": (number + 1) / count} for number in range(count)])
+    failed = pd.DataFrame([row | {"v": 1.0, "xg": 0.2, "success": False}])
+    return observed_starts(pd.concat([rows, failed]), ROBOT)["braking"][1]
+
+
+@pytest.mark.parametrize(("count", "beyond"), [(40, 2), (100, 5), (300, 15), (1000, 15)])
+def test_decelerations_are_known_that_enough_episodes_asked_for(count: int, beyond: int) -> None:
+    speed = (count - beyond + 1) / count
+    assert braking_of(count) == pytest.approx(speed**2 / 4.0)
+    assert braking_of(count, 0.5) == pytest.approx((speed**2 - 0.25) / 4.0)
+
+
+def test_an_observed_model_knows_what_its_episodes_reach() -> None:
+    model = observed_model("goToPose", ROWS, ROBOT, PAPER_3)
+    assert model.experience["way"] == tuple(start_ranges(ROWS, ROBOT)["way"])
+    assert model.experience["braking"] == tuple(observed_starts(ROWS, ROBOT)["braking"])

@@ -166,6 +166,34 @@ class TestFreePlace:
         assert reason == f"beyond the experience of {action}: {direct} from 0.00 to 0.00"
         assert answer.chain.calls[0].goal.speed == 0.0
 
+    @pytest.mark.parametrize(("speed", "opened"), [(0.0, False), (0.3, False), (0.3, True)])
+    def test_speeds_that_leave_no_room_to_brake_are_not_searched(self, speed: float, opened: bool) -> None:
+        known = models()
+        known["dribbleBall"].experience = {"braking": (0.0, 0.1)}  # type: ignore[attr-defined]
+        refiner = Refiner(ROBOT, known, ranges=LIBRARY.ranges)
+        there = call("dribbleBall", 1.2, 0.0, 0.0, frozenset({"speed"} if opened else ()))
+        there = dataclasses.replace(there, goal=dataclasses.replace(there.goal, speed=speed))
+        analysis, _ = refiner.bounded(world(), TopChain((shot().calls[0], there)))
+        [narrowed] = [v for v in analysis.free if (v.name, v.subgoal) == ("speed", 0)]
+        left = 0.0 if opened else speed  # what is open may be rest
+        assert narrowed.domain.high == pytest.approx(math.sqrt(left**2 + 2.0 * 0.1 * 1.2))
+        assert "experience of dribbleBall: braking at up to 0.10 m/s^2" in narrowed.limits
+
+    def test_without_known_braking_the_next_action_starts_at_rest(self) -> None:
+        known = models()
+        known["dribbleBall"].experience = {"braking": (0.0, 0.0)}  # type: ignore[attr-defined]
+        assert ("speed", 0) in {(v.name, v.subgoal) for v in self.refiner.bounded(world(), shot())[0].free}
+        chain = TopChain((shot().calls[0], call("dribbleBall", 1.2, 0.0, 0.0)))
+        analysis, _ = Refiner(ROBOT, known, ranges=LIBRARY.ranges).bounded(world(), chain)
+        assert ("speed", 0) not in {(v.name, v.subgoal) for v in analysis.free}
+
+    def test_where_the_place_is_free_braking_bounds_nothing(self) -> None:
+        known = models()
+        known["dribbleBall"].experience = {"braking": (0.0, 0.1)}  # type: ignore[attr-defined]
+        analysis, _ = Refiner(ROBOT, known, ranges=LIBRARY.ranges).bounded(world(), shot(ALL))
+        [free] = [v for v in analysis.free if (v.name, v.subgoal) == ("speed", 0)]
+        assert free.limits == ()
+
     def test_ways_shorter_than_any_tried_are_not_searched(self) -> None:
         known = models()
         known["dribbleBall"].experience = {"way": (1.2, 6.0)}  # type: ignore[attr-defined]

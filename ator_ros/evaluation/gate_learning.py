@@ -81,15 +81,15 @@ class LearnedGates(NamedTuple):
     better: LearnedGate
 
 
-def learn_gates(examples: GateExamples) -> LearnedGates:
-    """Learn and compare both kinds of gate."""
-    comparison = compare_gates(examples)
-    threshold, tree = fit_threshold(examples), fit_tree(examples)
+def learn_gates(examples: GateExamples, *, keep: float = KEPT) -> LearnedGates:
+    """Learn and compare both kinds of gate; `keep` as in `fit_threshold`."""
+    comparison = compare_gates(examples, keep=keep)
+    threshold, tree = fit_threshold(examples, keep=keep), fit_tree(examples)
     return LearnedGates(threshold, tree, comparison, tree if better_kind(comparison) == "tree" else threshold)
 
 
-def fit_threshold(examples: GateExamples) -> ThresholdGate:
-    """Return the threshold with the fewest slower runs among those that keep `KEPT` of the gain.
+def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGate:
+    """Return the threshold with the fewest slower runs among those that keep the share `keep` of the gain.
 
     Where a few gained what was not predicted, no threshold may keep so much; then it is one that keeps most.
     """
@@ -97,7 +97,7 @@ def fit_threshold(examples: GateExamples) -> ThresholdGate:
     gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
     refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
     kept = [_kept(examples, rows) for rows in refine]
-    allowed = [index for index, share in enumerate(kept) if share >= min(KEPT, max(kept))]
+    allowed = [index for index, share in enumerate(kept) if share >= min(keep, max(kept))]
     harm = [_worse(examples, rows) for rows in refine]
     return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
 
@@ -145,8 +145,8 @@ def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
     return _gain(examples, refine) - HARM * _worse(examples, refine)
 
 
-def compare_gates(examples: GateExamples) -> dict[str, dict[str, float]]:
-    """Evaluate both kinds of gate by cross-validation over situations.
+def compare_gates(examples: GateExamples, *, keep: float = KEPT) -> dict[str, dict[str, float]]:
+    """Evaluate both kinds of gate by cross-validation over situations; `keep` as in `fit_threshold`.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def compare_gates(examples: GateExamples) -> dict[str, dict[str, float]]:
         held_out = np.isin(examples.situation, situations[fold::FOLDS])
         rest, test = examples.part(~held_out), examples.part(held_out)
         tree = fit_tree(rest)
-        refine["threshold"][held_out] = decisions(fit_threshold(rest), test)
+        refine["threshold"][held_out] = decisions(fit_threshold(rest, keep=keep), test)
         refine["tree"][held_out] = decisions(tree, test)
         correct += int(np.sum(predicted_labels(tree, test) == labels(test.refined, test.naive)))
     everything = np.ones(len(examples.naive), bool)

@@ -24,7 +24,7 @@ from ator_ros.evaluation.toolset import ToolsetSource, read_rows, tools_of
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.model_file import load_models, model_path, save_model
-from ator_ros.performance.training import OBSERVED, digest, train
+from ator_ros.performance.training import OBSERVED, digest, observed_model
 from ator_ros.refinement.gate_file import load_gate, save_gate
 from ator_ros.refinement.refiner import Refiner
 
@@ -137,8 +137,9 @@ class LearningCurve:
     def _learn(self, place: Path, action: str, rows: pd.DataFrame) -> None:
         source, tools = self.settings.source, self._tools
         features = (*OBSERVED, *tools.domain.goal_features(action, source.action_set))
-        model = train(action, rows, tools.robot, features=features)
+        model = observed_model(action, rows, tools.robot, features)
         told = {"command": "learning_curve", "episodes": int(rows["episode"].nunique())}
+        told |= model.metadata["training"]
         model = dataclasses.replace(model, metadata={"action_set": source.action_set, "training": told})
         save_model(place / model_path(action, source.action_set), model)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 from collections.abc import Sequence
@@ -44,6 +45,8 @@ OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "head
 """The column of an experience table for each measure except the duration."""
 SMALL_LEAF = 50
 """Episodes at a leaf of their trees, at least."""
+_NEAREST = 0.01  # m, as long as a way counts at least
+_ENOUGH, _RARE = 15, 0.05  # episodes that make a deceleration known, or this share of them if that is less
 
 
 class TrainingError(ValueError):
@@ -204,14 +207,42 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     axle or hold, to the goal's place.
     """
     starts = rows[rows["t"] == 0.0]
-    back = robot.hold * starts["hold"] if robot.holder is not None else 0.0
-    way = np.hypot(
-        starts["xg"] - starts["x"] - back * np.cos(starts["yaw"]),
-        starts["yg"] - starts["y"] - back * np.sin(starts["yaw"]),
-    )
+    way = _ways(starts, robot)
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
     columns = {**{name: starts[name] for name in names}, "way": way}
     return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
+
+
+def observed_model(
+    action: str, rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]
+) -> PerformanceModel:
+    """Learn a model as `train` does that knows what its episodes reach, see `observed_starts`."""
+    model = train(action, rows, robot, features=features)
+    return dataclasses.replace(model, metadata={"training": {"starts": observed_starts(rows, robot)}})
+
+
+def observed_starts(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
+    """Return what `start_ranges` does, and `braking`: decelerations in m/s^2 that enough episodes asked for.
+
+    An episode asks for that of a straight drive from its speed at the start to the one at its goal.
+    Where there is hardly room to brake the robot has to go round, and models that know no ideal times err by
+    seconds. Few episodes begin like that, so neither their trees nor their spreads show it.
+    """
+    starts = rows[(rows["t"] == 0.0) & rows["success"]]
+    squares = starts["v"].to_numpy(dtype=float) ** 2 - starts["speedg"].to_numpy(dtype=float) ** 2
+    asked = np.sort(np.maximum(squares, 0.0) / (2.0 * np.maximum(_ways(starts, robot), _NEAREST)))
+    beyond = min(_ENOUGH, math.ceil(_RARE * len(asked)))
+    return {**start_ranges(rows, robot), "braking": [0.0, float(asked[-beyond])]}
+
+
+def _ways(starts: pd.DataFrame, robot: Robot) -> FloatArray:
+    """Return the ways in m from the point of the robot that the goal is meant for to the goal's place."""
+    back = robot.hold * starts["hold"] if robot.holder is not None else 0.0
+    ways: FloatArray = np.hypot(
+        starts["xg"] - starts["x"] - back * np.cos(starts["yaw"]),
+        starts["yg"] - starts["y"] - back * np.sin(starts["yaw"]),
+    ).to_numpy(dtype=float)
+    return ways
 
 
 def digest(rows: pd.DataFrame) -> str:

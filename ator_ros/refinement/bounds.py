@@ -7,6 +7,7 @@ is not searched.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -21,7 +22,7 @@ from ator_ros.refinement.free_variables import (
 )
 from ator_ros.refinement.regions import Regions, experience_of
 from ator_ros.refinement.sampled import spread_points
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.ranges import Range
 
 NEGLIGIBLE = 0.02
@@ -49,12 +50,9 @@ def within_experience(
     free, not_free = [], list(analysis.not_free)
     for variable in analysis.free:
         narrowed = variable
-        for action, direct in _known_as(variable, chain):
-            known = experience_of(models.get(action))
-            if direct not in known or narrowed.domain.periodic:
+        for low, high, said in _experienced(variable, chain, models):
+            if narrowed.domain.periodic:
                 continue
-            low, high = known[direct]
-            said = f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
             if min(high, narrowed.domain.high) <= max(low, narrowed.domain.low):
                 not_free.append(NotFree(variable.subgoal, variable.name, f"beyond the {said}"))
                 break
@@ -62,6 +60,36 @@ def within_experience(
         else:
             free.append(narrowed)
     return Analysis(tuple(free), tuple(not_free))
+
+
+def _experienced(
+    variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
+) -> Iterator[tuple[float, float, str]]:
+    """Yield the bounds that experience sets to a variable, each with what it is."""
+    for action, direct in _known_as(variable, chain):
+        known = experience_of(models.get(action))
+        if direct in known:
+            low, high = known[direct]
+            yield low, high, f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
+    if variable.name == "speed" and variable.subgoal + 1 < len(chain.calls):
+        yield from _braked(chain.calls[variable.subgoal], chain.calls[variable.subgoal + 1], models)
+
+
+def _braked(
+    call: TopCall, following: TopCall, models: Mapping[str, PredictsPerformance]
+) -> Iterator[tuple[float, float, str]]:
+    """Yield the arrival speeds from which the next action is known to come to its goal's in time.
+
+    Where a place is free, or both are meant for different points of the robot, the way is not known.
+    """
+    known = experience_of(models.get(following.top.action)).get("braking")
+    moved = any(step.opens(name) for step in (call, following) for name in ("x", "y"))
+    if known is None or moved or call.goal.point != following.goal.point:
+        return
+    way = call.goal.pose.distance(following.goal.pose)
+    left = 0.0 if following.opens("speed") else following.goal.speed
+    said = f"experience of {following.top.action}: braking at up to {known[1]:.2f} m/s^2"
+    yield 0.0, math.sqrt(left**2 + 2.0 * known[1] * way), said
 
 
 def _known_as(variable: FreeVariable, chain: TopChain) -> Iterator[tuple[str, str]]:

@@ -22,7 +22,14 @@ from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
-from ator_ros.performance.training import OBSERVED, TrainingError, digest, start_ranges, train
+from ator_ros.performance.training import (
+    OBSERVED,
+    TrainingError,
+    digest,
+    observed_starts,
+    start_ranges,
+    train,
+)
 from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.robot.description import Robot
 
@@ -74,7 +81,7 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
             "digest": digest(examples),
             "episodes": int(examples["episode"].nunique()),
             "examples": len(examples),
-            "starts": start_ranges(examples, robot),
+            "starts": (observed_starts if options.observed else start_ranges)(examples, robot),
             "train_command": command,
         }
         metadata = {
