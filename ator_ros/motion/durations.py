@@ -120,8 +120,8 @@ def drive_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple
 def forward_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple[Real, Real, Real, Real]:
     """Return the same of drives that gain speed first, or keep it, and lose it at the end.
 
-    An end at which the robot drives backward is reached, or left, at the lesser of both accelerations: what it
-    loses beyond standing still it gains in the other direction.
+    An end at which the robot drives backward is reached, or left, at the lesser of both accelerations: what
+    it loses beyond standing still it gains in the other direction.
     """
     up = rates.a + (before < 0.0) * (np.minimum(rates.a, rates.brake) - rates.a)
     down = rates.brake + (after < 0.0) * (np.minimum(rates.a, rates.brake) - rates.brake)

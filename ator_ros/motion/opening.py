@@ -27,7 +27,7 @@ class Opening:
 
 
 def opening_of(start: RobotState, aw: float, least: float = 0.0) -> Opening:
-    """Return the opening from `start` with the turn acceleration `aw` (rad/s^2), which takes `least` s or more."""
+    """Return the opening from `start` with the turn acceleration `aw` (rad/s^2), of `least` s or more."""
     duration = max(abs(start.w) / aw, least)
     x, y, yaw = start.pose
     turned = start.w * duration
