@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from ator_ros.evaluation.gate_learning import ExecutedGates, LearnedGates, better_of
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate, TreeGate
 from ator_ros.refinement.gate_file import GateTraining, load_gate, load_training, save_gate
@@ -130,22 +129,3 @@ def test_truncated_and_missing_files_are_refused(tmp_path: Path) -> None:
     for name, told in (("gate.json", "a readable JSON file: "), ("none.json", "a JSON file, there is none$")):
         with pytest.raises(RefinementError, match=f"{name}: expected {told}"):
             load_gate(tmp_path / name)
-
-
-def executed_gates(*, gain: float, lower: int, utility: float) -> ExecutedGates:
-    judged = {"mean_gain_s": gain, "utility": utility, "higher": 100 - lower, "equal": 0, "lower": lower}
-    gate = ThresholdGate(gain)
-    learned = LearnedGates(
-        gate, TreeGate((""), (0.0,), (-1,), (-1,), ("Equal",)), {"threshold": judged}, gate
-    )
-    return ExecutedGates({}, [], learned)
-
-
-def test_costs_are_averaged_where_executed_chains_were_better_so() -> None:
-    plain = executed_gates(gain=1.0, lower=1, utility=97.0)
-    assert better_of(plain, executed_gates(gain=1.0, lower=1, utility=97.0)) is plain
-    assert better_of(plain, better := executed_gates(gain=1.0, lower=0, utility=100.0)) is better
-    assert better_of(plain, executed_gates(gain=1.2, lower=3, utility=111.0)) is plain
-    careless = executed_gates(gain=1.2, lower=3, utility=111.0)
-    assert better_of(careless, executed_gates(gain=1.0, lower=2, utility=94.0)) is careless
-    assert better_of(careless, plain) is plain

@@ -13,7 +13,6 @@ from experience_rows import made_up_experience, made_up_model
 from refinement_fakes import ROBOT
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.gate_from_episodes import usual_widths
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Settings, evaluate_trial
 from ator_ros.evaluation.storage import PARTIAL, to_records
@@ -150,19 +149,15 @@ def test_gate_is_learned_and_rulers_are_refitted(models: Path, tmp_path: Path) -
         (models / BASELINES).unlink(missing_ok=True)
 
 
-def test_gate_executes_averaged_choices_too_and_learns_a_calibration(tmp_path: Path) -> None:
+def test_gate_keeps_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> None:
     ours, work = tmp_path / "models", tmp_path / "work"
     ours.mkdir()
     for action in ("goToPose", "dribbleBall"):
         shutil.copy(SOCCER.shipped_models / f"{action}.json", ours)
     sizes = ["--situations", "20", "--seed", "306", "--jobs", "1"]
-    assert gate_main([*sizes, "--models", str(ours), "--work", str(work), "--average", "--calibrate"]) == 0
-    widths = usual_widths(SOCCER.robot())
-    assert load_gate(work / "averaged" / "models" / GATE).widths == widths
-    assert load_gate(ours / GATE).widths in ({}, widths)
-    plain, averaged = ((folder / PARTIAL).read_text() for folder in (work, work / "averaged"))
-    assert len(plain.splitlines()) == len(averaged.splitlines()) == 21
-    assert plain.splitlines()[1:] != averaged.splitlines()[1:]
+    assert gate_main([*sizes, "--models", str(ours), "--work", str(work), "--room", "--calibrate"]) == 0
+    assert load_gate(ours / GATE).room == load_gate(work / "models" / GATE).room > 1.0
+    assert load_gate(SOCCER.shipped_models / GATE).room == 0.0
     assert set(load_calibration_if_any(ours).shortfalls) == {"goToPose", "dribbleBall"}
 
 

@@ -12,7 +12,6 @@ from sklearn.tree import DecisionTreeClassifier
 
 from ator_ros.evaluation.statistics import labels
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.averaging import Widths
 from ator_ros.refinement.gate import FEATURES, ThresholdGate, TreeGate
 
 LearnedGate = ThresholdGate | TreeGate
@@ -80,28 +79,6 @@ class LearnedGates(NamedTuple):
     tree: TreeGate
     comparison: dict[str, dict[str, float]]
     better: LearnedGate
-
-
-class ExecutedGates(NamedTuple):
-    """How widely costs were averaged, records of what was executed so, and the gates learned from these."""
-
-    widths: Widths
-    records: Sequence[Mapping[str, Any]]
-    learned: LearnedGates
-
-
-def better_of(plain: ExecutedGates, averaged: ExecutedGates) -> ExecutedGates:
-    """Return which of both ways to choose chains is better behind its gate, in the same situations.
-
-    It is the one by which few enough runs become slower, else the more useful one; `plain` where both are
-    alike.
-    """
-
-    def worth(executed: ExecutedGates) -> tuple[bool, float]:
-        judged = executed.learned.comparison[executed.learned.better.kind]
-        return _are_few(judged), judged["utility"]
-
-    return max((plain, averaged), key=worth)
 
 
 def learn_gates(examples: GateExamples) -> LearnedGates:
@@ -206,13 +183,8 @@ def better_kind(comparison: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def _is_careful(judged: Mapping[str, float]) -> bool:
-    return _are_few(judged) and judged["kept_gain_percent"] >= 100.0 * KEPT
-
-
-def _are_few(judged: Mapping[str, float]) -> bool:
-    """Return whether at most `MOST_SLOWER` of the runs became slower."""
     runs = judged["higher"] + judged["equal"] + judged["lower"]
-    return judged["lower"] <= MOST_SLOWER * runs
+    return judged["lower"] <= MOST_SLOWER * runs and judged["kept_gain_percent"] >= 100.0 * KEPT
 
 
 def predicted_labels(gate: TreeGate, examples: GateExamples) -> NDArray[np.str_]:

@@ -34,9 +34,9 @@ def arguments() -> argparse.ArgumentParser:
         help="learn the gate of the observed models from the tables that they learned from; execute nothing",
     )
     parser.add_argument(
-        "--average",
+        "--room",
         action="store_true",
-        help="also execute what is chosen where costs are averaged over neighbours; keep what is better",
+        help="choose no arrival at a speed at which the robot could not stop before a bay",
     )
     parser.add_argument(
         "--calibrate",

@@ -9,15 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.gate_from_episodes import CrossFit, learn_from_episodes, usual_widths
-from ator_ros.evaluation.gate_learning import (
-    ExecutedGates,
-    LearnedGate,
-    LearnedGates,
-    better_of,
-    gate_examples,
-    learn_gates,
-)
+from ator_ros.evaluation.gate_from_episodes import CrossFit, learn_from_episodes
+from ator_ros.evaluation.gate_learning import LearnedGate, LearnedGates, gate_examples, learn_gates
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Settings
@@ -25,7 +18,6 @@ from ator_ros.evaluation.toolset import BASELINES, GATE, ToolsetSource, make_lib
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.files import reserved, write_text
 from ator_ros.performance.training import OBSERVED
-from ator_ros.refinement.averaging import Widths
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.gate_file import save_gate
 from ator_ros.tools.command_line import source_of
@@ -34,6 +26,8 @@ from ator_ros.tools.work.situations import executed
 
 _GATE_BYTES = 100_000
 POLICIES = ("naive", "refined", "refined_speed")
+ROOM = 1.5
+"""Multiple of the way to stop that `--room` keeps free ahead of an arrival."""
 
 
 def run(options: argparse.Namespace, command: str) -> int:
@@ -45,34 +39,27 @@ def run(options: argparse.Namespace, command: str) -> int:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, chain=options.chain, policies=POLICIES, source=source)
     source.digests(options.chain)  # before anything is executed: a missing model is reported at once
-    with reserved(source.folder(), _GATE_BYTES):
-        found = _executed(settings, options, options.work, tools_of(source)[0].gate.widths)
-        if options.average:
-            found = better_of(found, _averaged(settings, options))
-    better = dataclasses.replace(found.learned.better, widths=found.widths)
-    _save(better, found.learned, source.folder() / GATE, options, command)
+    if options.room:
+        settings = _with_room(settings, options.work / "models", options.action_set)
+    gate = tools_of(settings.source)[0].gate
+    with reserved(source.folder(), _GATE_BYTES), results_in(options.work, options.situations):
+        records = executed(settings, options, options.work)
+    learned = learn_gates(gate_examples(records))
+    better = dataclasses.replace(learned.better, widths=gate.widths, room=gate.room)
+    _save(better, learned, source.folder() / GATE, options, command)
     if options.calibrate:
-        save_learned(found.records, settings, command)
+        save_learned(records, dataclasses.replace(settings, source=source), command)
     return 0
 
 
-def _executed(settings: Settings, options: argparse.Namespace, work: Path, widths: Widths) -> ExecutedGates:
-    """Execute the situations, with costs averaged as the source's gate says, and learn gates from them."""
-    with results_in(work, options.situations):
-        records = executed(settings, options, work)
-    return ExecutedGates(widths, records, learn_gates(gate_examples(records)))
-
-
-def _averaged(settings: Settings, options: argparse.Namespace) -> ExecutedGates:
-    """Do the same with the usual averages: a copy of the models stands beside a gate that asks for them."""
-    source, work = settings.source, options.work / "averaged"
-    widths = usual_widths(source.described())
-    copied = dataclasses.replace(source, models=str(work / "models"))
+def _with_room(settings: Settings, folder: Path, action_set: str) -> Settings:
+    """Return the settings with a copy of the models in `folder`, beside a gate that asks for room to stop."""
+    source, copied = settings.source, dataclasses.replace(settings.source, models=str(folder))
     for file in source.folder().glob("*.json"):
         if file.name != GATE:
             write_text(copied.folder() / file.name, file.read_text(encoding="utf-8"))
-    save_gate(copied.folder() / GATE, OpenGate(widths), {}, options.action_set)
-    return _executed(dataclasses.replace(settings, source=copied), options, work, widths)
+    save_gate(copied.folder() / GATE, OpenGate(room=ROOM), {}, action_set)
+    return dataclasses.replace(settings, source=copied)
 
 
 def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, command: str) -> int:
