@@ -67,12 +67,36 @@ def test_straight_drives_take_the_same_time_in_every_form(robot: Robot) -> None:
 @every_robot
 def test_changes_of_speed_go_at_the_limits(robot: Robot) -> None:
     limits = robot.limits
-    for before, after, rate in ((0.1, 0.5, limits.a), (0.5, 0.1, limits.brake), (-0.1, -0.5, limits.brake)):
+    slower = min(limits.a, limits.brake)
+    for before, after, rate in (
+        (0.1, 0.5, limits.a),
+        (0.5, 0.1, limits.brake),
+        (-0.1, -0.5, limits.a),
+        (-0.5, -0.1, limits.brake),
+        (-0.3, 0.5, slower),
+        (0.3, -0.5, slower),
+    ):
         time, way = abs(after - before) / rate, (after**2 - before**2) / (2.0 * rate)
         assert durations.change_time(before, after, limits) == pytest.approx(time, abs=1e-12)
         assert durations.change_distance(before, after, limits) == pytest.approx(
             np.copysign(way, before + after), abs=1e-12
         )
+
+
+@pytest.mark.parametrize(("a", "brake"), [(0.25, 0.3), (0.8, 0.8), (0.9, 0.4)])
+def test_drives_gain_and_lose_speed_no_faster_than_the_base_and_lead_all_the_way(
+    a: float, brake: float
+) -> None:
+    """A change of speed that the drive is too short for was planned as one that brakes beyond standing."""
+    limits = Limits(v=1.2, w=1.5, a=a, brake=brake, aw=1.3)
+    for distance, before, after in drawn_drives(limits).tolist():
+        pieces = profiles.straight_pieces(distance, before, after, limits)
+        for duration, start, end in pieces:
+            faster = abs(end) > abs(start)
+            bound = min(a, brake) if start * end < 0.0 else a if faster else brake
+            assert abs(end - start) <= bound * duration + 1e-9
+        way = sum(piece.duration * (piece.start + piece.end) / 2.0 for piece in pieces)
+        assert way == pytest.approx(distance, abs=1e-9)
 
 
 @every_robot

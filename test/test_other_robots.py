@@ -225,3 +225,37 @@ def test_an_approach_that_falls_behind_gets_to_the_ball_all_the_same() -> None:
     assert step.status is Status.SUCCEEDED
     assert not any("anew" in message for message in said)
     assert time < 4.0
+
+
+def test_a_dribble_that_begins_fast_is_planned_without_a_stop() -> None:
+    """Beside a goal the search takes longer than a tick; to stop for it, the weak robot lost 4 s."""
+    pose, speed = Pose(2.59, 0.66, -1.56), 0.8
+    action, held = DribbleBall(HEAVY), HEAVY.hold_point(pose)
+    start = World(0.0, RobotState(pose, speed), {BALL: ObjectState(held.x, held.y)})
+    action.start(start, Goal(Pose(-2.84, -1.27, -0.23), 0.0, Point.HOLD))
+    assert action.planning
+    tick = 0
+    while action.planning:
+        tick += 1
+        pose = start.robot.pose.ahead(0.05 * tick * speed)
+        held = HEAVY.hold_point(pose)
+        ball = {BALL: ObjectState(held.x, held.y)}
+        step = action.step(World(0.05 * tick, RobotState(pose, speed), ball))
+        assert step.command is not None
+        assert step.command.v > 0.99 * speed
+    assert 1 <= tick <= 7
+    way = action.way()
+    assert way is not None
+    assert np.hypot(*(way[0, :2] - start.robot.pose[:2])) < 0.01
+
+
+def test_a_dribble_that_finds_no_way_in_motion_brakes() -> None:
+    pose, speed = Pose(3.2, 0.0, 0.0), 0.8  # into the goal
+    action, held = DribbleBall(HEAVY), HEAVY.hold_point(pose)
+    start = World(0.0, RobotState(pose, speed), {BALL: ObjectState(held.x, held.y)})
+    action.start(start, Goal(Pose(0.0, 0.0, 3.1), 0.0, Point.HOLD))
+    speeds = []
+    for tick in range(1, 30):
+        step = action.step(dataclasses.replace(start, time=0.05 * tick))
+        speeds.append(0.0 if step.command is None else step.command.v)
+    assert not action.planning or speeds[-1] < 0.7 * speed

@@ -161,12 +161,19 @@ def test_a_robot_at_rest_waits_for_the_same_plan(monkeypatch: pytest.MonkeyPatch
     assert np.array_equal(*poses)
 
 
-def test_a_robot_in_motion_brakes_and_plans_from_where_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_in_motion_drives_on_brakes_and_plans_from_where_it_stands(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     world, goal, _ = hard_way(monkeypatch)
     monkeypatch.setattr(planning, "SLICE", 1)
     action, speed, time = GoToPose(ROBOT), 0.4, 0.0
-    pose = world.robot.pose.ahead(-(speed**2) / (2.0 * LIMITS.brake))
+    pose = world.robot.pose.ahead(-(speed**2) / (2.0 * LIMITS.brake) - 0.35 * speed)
     action.start(World(0.0, RobotState(pose, speed), objects_of(ball_of(world))), goal)
+    for _ in range(7):
+        step = action.step(World(time, RobotState(pose, speed), objects_of(ball_of(world))))
+        assert (step.message, step.command.v) == ("driving on while planning", speed)
+        time += 0.05
+        pose = pose.ahead(0.05 * speed)
     speeds = []
     while speed > 0.0:
         step = action.step(World(time, RobotState(pose, speed), objects_of(ball_of(world))))

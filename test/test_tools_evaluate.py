@@ -19,7 +19,7 @@ from ator_ros.evaluation.storage import PARTIAL, to_records
 from ator_ros.evaluation.toolset import BASELINES, ToolsetSource
 from ator_ros.experience.table import Experience, join, write_experience
 from ator_ros.performance.model_file import save_model
-from ator_ros.refinement.calibration_file import CALIBRATION
+from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.gate_file import GATE, load_gate, save_gate
 from ator_ros.tools.calibrate_predictions import main as calibrate_main
@@ -157,6 +157,18 @@ def test_gate_is_learned_and_rulers_are_refitted(models: Path, tmp_path: Path) -
     finally:
         (models / GATE).write_text(before)
         (models / BASELINES).unlink(missing_ok=True)
+
+
+def test_gate_keeps_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> None:
+    ours, work = tmp_path / "models", tmp_path / "work"
+    ours.mkdir()
+    for action in ("goToPose", "dribbleBall"):
+        shutil.copy(SOCCER.shipped_models / f"{action}.json", ours)
+    sizes = ["--situations", "24", "--seed", "306", "--jobs", "1"]
+    assert gate_main([*sizes, "--models", str(ours), "--work", str(work), "--room", "--calibrate"]) == 0
+    assert load_gate(ours / GATE).room == load_gate(work / "models" / GATE).room > 1.0
+    assert load_gate(SOCCER.shipped_models / GATE).room == 0.0
+    assert set(load_calibration_if_any(ours).shortfalls) == {"goToPose", "dribbleBall"}
 
 
 def test_oracle_leaves_out_only_what_is_predicted_far_behind(

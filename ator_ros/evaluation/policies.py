@@ -59,7 +59,7 @@ class Toolset:
     def refiner(self, models: str = "learned", *, gated: bool = False) -> Refiner:
         """Return a refiner with one of the sets of models."""
         own = self.gate if models == "learned" else self.gates.get(models, OpenGate())
-        gate = own if gated else OpenGate(own.widths)
+        gate = own if gated else OpenGate(own.widths, own.room)
         return Refiner(
             self.robot,
             self.models[models],

@@ -61,8 +61,13 @@ def turn_time(angle: Real, rate: Any, aw: float) -> Real:
 @elementwise
 def change_time(before: Real, after: Any, rates: Bounds) -> Real:
     """Return the time in s in which the speed goes straight from `before` to `after` (m/s)."""
-    gain = after - before
-    result: Real = np.maximum(gain * (1.0 / rates.a), gain * (-1.0 / rates.brake))
+    per_a, per_brake = 1.0 / rates.a, 1.0 / rates.brake
+    gain = np.abs(after) - np.abs(before)
+    # What turns round loses speed, then gains it in the other direction: at the slower of both rates.
+    turns_round = (before * after < 0.0) * np.abs(after - before)
+    result: Real = np.maximum(
+        np.maximum(gain * per_a, gain * -per_brake), turns_round * np.maximum(per_a, per_brake)
+    )
     return result
 
 
@@ -113,8 +118,13 @@ def drive_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple
 
 @elementwise
 def forward_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple[Real, Real, Real, Real]:
-    """Return the same of drives that gain speed first, or keep it, and lose it at the end."""
-    up, down = rates.a, rates.brake
+    """Return the same of drives that gain speed first, or keep it, and lose it at the end.
+
+    An end at which the robot drives backward is reached, or left, at the lesser of both accelerations: what
+    it loses beyond standing still it gains in the other direction.
+    """
+    up = rates.a + (before < 0.0) * (np.minimum(rates.a, rates.brake) - rates.a)
+    down = rates.brake + (after < 0.0) * (np.minimum(rates.a, rates.brake) - rates.brake)
     square1, square2 = before * before, after * after
     square = (down * square1 + up * square2 + (2.0 * up * down) * distance) * (1.0 / (up + down))
     most = np.maximum(np.maximum(before, after), 0.0)

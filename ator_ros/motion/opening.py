@@ -26,9 +26,9 @@ class Opening:
     duration: float
 
 
-def opening_of(start: RobotState, aw: float) -> Opening:
-    """Return the opening from `start` with the turn acceleration `aw` (rad/s^2)."""
-    duration = abs(start.w) / aw
+def opening_of(start: RobotState, aw: float, least: float = 0.0) -> Opening:
+    """Return the opening from `start` with the turn acceleration `aw` (rad/s^2), of `least` s or more."""
+    duration = max(abs(start.w) / aw, least)
     x, y, yaw = start.pose
     turned = start.w * duration
     # Simpson's rule over the headings at the beginning, in the middle and at the end: exact to 0.1 mm.

@@ -23,6 +23,7 @@ SLICE = 320
 """Points per tick: a portion that costs more than is left of them waits for the next tick."""
 _MOVED = 0.01  # m
 _TURNED = 0.02  # rad
+_ROUNDING = 1e-6  # s by which sums of ticks may be off
 
 
 class Search:
@@ -38,6 +39,13 @@ class Search:
         Finds the manoeuvre.
     standing : bool
         Whether the robot stands (up to the noise of odometry), and so can wait for the best manoeuvre.
+
+    Attributes
+    ----------
+    opening : Opening
+        The motion before the manoeuvre.
+    begun : float
+        When the search began, in s of the world's time.
     """
 
     def __init__(
@@ -45,6 +53,7 @@ class Search:
     ) -> None:
         self.opening = opening
         self._start, self._planning, self._standing = world.robot, planning, standing
+        self.begun = world.time
         self._advanced: float | None = None
         self._good: Manoeuvre | None = None
         self._due: int | None = None  # points of the portion that comes next
@@ -79,6 +88,10 @@ class Search:
         while isinstance(portion := next(self._planning), Manoeuvre):
             self._good = portion
         return portion
+
+    def drives_on(self, world: World) -> bool:
+        """Return whether the robot moves, and is still in the opening."""
+        return not self._standing and world.time < self.begun + self.opening.duration - _ROUNDING
 
     def holds(self, world: World) -> bool:
         """Return whether the robot still stands where the plan is to begin."""

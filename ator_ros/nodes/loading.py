@@ -102,4 +102,4 @@ def _gate(node: Node, read: ModelSet, action_set: str, *, gated: bool) -> Gate:
     except RefinementError as error:
         node.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
         return OpenGate()
-    return gate if gated else OpenGate(gate.widths)
+    return gate if gated else OpenGate(gate.widths, gate.room)

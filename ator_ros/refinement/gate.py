@@ -69,6 +69,10 @@ class Gate(Protocol):
     def widths(self) -> Widths:
         """How widely costs are averaged before a chain is chosen; see `ator_ros.refinement.averaging`."""
 
+    @property
+    def room(self) -> float:
+        """Multiple of the way to stop that arrivals must leave free; see `ator_ros.refinement.room`."""
+
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
         """Return whether to refine, and the reason in words."""
 
@@ -81,9 +85,12 @@ class OpenGate:
     ----------
     widths : mapping
         As in `Gate`.
+    room : float
+        As in `Gate`.
     """
 
     widths: Widths = field(default_factory=dict)
+    room: float = 0.0
     kind: ClassVar[str] = "open"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -104,11 +111,14 @@ class ThresholdGate:
         Added to it per second of spread.
     widths : mapping
         As in `Gate`.
+    room : float
+        As in `Gate`.
     """
 
     gain: float
     spread_factor: float = 0.0
     widths: Widths = field(default_factory=dict)
+    room: float = 0.0
     kind: ClassVar[str] = "threshold"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -136,6 +146,8 @@ class TreeGate:
         The label of each node.
     widths : mapping
         As in `Gate`.
+    room : float
+        As in `Gate`.
     """
 
     feature: Sequence[str]
@@ -144,6 +156,7 @@ class TreeGate:
     right: Sequence[int]
     label: Sequence[str]
     widths: Widths = field(default_factory=dict)
+    room: float = 0.0
     kind: ClassVar[str] = "tree"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:

@@ -25,12 +25,13 @@ GATE = "gate.json"
 
 @dataclass(frozen=True)
 class _GateFile:
-    """The fields of a gate's file; gate: those of the gate of this kind, but its widths."""
+    """The fields of a gate's file; gate: those of the gate of this kind, but widths and room."""
 
     action_set: str
     kind: Annotated[str, OneOf((OpenGate.kind, ThresholdGate.kind, TreeGate.kind))]
     gate: dict[str, Any]
     widths: dict[str, Annotated[float, Within(0.0, math.inf)]] = field(default_factory=dict)
+    room: Annotated[float, Within(0.0, 10.0)] = 0.0
     training: dict[str, Any] = field(default_factory=dict)
 
 
@@ -91,12 +92,13 @@ def save_gate(
 ) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
     fields = asdict(gate)
-    widths = fields.pop("widths")
+    widths, room = fields.pop("widths"), fields.pop("room")
     data = {
         "action_set": action_set,
         "kind": gate.kind,
         "gate": fields,
         **({"widths": widths} if widths else {}),
+        **({"room": room} if room else {}),
         "training": dict(training),
     }
     write_text(path, FORMAT.text(data))
@@ -118,7 +120,7 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
                 f"action_set: expected {action_set!r}, got {short(file.action_set)}: "
                 "learn the gate of these actions with the tool gate"
             )
-        return dataclasses.replace(_gate(file), widths=file.widths)
+        return dataclasses.replace(_gate(file), widths=file.widths, room=file.room)
 
 
 def gate_in(folder: Path, action_set: str, *, otherwise: Gate | None = None) -> Gate:

@@ -19,6 +19,7 @@ from ator_ros.refinement.naive import fastest_alone, replaced
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.paths import Optimum
 from ator_ros.refinement.regions import Regions
+from ator_ros.refinement.room import with_room
 from ator_ros.refinement.search import searching, unsearched
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot.description import Robot
@@ -123,10 +124,9 @@ class Refiner:
             before = after = yield from model.predicting(model.given)
             optimum = unsearched(model.given, before.cost)
         else:
-            axes = _axes(chain, analysis.free)
-            optimum = yield from searching(
-                model.step_cost, axes, model.given, regions.allowing(), self._averages(model, axes)
-            )
+            axes, allowed = _axes(chain, analysis.free), regions.allowing()
+            cost = with_room(model.step_cost, chain, model.names, self.robot, self.gate.room)
+            optimum = yield from searching(cost, axes, model.given, allowed, self._averages(model, axes))
             before = yield from model.predicting(model.given)
             after = yield from model.predicting(optimum.values)
         yield

@@ -34,6 +34,16 @@ def arguments() -> argparse.ArgumentParser:
         help="learn the gate of the observed models from the tables that they learned from; execute nothing",
     )
     parser.add_argument(
+        "--room",
+        action="store_true",
+        help="choose no arrival at a speed at which the robot could not stop before a bay",
+    )
+    parser.add_argument(
+        "--calibrate",
+        action="store_true",
+        help="also learn from the same chains what predictions miss, as calibrate_predictions does",
+    )
+    parser.add_argument(
         "--work",
         type=Path,
         default=Path("gate"),

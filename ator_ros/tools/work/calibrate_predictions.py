@@ -15,6 +15,7 @@ from ator_ros.evaluation.calibration_learning import (
     step_examples,
 )
 from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.storage import RESULT, read_result, to_records
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.files import read_json, write_text
@@ -68,6 +69,22 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     _report(checked)
     print(f"wrote {path}: {', '.join(calibration.shortfalls)}")
     return 0
+
+
+def save_learned(records: Sequence[Mapping[str, Any]], settings: Settings, command: str) -> None:
+    """Learn what predictions miss from records of executed situations, and write it beside the models."""
+    tools, library = tools_of(settings.source)
+    examples = step_examples(records, seed=settings.seed, chain=settings.chain, tools=tools, library=library)
+    models, path = tools.models["learned"], settings.source.folder() / CALIBRATION
+    try:
+        calibration = fit_calibration(examples, models)
+        checked = cross_validated(examples, models)
+    except EvaluationError as error:
+        print(f"without a calibration: {error}")
+        return
+    chains = [{"seed": settings.seed, "chain": settings.chain, "situations": len(records)}]
+    save_calibration(path, calibration, {"command": command, "chains": chains, "cross_validation": checked})
+    _report(checked)
 
 
 def joined(kept: Calibration, learned: Calibration, actions: Sequence[str] | None) -> Calibration:

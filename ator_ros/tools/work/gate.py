@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,16 +14,20 @@ from ator_ros.evaluation.gate_learning import LearnedGate, LearnedGates, gate_ex
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.toolset import BASELINES, ToolsetSource, make_library, read_rows
+from ator_ros.evaluation.toolset import BASELINES, ToolsetSource, make_library, read_rows, tools_of
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.files import reserved
+from ator_ros.files import reserved, write_text
 from ator_ros.performance.training import OBSERVED
+from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.gate_file import GATE, save_gate
 from ator_ros.tools.command_line import source_of
+from ator_ros.tools.work.calibrate_predictions import save_learned
 from ator_ros.tools.work.situations import executed
 
 _GATE_BYTES = 100_000
 POLICIES = ("naive", "refined", "refined_speed")
+ROOM = 1.5
+"""Multiple of the way to stop that `--room` keeps free ahead of an arrival."""
 
 
 def run(options: argparse.Namespace, command: str) -> int:
@@ -34,11 +39,27 @@ def run(options: argparse.Namespace, command: str) -> int:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, chain=options.chain, policies=POLICIES, source=source)
     source.digests(options.chain)  # before anything is executed: a missing model is reported at once
+    if options.room:
+        settings = _with_room(settings, options.work / "models", options.action_set)
+    gate = tools_of(settings.source)[0].gate
     with reserved(source.folder(), _GATE_BYTES), results_in(options.work, options.situations):
         records = executed(settings, options, options.work)
     learned = learn_gates(gate_examples(records))
-    _save(learned.better, learned, source.folder() / GATE, options, command)
+    better = dataclasses.replace(learned.better, widths=gate.widths, room=gate.room)
+    _save(better, learned, source.folder() / GATE, options, command)
+    if options.calibrate:
+        save_learned(records, dataclasses.replace(settings, source=source), command)
     return 0
+
+
+def _with_room(settings: Settings, folder: Path, action_set: str) -> Settings:
+    """Return the settings with a copy of the models in `folder`, beside a gate that asks for room to stop."""
+    source, copied = settings.source, dataclasses.replace(settings.source, models=str(folder))
+    for file in source.folder().glob("*.json"):
+        if file.name != GATE:
+            write_text(copied.folder() / file.name, file.read_text(encoding="utf-8"))
+    save_gate(copied.folder() / GATE, OpenGate(room=ROOM), {}, action_set)
+    return dataclasses.replace(settings, source=copied)
 
 
 def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, command: str) -> int:

@@ -18,7 +18,7 @@ from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import Planning, Search
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Limits, Robot
-from ator_ros.world.state import STOP, Command, World
+from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, World
 
 # Share of the base's limits that plans use; the rest is for feedback.
 PLAN_SHARE = 0.97
@@ -27,6 +27,7 @@ _USUAL_LAG, _LEAST_SHARE = 0.08, 0.5
 POSITION_TOLERANCE = 0.05
 HEADING_TOLERANCE = 0.1
 _REPLANS = 20
+_AHEAD = 0.35  # s that a robot in motion drives straight on while it is planned what to do then
 _LATE = 0.4  # s that a robot may be late at a goal that it passes: one that is weak falls behind its plan
 
 
@@ -63,7 +64,8 @@ class PlannedAction(Action):
         self._strength = StrengthSeen(self.robot, self.plan_limits)
         self._pause = Pause(world, self.plan_limits)
         self._search: Search | None = self._searched(world, standing=world.robot.is_still)
-        self._commit(world, self._search, waits=True)
+        if not self._commit(world, self._search, waits=True) and self._stops_late(world):
+            self._search = self._searched(world, standing=False, ahead=_AHEAD)
 
     @property
     def planning(self) -> bool:
@@ -177,19 +179,20 @@ class PlannedAction(Action):
 
     # Planning in slices
 
-    def _searched(self, world: World, *, standing: bool) -> Search:
-        opening = opening_of(world.robot, self.plan_limits.aw)
+    def _searched(self, world: World, *, standing: bool, ahead: float = 0.0) -> Search:
+        opening = opening_of(world.robot, self.plan_limits.aw, ahead)
         planning = self.plan(dataclasses.replace(world, robot=opening.end))
         return Search(world, opening, planning, standing=standing)
 
     def _commit(self, world: World, search: Search, *, waits: bool = False) -> bool:
-        """Search for one slice; if that finds a plan, follow it from now on."""
+        """Search for one slice; if that finds a plan, follow it, from now on or where the search began."""
         manoeuvre = search.advance(world.time)
         if manoeuvre is None:
             return False
         trajectory = Trajectory(manoeuvre, search.opening)
+        since = search.begun if self._tracker is None and search.drives_on(world) else world.time
         self._tracker = Tracker(
-            self.robot, trajectory, world.time, self._strength, waits=waits, reserve=self.reserve
+            self.robot, trajectory, since, self._strength, waits=waits, reserve=self.reserve
         )
         self._search = None
         return True
@@ -234,7 +237,9 @@ class PlannedAction(Action):
         return Step(self._pause.command(world), Status.RUNNING, f"{why}; planning")
 
     def _plan_on(self, world: World) -> Step:
-        """Stand still and plan from here for one slice."""
+        """Plan for one slice: driving straight on for a moment, then standing still."""
+        if self._search is not None and self._search.drives_on(world):
+            return self._drive_on(world, self._search)
         search = self._search
         if self._pause.over(world) and world.time != self._deferred:
             if search is None or not search.holds(world) or self.outdated(world):
@@ -247,6 +252,23 @@ class PlannedAction(Action):
                 stands = self._replans > 0 and self.missed(world) is None
                 return self._arrived(world, STOP) if stands else finished(Status.FAILED, str(error))
         return Step(self._pause.command(world), Status.RUNNING, "planning")
+
+    def _stops_late(self, world: World) -> bool:
+        """Return whether to stop takes longer than to drive on while planning."""
+        return abs(world.robot.v) > _AHEAD * self.plan_limits.brake
+
+    def _drive_on(self, world: World, search: Search) -> Step:
+        """Plan for one slice for where the robot will be if it drives straight on; brake if that fails.
+
+        A weak robot that stops to plan loses seconds, and metres that it may not have.
+        """
+        try:
+            if world.time != self._deferred and self._commit(world, search):
+                return self._following(world, "planned in motion")
+        except ActionError:
+            return self._paused(world, "no way in motion")
+        self._pause = Pause(dataclasses.replace(world, time=world.time + CONTROL_PERIOD), self.plan_limits)
+        return Step(Command(world.robot.v, 0.0), Status.RUNNING, "driving on while planning")
 
 
 def planned_limits(robot: Robot, limits: Limits) -> Limits:

@@ -50,8 +50,9 @@ def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
     fastest_ = math.sqrt(speed * speed + 2.0 * limits.brake * length)
     slowest = math.sqrt(max(0.0, speed * speed - 2.0 * limits.a * length))
     speeds = {slowest + share * (min(limits.v, fastest_) - slowest) for share in _RUN_SHARES}
+    change = min(limits.a, limits.brake)  # the turn may begin in reverse: then it loses speed first
     return tuple(
-        Side(length, speed, TurnDriving(at, share * (limits.brake if share > 0.0 else limits.a), limits.w))
+        Side(length, speed, TurnDriving(at, share * (limits.brake if share > 0.0 else change), limits.w))
         for at in sorted(speeds)
         for share in _RUN_CHANGES
     )
