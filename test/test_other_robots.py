@@ -70,6 +70,17 @@ def test_without_a_holder_there_is_a_chain_but_no_dribble() -> None:
     assert not world.objects
 
 
+def test_who_cannot_arrive_so_fast_arrives_slower() -> None:
+    """A heavy robot so near the ball has no room to gain 0.8 m/s before a run into the catch."""
+    world = World(0.0, RobotState(Pose(-1.4444, 0.9029, -0.4806)), {BALL: ObjectState(-2.3877, 1.5912)})
+    goal = Goal(Pose(-2.3877, 1.5912, 0.4312), 0.8, Point.HOLD)
+    with Simulation(HEAVY) as simulation:
+        place(simulation, world)
+        done = run_action(simulation, GoToPose(HEAVY), goal)
+        assert done.status is Status.SUCCEEDED
+        assert 0.2 < simulation.world().robot.v < 0.75
+
+
 @pytest.mark.parametrize("robot", [PIONEER, PLAIN, HEAVY, QUICK, FIFTH], ids=lambda robot: robot.name)
 def test_the_simulated_base_lags_as_it_is_described(robot: Robot) -> None:
     gain, ticks = 0.9 * robot.limits.a, 10

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
@@ -21,6 +21,7 @@ from ator_ros.world.state import ObjectState, World
 
 _BALL_MARGIN = 0.04  # m
 _MOVED = 0.04  # m
+_SLOWER = (1.0, 0.75, 0.5)  # of the goal's speed; where there is no way to arrive so fast, the next, and rest
 
 
 class GoToPose(PlannedAction):
@@ -57,8 +58,17 @@ class GoToPose(PlannedAction):
         if self._approach and rest is not None:
             self.goal = dataclasses.replace(self.goal, pose=Pose(rest.x, rest.y, self.goal.pose.yaw))
         self._planned_for = rest
+        for share in _SLOWER if self.goal.speed else ():
+            try:
+                return (yield from self._arriving(world, rest, share * self.goal.speed))
+            except ActionError:
+                continue  # no way leads there so fast, as where a weak robot has no room to gain speed
+        return (yield from self._arriving(world, rest, 0.0))
+
+    def _arriving(self, world: World, rest: ObjectState | None, speed: float) -> Planning[Manoeuvre]:
+        """Plan to arrive at `speed` (m/s) where the ball rests there or elsewhere."""
         run = approach_run(self.robot) if self._approach else 0.0
-        exits = (run_sides if run else free_sides)(self.plan_limits, self.goal.speed, run)
+        exits = (run_sides if run else free_sides)(self.plan_limits, speed, run)
         entries = free_sides(self.plan_limits, world.robot.v, 0.0)
         obstacles = Obstacles(rest, _BALL_MARGIN, run)
         ways = yield from ways_to_drive(entries, exits, self.plan_limits)
