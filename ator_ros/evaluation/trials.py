@@ -24,7 +24,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "3xx": "situations that the gate and the calibration are learned from",
         "4xx-8xx": "development",
         "9xx": "quality of the actions, effect of the sensors",
-        "1375": "an evaluation of a heavy robot, after what slowed it down was mended",
+        "1375-1377": "evaluations of a heavy robot, after what slowed it down was mended",
         "2005": "earlier evaluations, looked at while the gate was made",
         "2015": "an evaluation of the paper's actions by a smaller set of models",
         "2017": "an evaluation of the paper's actions, whose failures were looked at while they were mended",

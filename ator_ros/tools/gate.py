@@ -34,6 +34,12 @@ def arguments() -> argparse.ArgumentParser:
         help="learn the gate of the observed models from the tables that they learned from; execute nothing",
     )
     parser.add_argument(
+        "--draw-errors",
+        action="store_true",
+        help="learn a threshold from errors drawn for each chain, as large as those of all: "
+        "of some hundred chains only a handful become slower",
+    )
+    parser.add_argument(
         "--room",
         action="store_true",
         help="choose no arrival at a speed at which the robot could not stop before a bay",

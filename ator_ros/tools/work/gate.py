@@ -10,7 +10,15 @@ from typing import Any
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.gate_from_episodes import CrossFit, learn_from_episodes
-from ator_ros.evaluation.gate_learning import LearnedGate, LearnedGates, gate_examples, learn_gates
+from ator_ros.evaluation.gate_learning import (
+    KEPT_OF_DRAWN,
+    GateExamples,
+    LearnedGate,
+    LearnedGates,
+    gate_examples,
+    learn_gates,
+    with_drawn_errors,
+)
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Settings
@@ -44,12 +52,21 @@ def run(options: argparse.Namespace, command: str) -> int:
     gate = tools_of(settings.source)[0].gate
     with reserved(source.folder(), _GATE_BYTES), results_in(options.work, options.situations):
         records = executed(settings, options, options.work)
-    learned = learn_gates(gate_examples(records))
-    better = dataclasses.replace(learned.better, widths=gate.widths, room=gate.room)
+    learned, better = _learned(gate_examples(records), options)
+    better = dataclasses.replace(better, widths=gate.widths, room=gate.room)
     _save(better, learned, source.folder() / GATE, options, command)
     if options.calibrate:
         save_learned(records, dataclasses.replace(settings, source=source), command)
     return 0
+
+
+def _learned(examples: GateExamples, options: argparse.Namespace) -> tuple[LearnedGates, LearnedGate]:
+    """Return the gates that the examples teach, and the one to use; a threshold where errors are drawn."""
+    if not options.draw_errors:
+        learned = learn_gates(examples)
+        return learned, learned.better
+    learned = learn_gates(with_drawn_errors(examples, seed=options.seed), keep=KEPT_OF_DRAWN)
+    return learned, learned.threshold
 
 
 def _with_room(settings: Settings, folder: Path, action_set: str) -> Settings:

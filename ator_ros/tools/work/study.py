@@ -156,7 +156,7 @@ def _evaluated(options: argparse.Namespace, source: ToolsetSource, chain: str) -
     if not (source.folder() / GATE).exists():
         print("study: gate", flush=True)
         words = [*common, "--seed", str(options.seed + 2), "--work", str(options.out / "gate")]
-        words += ["--room", "--calibrate"]
+        words += ["--room", "--calibrate", "--draw-errors"]
         gating.run(settled(gate.arguments(), words)[0], "gate of study")
     folder = options.out / "evaluation"
     if not (folder / RESULT).exists():
