@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+
+from ator_ros.compiled import compiles
 
 
 class _Helpers:
@@ -41,9 +43,9 @@ os.register_at_fork(after_in_child=_helpers.forget)
 def use_cores(most: int) -> int:
     """Share loops among `most` cores from now on, or among as many as the process may use; return how many.
 
-    A second core makes a refinement a fifth to a third quicker where it has nothing else to do.
+    Without numba nothing is shared, since Python's lock lets one core work at a time.
     """
-    count = max(1, min(most, len(os.sched_getaffinity(0))))
+    count = max(1, min(most, len(os.sched_getaffinity(0)))) if compiles() else 1
     _helpers.become(count - 1)
     return count
 
@@ -78,6 +80,7 @@ def in_shares(run: Callable[[int, int], None], count: int, least: int) -> None:
     try:
         work()
     finally:
-        for other in others:
-            if not other.cancel():
-                other.result()
+        begun = [other for other in others if not other.cancel()]
+        wait(begun)  # all of them, as they write into what the caller has
+    for other in begun:
+        other.result()

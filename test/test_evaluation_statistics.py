@@ -292,3 +292,32 @@ def test_a_threshold_from_drawn_errors_does_not_hang_on_the_few_that_became_slow
     assert alone.gain + alone.spread_factor < 0.3
     careful = fit_threshold(with_drawn_errors(examples, seed=1), keep=0.95)
     assert careful.gain + careful.spread_factor >= 0.3
+
+
+@pytest.mark.parametrize(
+    ("spread", "naive", "refined", "failed"), [(0.3, 10.0, 1.0, True), (0.0, 10.0, 9.0, False)]
+)
+def test_one_odd_chain_does_not_decide_what_errors_are_drawn(
+    spread: float, naive: float, refined: float, failed: bool
+) -> None:
+    """One that failed after a second looks like a gain; one without any spread has a huge error for it."""
+    rng = np.random.default_rng(8)
+    gain, spreads = rng.uniform(0.1, 3.0, 300), np.full(300, 0.3)
+    saved = gain + 0.1 * rng.standard_normal(300)
+    times = np.full(300, 10.0)
+    odd = times - saved
+    gain[0], spreads[0], times[0], odd[0] = 1.02, spread, naive, refined
+    features = np.zeros((300, len(FEATURES)))
+    features[:, list(FEATURES).index("gain")], features[:, list(FEATURES).index("spread")] = gain, spreads
+    examples = GateExamples(
+        features,
+        times,
+        odd,
+        np.arange(300),
+        np.zeros(300, dtype=int),
+        np.arange(300) != 0 if failed else None,
+    )
+    drawn = with_drawn_errors(examples, seed=1)
+    rest = np.tile(np.arange(300) != 0, 20)
+    error = (drawn.naive - drawn.refined)[rest] - np.tile(gain, 20)[rest]
+    assert np.abs(error).max() < 0.6

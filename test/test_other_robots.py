@@ -79,6 +79,7 @@ def test_who_cannot_arrive_so_fast_arrives_slower() -> None:
         done = run_action(simulation, GoToPose(HEAVY), goal)
         assert done.status is Status.SUCCEEDED
         assert 0.2 < simulation.world().robot.v < 0.75
+        assert 0.2 < done.command.v < 0.75
 
 
 @pytest.mark.parametrize("robot", [PIONEER, PLAIN, HEAVY, QUICK, FIFTH], ids=lambda robot: robot.name)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from refinement_fakes import ROBOT, FakeModel, call, world
@@ -43,6 +45,16 @@ def test_only_free_speeds_are_bounded() -> None:
     cost = with_room(step_cost, chain, [NAMES, ()], HEAVY, 1.0)
     assert cost(0, np.zeros((1, 0)), candidates).tolist() == [np.inf, 1.0]
     assert cost(1, candidates, np.zeros((1, 0))).tolist() == [1.0, 1.0]
+
+
+def test_what_the_chain_asks_for_keeps_its_cost() -> None:
+    """Else a request whose time is up after the given chain would have no finite cost at all."""
+    fast = call("goToBall", -2.72, 0.25, np.pi)
+    goal = dataclasses.replace(fast.goal, speed=0.8)
+    chain = TopChain((dataclasses.replace(fast, goal=goal), call("goToBall", 0.0, 0.0, 0.0)))
+    cost = with_room(lambda index, before, after: np.ones(len(after)), chain, [NAMES, ()], HEAVY, 1.0)
+    candidates = np.array([(np.pi, 0.8), (np.pi, 0.79)])
+    assert cost(0, np.zeros((1, 0)), candidates).tolist() == [1.0, np.inf]
 
 
 def test_a_refiner_keeps_the_room_of_its_gate() -> None:

@@ -31,7 +31,7 @@ KEPT_OF_DRAWN = 0.95
 FOLDS = 10
 TREE_DEPTH = 3
 TREE_LEAF = 10
-_LEAST_SPREAD = 1e-3  # s, of models that predict none
+_LEAST_SPREAD = 0.2  # of the usual one, by which errors are divided
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,8 @@ class GateExamples:
         Index of the situation of each example.
     kind : ndarray of int, shape (n,)
         0: the heading was refined; 1: heading and arrival speed.
+    succeeded : ndarray of bool, shape (n,), or None
+        Whether both chains did; None where all did. The time of one that failed tells nothing.
     """
 
     features: FloatArray
@@ -55,16 +57,20 @@ class GateExamples:
     refined: FloatArray
     situation: NDArray[np.int64]
     kind: NDArray[np.int64]
+    succeeded: NDArray[np.bool_] | None = None
 
     def part(self, rows: NDArray[Any]) -> GateExamples:
         """Return the examples that `rows` selects."""
-        columns = (self.features, self.naive, self.refined, self.situation, self.kind)
-        return GateExamples(*(column[rows] for column in columns))
+        succeeded = None if self.succeeded is None else self.succeeded[rows]
+        return GateExamples(
+            self.features[rows], self.naive[rows], self.refined[rows], self.situation[rows], self.kind[rows],
+            succeeded,
+        )  # fmt: skip
 
 
 def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
     """Return the examples in records of `evaluate_trial`, with and without refined arrival speed."""
-    rows, naive, refined, situation, kinds = [], [], [], [], []
+    rows, naive, refined, situation, kinds, succeeded = [], [], [], [], [], []
     for record in records:
         for kind, (policy, key) in enumerate((("refined", "features"), ("refined_speed", "features_speed"))):
             if record.get(key):
@@ -73,8 +79,10 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
                 refined.append(record["policies"][policy]["duration"])
                 situation.append(record["index"])
                 kinds.append(kind)
+                succeeded.append(all(record["policies"][each]["success"] for each in ("naive", policy)))
+    durations = np.array(naive), np.array(refined)
     return GateExamples(
-        np.array(rows, dtype=float), *(np.array(column) for column in (naive, refined, situation, kinds))
+        np.array(rows, dtype=float), *durations, np.array(situation), np.array(kinds), np.array(succeeded)
     )
 
 
@@ -85,10 +93,13 @@ def with_drawn_errors(examples: GateExamples, *, seed: int) -> GateExamples:
     their predicted gain, in units of the predicted spread, tells more about how often one becomes slower.
     """
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
-    sure, rng = np.maximum(spread, _LEAST_SPREAD), np.random.default_rng(seed)
+    usual = float(np.median(spread[spread > 0.0])) if (spread > 0.0).any() else 1.0
+    sure, rng = np.maximum(spread, _LEAST_SPREAD * usual), np.random.default_rng(seed)
     saved = np.tile(examples.naive - examples.refined, (DRAWS, 1))
     for kind in np.unique(examples.kind):
         changed = (examples.kind == kind) & (gain > 0.0)
+        if examples.succeeded is not None:
+            changed &= examples.succeeded
         errors = (saved[0, changed] - gain[changed]) / sure[changed]
         saved[:, changed] = gain[changed] + sure[changed] * rng.choice(errors, (DRAWS, len(errors)))
     many = examples.part(np.tile(np.arange(len(gain)), DRAWS))

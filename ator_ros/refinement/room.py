@@ -27,6 +27,8 @@ def with_room(
 ) -> StepCost:
     """Return `step_cost`, infinite for arrivals at a free speed that leave no room to stop.
 
+    What `chain` itself asks for keeps its cost.
+
     Parameters
     ----------
     step_cost : callable
@@ -43,8 +45,9 @@ def with_room(
         costs = step_cost(index, before, after)
         if "speed" not in names[index]:
             return costs
-        free = leaves_room(chain.calls[index].goal, names[index], after, robot, room)
-        return np.where(free, costs, np.inf)
+        goal = chain.calls[index].goal
+        given = (after == [goal_values(goal)[name] for name in names[index]]).all(axis=1)
+        return np.where(given | leaves_room(goal, names[index], after, robot, room), costs, np.inf)
 
     return cost
 

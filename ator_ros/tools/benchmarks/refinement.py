@@ -67,13 +67,15 @@ def measure(
     times: dict[str, list[list[float]]] = {name: [] for name in CASES}
     gc.collect()
     gc.freeze()
-    for _ in range(rounds):
-        for name, chains in naive.items():
-            times[name].append(_times(refiner, chains))
-    return {
-        **{name: best_round(name, times[name]) for name in CASES},
-        **_growth(refiner, library, max(rounds, 1)),
-    }
+    try:
+        for _ in range(rounds):
+            for name, chains in naive.items():
+                times[name].append(_times(refiner, chains))
+        growth = _growth(refiner, library, max(rounds, 1))
+    finally:
+        gc.unfreeze()
+        use_cores(1)
+    return {**{name: best_round(name, times[name]) for name in CASES}, **growth}
 
 
 def _growth(refiner: Refiner, library: TopLibrary, rounds: int) -> dict[str, LongChainTime]:

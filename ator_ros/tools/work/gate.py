@@ -27,7 +27,7 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.files import reserved, write_text
 from ator_ros.performance.training import OBSERVED
 from ator_ros.refinement.gate import OpenGate
-from ator_ros.refinement.gate_file import GATE, save_gate
+from ator_ros.refinement.gate_file import GATE, gate_in, save_gate
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.work.calibrate_predictions import save_learned
 from ator_ros.tools.work.situations import executed
@@ -54,9 +54,9 @@ def run(options: argparse.Namespace, command: str) -> int:
         records = executed(settings, options, options.work)
     learned, better = _learned(gate_examples(records), options)
     better = dataclasses.replace(better, widths=gate.widths, room=gate.room)
-    _save(better, learned, source.folder() / GATE, options, command)
-    if options.calibrate:
+    if options.calibrate:  # first: the command that is interrupted here goes on as long as there is no gate
         save_learned(records, dataclasses.replace(settings, source=source), command)
+    _save(better, learned, source.folder() / GATE, options, command)
     return 0
 
 
@@ -75,7 +75,9 @@ def _with_room(settings: Settings, folder: Path, action_set: str) -> Settings:
     for file in source.folder().glob("*.json"):
         if file.name != GATE:
             write_text(copied.folder() / file.name, file.read_text(encoding="utf-8"))
-    save_gate(copied.folder() / GATE, OpenGate(room=ROOM), {}, action_set)
+    save_gate(
+        copied.folder() / GATE, OpenGate(gate_in(source.folder(), action_set).widths, ROOM), {}, action_set
+    )
     return dataclasses.replace(settings, source=copied)
 
 

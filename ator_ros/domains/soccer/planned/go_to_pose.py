@@ -58,12 +58,14 @@ class GoToPose(PlannedAction):
         if self._approach and rest is not None:
             self.goal = dataclasses.replace(self.goal, pose=Pose(rest.x, rest.y, self.goal.pose.yaw))
         self._planned_for = rest
-        for share in _SLOWER if self.goal.speed else ():
+        # A robot that has a plan keeps it where no way leads there so fast.
+        slower = _SLOWER if self._tracker is None and self.goal.speed else ()
+        for share in slower:
             try:
                 return (yield from self._arriving(world, rest, share * self.goal.speed))
             except ActionError:
-                continue  # no way leads there so fast, as where a weak robot has no room to gain speed
-        return (yield from self._arriving(world, rest, 0.0))
+                continue  # as where a weak robot has no room to gain speed
+        return (yield from self._arriving(world, rest, 0.0 if slower else self.goal.speed))
 
     def _arriving(self, world: World, rest: ObjectState | None, speed: float) -> Planning[Manoeuvre]:
         """Plan to arrive at `speed` (m/s) where the ball rests there or elsewhere."""
@@ -72,7 +74,9 @@ class GoToPose(PlannedAction):
         entries = free_sides(self.plan_limits, world.robot.v, 0.0)
         obstacles = Obstacles(rest, _BALL_MARGIN, run)
         ways = yield from ways_to_drive(entries, exits, self.plan_limits)
-        return (yield from fastest(self.robot, world.robot.pose, self.target(), ways, obstacles))
+        found = yield from fastest(self.robot, world.robot.pose, self.target(), ways, obstacles)
+        self._arrival_speed = speed
+        return found
 
     def outdated(self, world: World) -> bool:
         """Return whether the ball has moved while it was still free."""

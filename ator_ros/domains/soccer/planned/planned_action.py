@@ -58,6 +58,7 @@ class PlannedAction(Action):
                 f"{self.name}: expected an arrival speed from 0 to {self.limits.v} m/s, got {goal.speed}"
             )
         self.goal = goal
+        self._arrival_speed = goal.speed
         self._replans = 0
         self._deferred = -math.inf
         self._tracker: Tracker | None = None
@@ -66,6 +67,7 @@ class PlannedAction(Action):
         self._search: Search | None = self._searched(world, standing=world.robot.is_still)
         if not self._commit(world, self._search, waits=True) and self._stops_late(world):
             self._search = self._searched(world, standing=False, ahead=_AHEAD)
+            self._deferred = world.time  # this tick has planned enough
 
     @property
     def planning(self) -> bool:
@@ -100,7 +102,7 @@ class PlannedAction(Action):
         """Return the step at the end of the plan."""
         why = self.missed(world)
         if why is None:
-            return self._arrived(world, Command(self.goal.speed, 0.0))
+            return self._arrived(world, Command(self._arrival_speed, 0.0))
         return (
             self._following(world, f"{why}: driving on") if self._is_short(world) else self.replan(world, why)
         )
@@ -113,7 +115,7 @@ class PlannedAction(Action):
 
     def _is_short(self, world: World) -> bool:
         """Return whether the robot, late at a goal that it passes, gets there if it just drives on."""
-        if self.goal.speed == 0.0 or world.robot.v <= 0.0 or self.left(world) < -_LATE:
+        if self._arrival_speed == 0.0 or world.robot.v <= 0.0 or self.left(world) < -_LATE:
             return False
         ahead, beside, heading = world.robot.pose.relative(self.target())
         straight = abs(beside) <= POSITION_TOLERANCE and abs(heading) <= HEADING_TOLERANCE
