@@ -52,7 +52,7 @@ def test_what_the_chain_asks_for_keeps_its_cost() -> None:
     fast = call("goToBall", -2.72, 0.25, np.pi)
     goal = dataclasses.replace(fast.goal, speed=0.8)
     chain = TopChain((dataclasses.replace(fast, goal=goal), call("goToBall", 0.0, 0.0, 0.0)))
-    cost = with_room(lambda index, before, after: np.ones(len(after)), chain, [NAMES, ()], HEAVY, 1.0)
+    cost = with_room(lambda _index, _before, after: np.ones(len(after)), chain, [NAMES, ()], HEAVY, 1.0)
     candidates = np.array([(np.pi, 0.8), (np.pi, 0.79)])
     assert cost(0, np.zeros((1, 0)), candidates).tolist() == [1.0, np.inf]
 
