@@ -64,6 +64,18 @@ def test_learning_twice_gives_the_same_bytes(model: PerformanceModel, file: Path
     assert (tmp_path / "again.json").read_bytes() == file.read_bytes()
 
 
+@pytest.mark.parametrize(
+    "bounds",
+    [[0.0, -1.0], [-1.0, 1.0], [0.0], [0, 1, 2], 0.3, None, "12", ["0", "1"], [True, False], {"a": 1}],
+)
+def test_ranges_of_experience_are_two_numbers(file: Path, bounds: Any) -> None:
+    data = json.loads(file.read_text())
+    data["training"]["starts"] = {"braking": bounds}
+    file.write_text(json.dumps(data))
+    with pytest.raises(ModelFileError, match=r"goToPose.json: training.starts.braking: expected a least"):
+        load_model(file, ROBOT, SOCCER.known_features)
+
+
 def test_another_robot_is_warned_of_loudly(file: Path) -> None:
     other = dataclasses.replace(ROBOT, mass=12.0)
     with pytest.warns(RobotMismatchWarning, match="ANOTHER ROBOT"):

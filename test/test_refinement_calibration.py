@@ -261,6 +261,8 @@ def test_steps_of_executed_chains_are_those_that_were_predicted() -> None:
     assert [example.actual for example in found] == [4.0, 5.0, 3.0]
     assert [example.step.predicted for example in found] == [action["duration"] for action in raw.actions]
     assert {example.policy for example in found} == {"naive"}
+    row["actions"] = [4.0, 5.0, 3.0, 4.0, 5.0]  # the ball was lost and fetched again
+    assert not step_examples([record], seed=777, chain="shoot", tools=tools, library=LIBRARY)
     del row["actions"]
     with pytest.raises(EvaluationError, match="evaluate again"):
         step_examples([record], seed=777, chain="shoot", tools=tools, library=LIBRARY)

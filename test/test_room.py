@@ -34,6 +34,11 @@ def test_fast_arrivals_toward_a_bay_have_no_room_and_others_have() -> None:
     assert free(PIONEER, (toward, 0.8)) == [True]  # it brakes harder
 
 
+def test_a_longer_way_to_stop_leads_through_a_bay_as_well() -> None:
+    toward = (np.pi, 0.8)
+    assert [free(HEAVY, toward, room=room) for room in (1.0, 1.5, 3.0, 6.0, 10.0)] == [[False]] * 5
+
+
 def test_only_free_speeds_are_bounded() -> None:
     chain, ones = TopChain((call("goToBall", -2.72, 0.25, 0.0),) * 2), np.ones(2)
     candidates = np.array([(np.pi, 0.8), (np.pi, 0.1)])

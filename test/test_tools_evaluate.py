@@ -138,6 +138,15 @@ def test_experience_must_have_every_action_of_the_chain(
     assert "no table of --experience has dribbleBall" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--room", "--calibrate", "--draw-errors"])
+def test_a_gate_from_episodes_takes_no_options_of_executed_chains(
+    option: str, models: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--models", str(models), "--episodes", "experience.parquet", option]
+    assert gate_main(words) == 1
+    assert f"{option}: expected without --episodes" in capsys.readouterr().err
+
+
 def test_gate_is_learned_and_rulers_are_refitted(models: Path, tmp_path: Path) -> None:
     table = tmp_path / "experience.parquet"
     frames = [made_up_experience(action) for action in SOCCER.actions()]

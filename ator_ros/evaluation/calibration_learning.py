@@ -62,7 +62,7 @@ class StepExample:
 def step_examples(
     records: Iterable[Mapping[str, Any]], *, seed: int, chain: str, tools: Toolset, library: TopLibrary
 ) -> list[StepExample]:
-    """Return the actions of the successful chains in records of `evaluate_trial`.
+    """Return the actions of the chains in records of `evaluate_trial` that succeeded as they were planned.
 
     Raises
     ------
@@ -79,8 +79,10 @@ def step_examples(
                 continue
             chosen = _as_chosen(trial.chain, row["chosen"])
             actual = row.get("actions")
-            if not isinstance(actual, list) or len(actual) != len(chosen.calls):
+            if not isinstance(actual, list):
                 raise EvaluationError("expected records with the durations of all actions: evaluate again")
+            if len(actual) != len(chosen.calls):
+                continue  # an object was lost and fetched again, by more actions than the chain has
             prediction = predict_chain(trial.world, chosen, models, tools.robot)
             (steps,) = chain_steps([(chosen, prediction)], trial.world, models, tools.robot)
             examples += [

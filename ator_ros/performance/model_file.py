@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
+from ator_ros.printable import short, short_path
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, Within, structured
@@ -148,11 +150,29 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
             )
     if "duration" not in trees:
         raise ModelFileError(f"{path}: trees.duration: expected a tree, found none")
+    _check_starts(path, file.training.get("starts", {}))
     if file.robot_digest != robot.digest():
         _warn_of_robot(path, file, robot)
     metadata = {name: value for name, value in data.items() if name not in ("format", "trees", "driving")}
     named = {name: features[name] for name in units}
     return PerformanceModel(file.action, robot, trees, named, metadata, _driving(path, data))
+
+
+def _check_starts(path: Path | str, starts: Any) -> None:
+    """Raise ModelFileError unless experience is told as ranges, each of its least and its greatest number."""
+    if not isinstance(starts, dict):
+        raise ModelFileError(f"{path}: training.starts: expected ranges by name, got {short(starts)}")
+    for name, bounds in starts.items():
+        numbers = isinstance(bounds, list) and len(bounds) == 2 and all(map(_is_finite, bounds))
+        if not numbers or bounds[0] > bounds[1] or (name == "braking" and bounds[0] < 0.0):
+            raise ModelFileError(
+                f"{path}: training.starts.{short_path(name)}: expected a least and a greatest number, "
+                f"got {short(bounds)}"
+            )
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def load_models(

@@ -18,7 +18,8 @@ from ator_ros.refinement.paths import StepCost
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 
-_ALONG = np.linspace(0.0, 1.0, 9)
+_STEP = 0.1  # m between the points that are looked at: less than the depth of a bay
+_MOST_POINTS = 400
 _ASIDE = (-1.0, 0.0, 1.0)
 
 
@@ -65,7 +66,8 @@ def leaves_room(
     speed = np.broadcast_to(np.asarray(value["speed"], dtype=float), len(candidates))
     way = room * speed * speed / (2.0 * brake)
     ahead = way + (held.radius if held is not None else robot.front)
-    along = _ALONG[:, None, None] * ahead
+    points = min(int(np.max(ahead, initial=0.0) / _STEP) + 2, _MOST_POINTS)
+    along = np.linspace(0.0, 1.0, points)[:, None, None] * ahead
     aside = np.array(_ASIDE)[:, None] * robot.half_width
     cos, sin = np.cos(value["yaw"]), np.sin(value["yaw"])
     x, y = value["x"] + along * cos - aside * sin, value["y"] + along * sin + aside * cos

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.gate_from_episodes import CrossFit, learn_from_episodes
 from ator_ros.evaluation.gate_learning import (
     KEPT_OF_DRAWN,
@@ -41,6 +42,10 @@ ROOM = 1.5
 def run(options: argparse.Namespace, command: str) -> int:
     """Do what the command line asks for; return the exit code."""
     source = source_of(options)
+    executed_only = [name for name in ("room", "calibrate", "draw_errors") if getattr(options, name)]
+    if options.episodes and executed_only:
+        option = executed_only[0].replace("_", "-")
+        raise EvaluationError(f"--{option}: expected without --episodes, as it takes executed chains")
     if options.episodes:
         return _learn_from_episodes(source, options, command)
     if options.experience is not None:
