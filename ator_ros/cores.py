@@ -59,14 +59,15 @@ def in_shares(run: Callable[[int, int], None], count: int, least: int) -> None:
         Computes the items from `first` to `end`. It must be compiled with `ator_ros.compiled.unlocked`, else
         one core waits for the other.
     count, least : int
-        How many items there are, and how many make it worth while to wake up another core.
+        How many items there are, and the fewest in a share. Fewer than three shares are not worth the time that
+        it takes to wake up another core.
 
     Notes
     -----
     Who is free takes the next share. A core that is busy with something else delays nothing but the share
     that it has taken.
     """
-    if not _helpers.count or count <= least:
+    if not _helpers.count or count < 3 * least:
         run(0, count)
         return
     size = max(least, -(-count // (4 * _helpers.count)))

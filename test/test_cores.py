@@ -43,7 +43,7 @@ def test_another_core_takes_shares_while_this_one_computes() -> None:
         if first in (0, 50):
             met.wait()  # breaks unless both shares are under way at once
 
-    in_shares(run, 100, 50)
+    in_shares(run, 150, 50)
 
 
 def test_no_more_cores_are_used_than_there_are() -> None:
@@ -73,7 +73,7 @@ def test_an_error_is_raised_wherever_it_happens(failing: int) -> None:
             raise ArithmeticError(f"share {first}")
 
     with pytest.raises(ArithmeticError, match=f"share {failing}"):
-        in_shares(run, 120, 60)
+        in_shares(run, 180, 60)
 
 
 def results() -> tuple[FloatArray, FloatArray]:
