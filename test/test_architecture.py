@@ -23,6 +23,7 @@ FLOORS = [
     "formats",
     "compile_cache",
     "compiled",
+    "cores",
     "examples",
     "world",
     "robot",
