@@ -59,8 +59,8 @@ def in_shares(run: Callable[[int, int], None], count: int, least: int) -> None:
         Computes the items from `first` to `end`. It must be compiled with `ator_ros.compiled.unlocked`, else
         one core waits for the other.
     count, least : int
-        How many items there are, and the fewest in a share. Fewer than three shares are not worth the time that
-        it takes to wake up another core.
+        How many items there are, and the fewest in a share. Fewer than three shares are not worth the time
+        that it takes to wake up another core.
 
     Notes
     -----
