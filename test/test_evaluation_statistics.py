@@ -18,7 +18,6 @@ from ator_ros.evaluation.gate_learning import (
     fit_threshold,
     fit_tree,
     gate_examples,
-    with_drawn_errors,
 )
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.statistics import labels, mean_interval, outcomes, prediction_errors, summarise
@@ -256,68 +255,3 @@ def test_the_gate_taken_is_the_more_useful_of_those_with_few_slower_runs(
         return {"utility": utility, "kept_gain_percent": float(kept), **counts}
 
     assert better_kind({"threshold": judged(*threshold), "tree": judged(*tree)}) == taken
-
-
-def test_drawn_errors_keep_what_was_saved_and_leave_what_was_not_changed() -> None:
-    rng = np.random.default_rng(5)
-    gain, spread = (
-        np.where(np.arange(400) % 4 == 0, 0.0, rng.uniform(0.1, 2.0, 400)),
-        rng.uniform(0.2, 1.0, 400),
-    )
-    saved = np.where(gain > 0.0, gain + 0.5 * spread * rng.standard_normal(400), 0.0)
-    features = np.zeros((400, len(FEATURES)))
-    features[:, list(FEATURES).index("gain")] = gain
-    features[:, list(FEATURES).index("spread")] = spread
-    naive, kind = np.full(400, 10.0), np.arange(400) // 200
-    examples = GateExamples(features, naive, naive - saved, np.arange(400), kind)
-    drawn = with_drawn_errors(examples, seed=1)
-    assert len(drawn.naive) == 20 * 400
-    again = drawn.naive - drawn.refined
-    assert not again[np.tile(gain == 0.0, 20)].any()
-    assert again.mean() == pytest.approx(saved.mean(), abs=0.02)
-    assert again.std() == pytest.approx(saved.std(), abs=0.02)
-
-
-def test_a_threshold_from_drawn_errors_does_not_hang_on_the_few_that_became_slower() -> None:
-    """Gains of a third of the spread are harmful as often as not, though none of these happened to be."""
-    gain = np.concatenate([np.full(20, 0.3), np.full(200, 3.0)])
-    rng = np.random.default_rng(8)
-    saved = gain + np.concatenate([np.full(20, 0.1), rng.standard_normal(200)])
-    features = np.zeros((220, len(FEATURES)))
-    features[:, list(FEATURES).index("gain")] = gain
-    features[:, list(FEATURES).index("spread")] = 1.0
-    naive = np.full(220, 10.0)
-    examples = GateExamples(features, naive, naive - saved, np.arange(220), np.zeros(220, dtype=int))
-    alone = fit_threshold(examples, keep=0.95)
-    assert alone.gain + alone.spread_factor < 0.3
-    careful = fit_threshold(with_drawn_errors(examples, seed=1), keep=0.95)
-    assert careful.gain + careful.spread_factor >= 0.3
-
-
-@pytest.mark.parametrize(
-    ("spread", "naive", "refined", "failed"), [(0.3, 10.0, 1.0, True), (0.0, 10.0, 9.0, False)]
-)
-def test_one_odd_chain_does_not_decide_what_errors_are_drawn(
-    spread: float, naive: float, refined: float, failed: bool
-) -> None:
-    """One that failed after a second looks like a gain; one without any spread has a huge error for it."""
-    rng = np.random.default_rng(8)
-    gain, spreads = rng.uniform(0.1, 3.0, 300), np.full(300, 0.3)
-    saved = gain + 0.1 * rng.standard_normal(300)
-    times = np.full(300, 10.0)
-    odd = times - saved
-    gain[0], spreads[0], times[0], odd[0] = 1.02, spread, naive, refined
-    features = np.zeros((300, len(FEATURES)))
-    features[:, list(FEATURES).index("gain")], features[:, list(FEATURES).index("spread")] = gain, spreads
-    examples = GateExamples(
-        features,
-        times,
-        odd,
-        np.arange(300),
-        np.zeros(300, dtype=int),
-        np.arange(300) != 0 if failed else None,
-    )
-    drawn = with_drawn_errors(examples, seed=1)
-    rest = np.tile(np.arange(300) != 0, 20)
-    error = (drawn.naive - drawn.refined)[rest] - np.tile(gain, 20)[rest]
-    assert np.abs(error).max() < 0.6

@@ -70,6 +70,11 @@ def test_without_a_holder_there_is_a_chain_but_no_dribble() -> None:
     assert not world.objects
 
 
+def test_a_shot_that_begins_fast_keeps_the_way_that_its_run_up_needs() -> None:
+    """Driven on for a moment while it was planned, the robot came too near the goal to shoot at all."""
+    assert succeeds("shoot", PIONEER, 268, seed=101)
+
+
 def test_who_cannot_arrive_so_fast_arrives_slower() -> None:
     """A heavy robot so near the ball has no room to gain 0.8 m/s before a run into the catch."""
     world = World(0.0, RobotState(Pose(-1.4444, 0.9029, -0.4806)), {BALL: ObjectState(-2.3877, 1.5912)})

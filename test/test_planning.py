@@ -189,6 +189,32 @@ def test_a_robot_in_motion_drives_on_brakes_and_plans_from_where_it_stands(
     assert action._tracker.trajectory.at(0.0).pose.distance(pose) < 1e-9
 
 
+def test_a_robot_that_drives_on_loses_its_rotation_as_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, goal, _ = hard_way(monkeypatch)
+    monkeypatch.setattr(planning, "SLICE", 1)
+    action = GoToPose(ROBOT)
+    start = dataclasses.replace(world.robot, v=0.4, w=0.7)
+    action.start(dataclasses.replace(world, robot=start), goal)
+    turning = [
+        action.step(dataclasses.replace(world, time=0.05 * tick, robot=start)).command for tick in range(7)
+    ]
+    assert [command.v for command in turning] == [0.4] * 7
+    assert [command.w for command in turning] == pytest.approx([0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0])
+
+
+def test_a_robot_that_is_hardly_in_motion_stops_to_plan_though_it_turns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    world, goal, _ = hard_way(monkeypatch)
+    monkeypatch.setattr(planning, "SLICE", 1)
+    action = GoToPose(ROBOT)
+    start = dataclasses.replace(world.robot, v=-0.2, w=0.7)
+    action.start(dataclasses.replace(world, robot=start), goal)
+    step = action.step(dataclasses.replace(world, robot=start))
+    assert step.message == "planning"
+    assert -0.2 < step.command.v <= 0.0
+
+
 def test_a_robot_keeps_to_its_plan_while_another_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     action = GoToPose(ROBOT)
     action.start(

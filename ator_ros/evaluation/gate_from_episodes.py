@@ -15,17 +15,20 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 
 import numpy as np
 import pandas as pd
 
-from ator_ros.evaluation.gate_learning import GateExamples, LearnedGates, learn_gates
+from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.drawn_errors import DRAWS
+from ator_ros.evaluation.gate_learning import GateExamples, LearnedGates, fit_threshold, learn_gates
 from ator_ros.evaluation.policies import reopened
-from ator_ros.evaluation.trials import Trial, open_speeds
+from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.training import direct_of, observed_model
+from ator_ros.performance.training import OBSERVED, direct_of, observed_model
 from ator_ros.refinement.averaging import Widths
 from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate
@@ -33,6 +36,7 @@ from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 
 _YAW = math.radians(6.0)
@@ -43,9 +47,6 @@ KEPT = 0.85
 That is of development seeds. The halves choose and judge with half of the episodes, so what they gain and
 harm is not what the models of all episodes do.
 """
-DRAWS = 20
-"""Errors that are drawn of each chain: with one, chance decides between thresholds from 0.02 to 0.4 s."""
-
 Halves = tuple[Mapping[str, PerformanceModel], Mapping[str, PerformanceModel]]
 
 
@@ -143,8 +144,45 @@ def learn_from_episodes(
     that are learned later from more episodes, or from fewer.
     """
     widths = usual_widths(fitted.robot)
-    learned = learn_gates(fitted.examples(trials, seed=seed, widths=widths), keep=KEPT)
-    return dataclasses.replace(learned.threshold, widths=widths), learned
+    examples = fitted.examples(trials, seed=seed, widths=widths)
+    learned = learn_gates(examples, partial(fit_threshold, keep=KEPT))
+    comparison = {kind: _per_chain(judged) for kind, judged in learned.comparison.items()}
+    return dataclasses.replace(learned.threshold, widths=widths), learned._replace(comparison=comparison)
+
+
+def _per_chain(judged: Mapping[str, float]) -> dict[str, float]:
+    """Return what `compare_gates` says of a gate, its sums over chains and not over all drawn errors."""
+    sums = {name: round(judged[name] / DRAWS) for name in ("higher", "equal", "lower")}
+    return {**judged, **sums, "utility": round(judged["utility"] / DRAWS, 3)}
+
+
+def gate_of_episodes(
+    domain: Domain,
+    library: TopLibrary,
+    rows: Mapping[str, pd.DataFrame],
+    chain: str,
+    *,
+    seed: int,
+    situations: int,
+) -> tuple[ThresholdGate, LearnedGates]:
+    """Learn the gate of observed models from tables of episodes, as `learn_from_episodes` says.
+
+    Parameters
+    ----------
+    domain, library
+        Where the chains come from, and what they consist of, for one robot.
+    rows : mapping of str to DataFrame
+        Experience by action; what the chain does not need is left out.
+    chain : str
+        Name of the domain's chain.
+    seed, situations : int
+        Of the situations in which chains are chosen.
+    """
+    trials = [random_trial(domain, chain, library, seed=seed, index=index) for index in range(situations)]
+    actions = {call.top.action for call in trials[0].chain.calls}
+    used = {action: table for action, table in rows.items() if action in actions}
+    fitted = CrossFit(library.robot, used, OBSERVED, domain.ranges, domain.time_limit)
+    return learn_from_episodes(fitted, trials, seed=seed)
 
 
 def _halves(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,14 +23,9 @@ KEPT = 0.97
 """Least share of the ungated gain that a gate must keep, with and without refined speeds."""
 MOST_SLOWER = 0.01
 """Share of runs that a gate may let become more than 2 % slower, by cross-validation (paper: 1 %)."""
-DRAWS = 20
-"""Errors that are drawn of each chain, where errors are drawn."""
-KEPT_OF_DRAWN = 0.95
-"""As `KEPT`, of the gain with drawn errors."""
 FOLDS = 10
 TREE_DEPTH = 3
 TREE_LEAF = 10
-_LEAST_SPREAD = 0.2  # of the usual one, by which errors are divided
 
 
 @dataclass(frozen=True)
@@ -86,24 +80,8 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
     )
 
 
-def with_drawn_errors(examples: GateExamples, *, seed: int) -> GateExamples:
-    """Return each example `DRAWS` times, with errors drawn from those of all of its kind.
-
-    Of some hundred chains a handful become slower, and which ones is chance. By how much all of them missed
-    their predicted gain, in units of the predicted spread, tells more about how often one becomes slower.
-    """
-    gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
-    usual = float(np.median(spread[spread > 0.0])) if (spread > 0.0).any() else 1.0
-    sure, rng = np.maximum(spread, _LEAST_SPREAD * usual), np.random.default_rng(seed)
-    saved = np.tile(examples.naive - examples.refined, (DRAWS, 1))
-    for kind in np.unique(examples.kind):
-        changed = (examples.kind == kind) & (gain > 0.0)
-        if examples.succeeded is not None:
-            changed &= examples.succeeded
-        errors = (saved[0, changed] - gain[changed]) / sure[changed]
-        saved[:, changed] = gain[changed] + sure[changed] * rng.choice(errors, (DRAWS, len(errors)))
-    many = examples.part(np.tile(np.arange(len(gain)), DRAWS))
-    return dataclasses.replace(many, refined=many.naive - saved.ravel())
+Fit = Callable[[GateExamples], ThresholdGate]
+"""Learns a threshold from examples."""
 
 
 class LearnedGates(NamedTuple):
@@ -113,13 +91,6 @@ class LearnedGates(NamedTuple):
     tree: TreeGate
     comparison: dict[str, dict[str, float]]
     better: LearnedGate
-
-
-def learn_gates(examples: GateExamples, *, keep: float = KEPT) -> LearnedGates:
-    """Learn and compare both kinds of gate; `keep` as in `fit_threshold`."""
-    comparison = compare_gates(examples, keep=keep)
-    threshold, tree = fit_threshold(examples, keep=keep), fit_tree(examples)
-    return LearnedGates(threshold, tree, comparison, tree if better_kind(comparison) == "tree" else threshold)
 
 
 def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGate:
@@ -151,6 +122,13 @@ def fit_tree(examples: GateExamples) -> TreeGate:
     )
 
 
+def learn_gates(examples: GateExamples, fit: Fit = fit_threshold) -> LearnedGates:
+    """Learn and compare both kinds of gate; `fit` learns the threshold."""
+    comparison, tree = compare_gates(examples, fit), fit_tree(examples)
+    threshold = fit(examples)
+    return LearnedGates(threshold, tree, comparison, tree if better_kind(comparison) == "tree" else threshold)
+
+
 def decisions(gate: LearnedGate, examples: GateExamples) -> NDArray[np.bool_]:
     """Return whether the gate refines, for each example."""
     return np.array([gate.decide(dict(zip(FEATURES, row, strict=True)))[0] for row in examples.features])
@@ -179,8 +157,8 @@ def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
     return _gain(examples, refine) - HARM * _worse(examples, refine)
 
 
-def compare_gates(examples: GateExamples, *, keep: float = KEPT) -> dict[str, dict[str, float]]:
-    """Evaluate both kinds of gate by cross-validation over situations; `keep` as in `fit_threshold`.
+def compare_gates(examples: GateExamples, fit: Fit = fit_threshold) -> dict[str, dict[str, float]]:
+    """Evaluate both kinds of gate by cross-validation over situations; `fit` learns the threshold.
 
     Returns
     -------
@@ -196,7 +174,7 @@ def compare_gates(examples: GateExamples, *, keep: float = KEPT) -> dict[str, di
         held_out = np.isin(examples.situation, situations[fold::FOLDS])
         rest, test = examples.part(~held_out), examples.part(held_out)
         tree = fit_tree(rest)
-        refine["threshold"][held_out] = decisions(fit_threshold(rest, keep=keep), test)
+        refine["threshold"][held_out] = decisions(fit(rest), test)
         refine["tree"][held_out] = decisions(tree, test)
         correct += int(np.sum(predicted_labels(tree, test) == labels(test.refined, test.naive)))
     everything = np.ones(len(examples.naive), bool)

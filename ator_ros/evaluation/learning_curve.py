@@ -14,7 +14,7 @@ import pandas as pd
 
 from ator_ros.evaluation.again import same_records
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.gate_from_episodes import CrossFit, learn_from_episodes
+from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.policies import OBSERVED as OBSERVED_MODELS
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.situation import Executions, Record, Settings, evaluate_trial
@@ -146,14 +146,9 @@ class LearningCurve:
     def _learn_gate(self, place: Path, rows: Mapping[str, pd.DataFrame]) -> None:
         """Learn the gate from the same episodes as the models, as the tool `gate` does with `--episodes`."""
         tools, source, chain = self._tools, self.settings.source, self.settings.oracle.chain
-        trials = [
-            random_trial(tools.domain, chain, self._library, seed=_GATE_SEED, index=index)
-            for index in range(_GATE_SITUATIONS)
-        ]
-        actions = {call.top.action for call in trials[0].chain.calls}
-        used = {action: part for action, part in rows.items() if action in actions}
-        fitted = CrossFit(tools.robot, used, OBSERVED, tools.domain.ranges, tools.domain.time_limit)
-        gate, _ = learn_from_episodes(fitted, trials, seed=_GATE_SEED)
+        gate, _ = gate_of_episodes(
+            tools.domain, self._library, rows, chain, seed=_GATE_SEED, situations=_GATE_SITUATIONS
+        )
         told = {"command": "learning_curve", "seed": _GATE_SEED, "situations": _GATE_SITUATIONS}
         save_gate(place / model_path("gate", source.action_set), gate, told, source.action_set)
 

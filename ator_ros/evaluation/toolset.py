@@ -76,7 +76,7 @@ class ToolsetSource:
         robot = self.described()
         sha = hashlib.sha256(robot.digest().encode())
         names = [f"{action}.json" for action in self.actions_of(chain, robot)] + [CALIBRATION]
-        names += [GATE] if any(policy.startswith("gated") for policy in policies) else []
+        names += [GATE] if any(policy.startswith(("refined", "gated")) for policy in policies) else []
         names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []
         files = [self.folder() / name for name in names]
         if any(policy.startswith(OBSERVED) for policy in policies):

@@ -26,6 +26,7 @@ SEEDS: Mapping[str, str] = MappingProxyType(
         "9xx": "quality of the actions, effect of the sensors",
         "1375-1376": "evaluations of a heavy robot, looked at while its actions and its gate were mended",
         "1377": "its evaluation after that",
+        "5431": "development, too",
         "2005": "earlier evaluations, looked at while the gate was made",
         "2015": "an evaluation of the paper's actions by a smaller set of models",
         "2017": "an evaluation of the paper's actions, whose failures were looked at while they were mended",

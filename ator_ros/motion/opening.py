@@ -25,6 +25,11 @@ class Opening:
     end: RobotState
     duration: float
 
+    def velocities(self, time: float) -> tuple[float, float]:
+        """Return v (m/s) and w (rad/s) at `time` s after the start."""
+        left = 1.0 - time / self.duration if 0.0 <= time < self.duration else 0.0
+        return self.start.v, self.start.w * left
+
 
 def opening_of(start: RobotState, aw: float, least: float = 0.0) -> Opening:
     """Return the opening from `start` with the turn acceleration `aw` (rad/s^2), of `least` s or more."""

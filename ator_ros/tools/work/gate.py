@@ -5,28 +5,26 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.drawn_errors import fit_to_drawn_errors
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.gate_from_episodes import CrossFit, learn_from_episodes
+from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.gate_learning import (
-    KEPT_OF_DRAWN,
     GateExamples,
     LearnedGate,
     LearnedGates,
     gate_examples,
     learn_gates,
-    with_drawn_errors,
 )
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import BASELINES, ToolsetSource, make_library, read_rows, tools_of
-from ator_ros.evaluation.trials import random_trial
 from ator_ros.files import reserved, write_text
-from ator_ros.performance.training import OBSERVED
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.gate_file import GATE, gate_in, save_gate
 from ator_ros.tools.command_line import source_of
@@ -70,7 +68,7 @@ def _learned(examples: GateExamples, options: argparse.Namespace) -> tuple[Learn
     if not options.draw_errors:
         learned = learn_gates(examples)
         return learned, learned.better
-    learned = learn_gates(with_drawn_errors(examples, seed=options.seed), keep=KEPT_OF_DRAWN)
+    learned = learn_gates(examples, partial(fit_to_drawn_errors, seed=options.seed))
     return learned, learned.threshold
 
 
@@ -88,16 +86,14 @@ def _with_room(settings: Settings, folder: Path, action_set: str) -> Settings:
 
 def _learn_from_episodes(source: ToolsetSource, options: argparse.Namespace, command: str) -> int:
     """Learn the gate of the observed models, with those of the chain's actions that the tables hold."""
-    domain, robot = find_domain(source.domain), source.described()
-    library = make_library(robot, source)
-    trials = [
-        random_trial(domain, options.chain, library, seed=options.seed, index=index)
-        for index in range(options.situations)
-    ]
-    actions = {call.top.action for call in trials[0].chain.calls}
-    rows = {action: table for action, table in read_rows(options.episodes).items() if action in actions}
-    fitted = CrossFit(robot, rows, OBSERVED, domain.ranges, domain.time_limit)
-    gate, learned = learn_from_episodes(fitted, trials, seed=options.seed)
+    gate, learned = gate_of_episodes(
+        find_domain(source.domain),
+        make_library(source.described(), source),
+        read_rows(options.episodes),
+        options.chain,
+        seed=options.seed,
+        situations=options.situations,
+    )
     _save(gate, learned, source.observed_folder() / GATE, options, command)
     return 0
 

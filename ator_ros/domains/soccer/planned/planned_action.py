@@ -45,6 +45,8 @@ class PlannedAction(Action):
     verb: ClassVar[str]
     reserve = math.inf
     """Deceleration in m/s^2 that is left to lose what the robot is too fast; see `Tracker`."""
+    plans_in_motion: ClassVar[bool] = True
+    """Whether a robot in motion may drive straight on for a moment while it is planned what to do then."""
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
         super().__init__(robot)
@@ -64,10 +66,13 @@ class PlannedAction(Action):
         self._tracker: Tracker | None = None
         self._strength = StrengthSeen(self.robot, self.plan_limits)
         self._pause = Pause(world, self.plan_limits)
-        self._search: Search | None = self._searched(world, standing=world.robot.is_still)
-        if not self._commit(world, self._search, waits=True) and self._stops_late(world):
-            self._search = self._searched(world, standing=False, ahead=_AHEAD)
-            self._deferred = world.time  # this tick has planned enough
+        standing = world.robot.is_still
+        self._search: Search | None = self._searched(world, standing=standing)
+        if not self._commit(world, self._search, waits=True) and not standing:
+            self._search = None  # it is for the state of this tick
+            if self.plans_in_motion and self._stops_late(world):
+                self._search = self._searched(world, standing=False, ahead=_AHEAD)
+                self._deferred = world.time  # this tick has planned enough
 
     @property
     def planning(self) -> bool:
@@ -269,8 +274,10 @@ class PlannedAction(Action):
                 return self._following(world, "planned in motion")
         except ActionError:
             return self._paused(world, "no way in motion")
-        self._pause = Pause(dataclasses.replace(world, time=world.time + CONTROL_PERIOD), self.plan_limits)
-        return Step(Command(world.robot.v, 0.0), Status.RUNNING, "driving on while planning")
+        then = world.time + CONTROL_PERIOD
+        self._pause = Pause(dataclasses.replace(world, time=then), self.plan_limits)
+        command = Command(*search.opening.velocities(then - search.begun))
+        return Step(command, Status.RUNNING, "driving on while planning")
 
 
 def planned_limits(robot: Robot, limits: Limits) -> Limits:

@@ -33,6 +33,7 @@ class Shoot(HoldingAction):
 
     name = "shoot"
     verb = "running up"
+    plans_in_motion = False  # toward the goal the way that this takes may be what a run-up lacks
 
     def setup(self) -> None:
         """Compute the tables of run-ups from rest; see `Action.setup`."""
