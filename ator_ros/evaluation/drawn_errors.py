@@ -16,7 +16,7 @@ from ator_ros.refinement.gate import FEATURES, ThresholdGate
 DRAWS = 20
 """Errors that are drawn of each chain: with one, chance decides between thresholds from 0.02 to 0.4 s."""
 KEPT_OF_DRAWN = 0.95
-"""As `KEPT`, of the gain with drawn errors."""
+"""As `ator_ros.evaluation.gate_learning.KEPT`, of the gain with drawn errors."""
 _LEAST_SPREAD = 0.2  # of the usual one, by which errors are divided
 
 
