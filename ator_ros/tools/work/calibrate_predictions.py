@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ator_ros.evaluation.calibration_learning import (
     step_examples,
 )
 from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.policies import Models
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.storage import RESULT, read_result, to_records
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
@@ -59,15 +60,11 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     def finish(fitted: Calibration) -> Calibration:
         return joined(kept, fitted, options.actions)
 
-    calibration = finish(fit_calibration(examples, models))
-    checked = cross_validated(examples, models, finish)
-    training = {"command": command, "chains": learned_from, "cross_validation": checked}
+    training: dict[str, Any] = {"command": command, "chains": learned_from}
     if options.actions and path.exists():
         before = read_json(path).get("training", {})
         training["others"] = before.get("others", before)
-    save_calibration(path, calibration, training)
-    _report(checked)
-    print(f"wrote {path}: {', '.join(calibration.shortfalls)}")
+    _learn(examples, models, path, training, finish)
     return 0
 
 
@@ -75,16 +72,27 @@ def save_learned(records: Sequence[Mapping[str, Any]], settings: Settings, comma
     """Learn what predictions miss from records of executed situations, and write it beside the models."""
     tools, library = tools_of(settings.source)
     examples = step_examples(records, seed=settings.seed, chain=settings.chain, tools=tools, library=library)
-    models, path = tools.models["learned"], settings.source.folder() / CALIBRATION
+    chains = [{"seed": settings.seed, "chain": settings.chain, "situations": len(records)}]
+    path = settings.source.folder() / CALIBRATION
     try:
-        calibration = fit_calibration(examples, models)
-        checked = cross_validated(examples, models)
+        _learn(examples, tools.models["learned"], path, {"command": command, "chains": chains})
     except EvaluationError as error:
         print(f"without a calibration: {error}")
-        return
-    chains = [{"seed": settings.seed, "chain": settings.chain, "situations": len(records)}]
-    save_calibration(path, calibration, {"command": command, "chains": chains, "cross_validation": checked})
+
+
+def _learn(
+    examples: Sequence[StepExample],
+    models: Models,
+    path: Path,
+    training: Mapping[str, Any],
+    finish: Callable[[Calibration], Calibration] = lambda fitted: fitted,
+) -> None:
+    """Learn a calibration, `finish` it, and write it with its `training`; tell its errors."""
+    calibration = finish(fit_calibration(examples, models))
+    checked = cross_validated(examples, models, finish)
+    save_calibration(path, calibration, {**training, "cross_validation": checked})
     _report(checked)
+    print(f"wrote {path}: {', '.join(calibration.shortfalls)}")
 
 
 def joined(kept: Calibration, learned: Calibration, actions: Sequence[str] | None) -> Calibration:
