@@ -110,7 +110,7 @@ def test_a_short_body_rests_on_its_caster() -> None:
         robot = simulation.world().robot
     assert robot.v == pytest.approx(0.2, abs=0.02)
     assert abs(robot.pose.y) < 0.01
-    assert '"-0.0075 0 0.015"' in robot_urdf(tiny)
+    assert '"-0.0045 0 0.009"' in robot_urdf(tiny)
 
 
 def test_a_weak_robot_follows_its_plan() -> None:
@@ -276,3 +276,19 @@ def test_a_dribble_that_finds_no_way_in_motion_brakes() -> None:
         step = action.step(dataclasses.replace(start, time=0.05 * tick))
         speeds.append(0.0 if step.command is None else step.command.v)
     assert not action.planning or speeds[-1] < 0.7 * speed
+
+
+def test_a_short_quick_robot_does_not_tip_over_in_turns_that_its_wheels_hold() -> None:
+    limits = Limits(v=1.5, w=3.5, a=1.3, brake=1.3, aw=7.0)
+    robot = dataclasses.replace(
+        FIFTH, name="quick", track=0.24, mass=5.0, front=0.14, rear=0.14, half_width=0.15, wheel_radius=0.06,
+        wheel_torque=2.5, motor_time_constant=0.04, limits=limits,
+    )  # fmt: skip
+    turn = GoToPose(robot).plan_limits
+    with Simulation(robot) as simulation:
+        for tick in range(3 * CONTROL_RATE):
+            now = tick / CONTROL_RATE
+            simulation.command(Command(min(limits.a * now, turn.v), turn.w if now > 1.5 else 0.0))
+            simulation.tick()
+        state = simulation.world().robot
+    assert (state.v, state.w) == pytest.approx((turn.v, turn.w), rel=0.05)

@@ -17,6 +17,9 @@ _LIGHT = 0.1  # mass times squared radius over the usual, below which the motors
 _USUAL_MASS, _USUAL_RADIUS = 9.0, 0.0975  # kg, and m of a wheel
 _CENTRE_OF_MASS, _CASTER = 0.06, 0.04
 """Distances in m: of the centre of mass behind the axle, and of the caster from the body's end."""
+_BEHIND_SHARE = 0.3
+"""Greatest share of the way from the axle to the caster at which the centre of mass lies: the wheels carry
+the rest of the weight, as `Robot.grip` takes them to."""
 _FINGER = (
     '<{tag}><origin xyz="{x:.6g} {side}{y:.6g} 0.12"/>'
     '<geometry><box size="{length:.6g} {thickness:.6g} 0.1"/></geometry>{material}</{tag}>'
@@ -63,9 +66,9 @@ def _built(robot: Robot) -> tuple[float, float, float, float, float]:
     """Return how a robot is built, in the order of `Build`; derive what its description leaves out."""
     said = robot.build
     wheel_mass = min(WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS), WHEEL_SHARE * robot.mass)
-    # Also in a short body the weight lies before the caster, and so low that a stop does not tip it.
+    # In a short body, too, the wheels carry most of the weight, so low that neither stop nor turn tips it.
     caster = _or(said.caster_behind, max(robot.rear - _CASTER, 0.5 * robot.rear))
-    behind = min(_CENTRE_OF_MASS, 0.5 * caster)
+    behind = min(_CENTRE_OF_MASS, _BEHIND_SHARE * caster)
     return (
         _or(said.mass_behind, behind),
         _or(said.mass_height, _HEIGHT * (behind / _CENTRE_OF_MASS)),
