@@ -12,6 +12,7 @@ from ator_ros.actions.goal_variables import goal_values
 from ator_ros.evaluation.along import Along, RefinedAlong
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.execution.phases import Ending
+from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
@@ -89,6 +90,7 @@ def run_chain(
     wheels: tuple[float, float] = (1.0, 1.0),
     records: list[ActionRecord] | None = None,
     along: Along | None = None,
+    rolling: Rolling | None = None,
 ) -> ChainRun:
     """Execute `chain` from `start` in a new simulation.
 
@@ -118,10 +120,12 @@ def run_chain(
         Gets the records of the actions that ended.
     along : Along, optional
         How the chain is refined again along the way; by default never. Lost objects are then not fetched.
+    rolling : Rolling, optional
+        What is known of how objects roll, and learns more; see `ChainExecutor`.
     """
     executor: ChainExecutor | RefinedAlong
     if along is None:
-        executor = ChainExecutor(library, chain, time_limit=time_limit, fetches=fetches)
+        executor = ChainExecutor(library, chain, time_limit=time_limit, fetches=fetches, rolling=rolling)
     else:
         executor = RefinedAlong(library, chain, along, time_limit=time_limit)
     steered = _steering(executor, Foresight(robot, latency))

@@ -10,6 +10,7 @@ from typing import Any
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status, Step
 from ator_ros.execution.phases import Ending
+from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.step_run import STOPPING, ActionRecord, StepRun
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopCall, TopChain
@@ -67,6 +68,9 @@ class ChainExecutor:
     fetches : int
         Number of times that a lost object may be fetched again; the chain then goes on from the latest step
         that fetches it.
+    rolling : Rolling, optional
+        What is known of how objects roll, and learns more; by default only what this chain shows. Steps that
+        begin from a stand use it, because actions compute tables for it.
     """
 
     def __init__(
@@ -77,8 +81,10 @@ class ChainExecutor:
         time_limit: float = TIME_LIMIT,
         predict: Callable[[World, TopChain, int], Any] | None = None,
         fetches: int = 0,
+        rolling: Rolling | None = None,
     ) -> None:
-        self._library = library
+        self._rolling = rolling if rolling is not None else Rolling(library.robot)
+        self._described, self._library = library, self._rolling.library(library)
         self._chain = chain
         self._time_limit = time_limit
         self._predict = predict
@@ -116,6 +122,7 @@ class ChainExecutor:
         """
         if self._began is None:
             self._began = world.time
+        self._rolling.observe(world)
         step = self._follow(world)
         while step is None:
             waiting = not self._run.begun
@@ -250,6 +257,8 @@ class ChainExecutor:
 
     def _enter(self, index: int, standing_first: bool) -> None:
         self._index = index
+        if standing_first:
+            self._library = self._rolling.library(self._described)
         self._run = self._new_run(self._chain, index, standing_first=standing_first)
 
     def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:

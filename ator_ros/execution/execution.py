@@ -13,6 +13,7 @@ from ator_ros.execution.guards import Fault, Guards, missing
 from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import Question, Refining
+from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.execution.transitions import GoalCourse, Signal
 from ator_ros.geometry import FloatArray
@@ -51,6 +52,8 @@ class Execution:
     alternatives : sequence of TopChain
         Other chains for the same end: refinement may choose one of them, and without it the first valid
         plan is executed.
+    rolling : Rolling, optional
+        What is known of how objects roll; see `ChainExecutor`.
     """
 
     def __init__(
@@ -65,13 +68,19 @@ class Execution:
         fence: Fence,
         fetches: int = 0,
         alternatives: Sequence[TopChain] = (),
+        rolling: Rolling | None = None,
     ) -> None:
         self.reason = Phase.WAITING.value
         self._start: World | None = None
         self._robot, self._deadlines, self._refining = library.robot, deadlines, refining
         self._course = GoalCourse()
         self._executor = ChainExecutor(
-            library, chain, time_limit=deadlines.action, predict=predictor.later, fetches=fetches
+            library,
+            chain,
+            time_limit=deadlines.action,
+            predict=predictor.later,
+            fetches=fetches,
+            rolling=rolling,
         )
         self._forecast = Forecast(predictor, self._executor)
         self._plans = (chain, *alternatives)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ator_ros.evaluation.policies import Models, reopened
 from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial, with_headings
 from ator_ros.execution.phases import Ending
+from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.episode import Episode, run_episode, sample_width
@@ -84,6 +85,14 @@ class StreamSettings:
     source: ToolsetSource = dataclasses.field(default_factory=ToolsetSource)
 
 
+class _Played(NamedTuple):
+    """A chain that was executed: how it went, the records of its actions, and what was seen to roll."""
+
+    run: ChainRun
+    records: list[ActionRecord]
+    rolling: Rolling
+
+
 class Stream:
     """Plays chain after chain; what was learned lies in `folder`.
 
@@ -93,9 +102,13 @@ class Stream:
         What is played.
     folder : Path
         For the store of records, the learned sets and the offline models; existing results are resumed.
+    before : mapping, optional
+        The result of the chain before.
     """
 
-    def __init__(self, settings: StreamSettings, folder: Path) -> None:
+    def __init__(
+        self, settings: StreamSettings, folder: Path, before: Mapping[str, Any] | None = None
+    ) -> None:
         self._settings, self._folder = settings, folder
         source = settings.source
         self._domain: Domain = find_domain(source.domain)
@@ -104,6 +117,7 @@ class Stream:
         self._changed = CHANGES[settings.change]
         self._actual = self._changed.robot(self._described)
         self._explorer = Explorer(settings.explore, settings.seed)
+        self._rolling = Rolling(self._described, (before or {}).get("rolling"))
         self._shipped_at = Path(source.models) if source.models else self._domain.shipped_models
         self._learner = Source(folder, self._domain, self._described, self._shipped_at)
         info = StoreInfo(self._described.digest(), self._domain.name)
@@ -128,12 +142,13 @@ class Stream:
         dict
             "index"; "durations": by policy in s, `TIME_LIMIT` where it failed; "failed": the policies that
             did; "set": name of the learned set in use; "records": number of records after it; "explored":
-            share of the predicted time that was spent on trying, so far.
+            share of the predicted time that was spent on trying, so far; "rolling": what the learning robot
+            has seen of how objects roll.
         """
         settings = self._settings
         trial = random_trial(self._domain, settings.chain, self._library, seed=settings.seed, index=index)
         naive = self._shipped.naive(trial.world, open_speeds(trial.chain))
-        runs: dict[ChainKey, tuple[ChainRun, list[ActionRecord]]] = {}
+        runs: dict[ChainKey, _Played] = {}
         execute = partial(self._executed, runs, trial)
         chains = {
             "naive": naive,
@@ -141,11 +156,13 @@ class Stream:
             "learning": self._refined(self._learned, trial, naive, explore=True),
             "offline": self._refined(self._offline, trial, naive),
         }
-        played = {name: execute(chain)[0] for name, chain in chains.items()}
+        played = {name: execute(chain).run for name, chain in chains.items()}
         if settings.oracle:
             played[ORACLE] = self._oracle(trial, naive, execute, played)
         used = current_set(self._folder)
-        for record in execute(chains["learning"])[1]:
+        learning = execute(chains["learning"])
+        self._rolling = learning.rolling
+        for record in learning.records:
             if record.ending in (Ending.SUCCEEDED, Ending.FAILED):  # not broken off
                 self._store.append(settings.source.action_set, _episode_of(record))
         if self._records - self._asked >= settings.batch:
@@ -159,6 +176,7 @@ class Stream:
             "set": used.name if used is not None else "",
             "records": self._records,
             "explored": round(told.spent / told.played, 5) if told.played else 0.0,
+            "rolling": self._rolling.remembered(),
         }
 
     def _refined(self, refiner: Refiner, trial: Trial, naive: TopChain, *, explore: bool = False) -> TopChain:
@@ -171,14 +189,15 @@ class Stream:
 
     def _executed(
         self,
-        runs: dict[ChainKey, tuple[ChainRun, list[ActionRecord]]],
+        runs: dict[ChainKey, _Played],
         trial: Trial,
         chain: TopChain,
-    ) -> tuple[ChainRun, list[ActionRecord]]:
-        """Execute a chain on the robot as it is, each distinct one once."""
+    ) -> _Played:
+        """Execute a chain on the robot as it is, each distinct one once, with what it has seen so far."""
         key = key_of(chain)
         if key not in runs:
             records: list[ActionRecord] = []
+            rolling = self._rolling.copied()
             run = run_chain(
                 self._actual,
                 self._library,
@@ -187,15 +206,16 @@ class Stream:
                 fetches=_FETCHES,
                 wheels=self._changed.wheels,
                 records=records,
+                rolling=rolling,
             )
-            runs[key] = run, records
+            runs[key] = _Played(run, records, rolling)
         return runs[key]
 
     def _oracle(
         self,
         trial: Trial,
         naive: TopChain,
-        execute: Callable[[TopChain], tuple[ChainRun, list[ActionRecord]]],
+        execute: Callable[[TopChain], _Played],
         played: dict[str, ChainRun],
     ) -> ChainRun:
         """Return the fastest of evenly spaced headings of the first subgoal, and of what was played."""
@@ -208,7 +228,7 @@ class Stream:
             chain = with_headings(naive, {0: yaw})
             for v in {0.0, speed}:
                 goal = dataclasses.replace(chain.calls[0].goal, speed=v)
-                runs.append(execute(chain.with_goal(0, goal))[0])
+                runs.append(execute(chain.with_goal(0, goal)).run)
         return min(runs, key=lambda run: run.duration)
 
     def _learn(self) -> None:
@@ -233,7 +253,10 @@ class Stream:
         )
 
     def _learn_offline(self, folder: Path) -> None:
-        """Learn models from episodes of the changed robot, from anywhere; the gate is the shipped one."""
+        """Learn models from episodes of the changed robot, from anywhere; the gate is the shipped one.
+
+        The robot has seen before how its objects roll.
+        """
         shutil.rmtree(folder, ignore_errors=True)
         action_set = self._settings.source.action_set
         info = StoreInfo(self._described.digest(), self._domain.name)
@@ -251,7 +274,8 @@ class Stream:
         (folder / "done").touch()
 
     def _offline_episodes(self) -> Iterator[Episode]:
-        settings, robot = self._settings, self._described
+        settings = self._settings
+        robot = dataclasses.replace(self._described, scene=self._actual.scene)
         trial = random_trial(self._domain, settings.chain, self._library, seed=settings.seed, index=0)
         wanted = dict.fromkeys(call.top.action for call in trial.chain.calls)
         for name in wanted:

@@ -35,7 +35,7 @@ def play(settings: StreamSettings, chains: int, folder: Path) -> Iterator[list[d
     yield results
     if len(results) >= chains:
         return
-    stream = Stream(settings, folder)
+    stream = Stream(settings, folder, results[-1] if results else None)
     for index in range(len(results), chains):
         results.append(stream.play(index))
         with file.open("a", encoding="utf-8") as opened:

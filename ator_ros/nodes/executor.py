@@ -13,6 +13,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.execution.driving import Driving
 from ator_ros.execution.phases import Ending, Phase
+from ator_ros.execution.rolling import Rolling
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
@@ -82,7 +83,7 @@ class ExecutorNode(FrugalNode):
         self._sets = rehearsed_predictors(self, self._settings, domain, self._libraries)
         self._inputs = inputs_of(self._settings, domain.objects)
         self._driving = Driving(robot, self._settings["latency"])
-        self._fence = fence_of(self._settings, robot)
+        self._fence, self._rolling = fence_of(self._settings, robot), Rolling(robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard, self._jumped = 0.0, -math.inf
@@ -143,6 +144,7 @@ class ExecutorNode(FrugalNode):
             return
         world = self._driving.ahead(world, None if self._run is None else self._run.execution, now)
         self._world, self._heard = world, now
+        self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.came(now)
         if self._run is not None and self._remotes.ending():
             self._stand_by(self._run)
@@ -195,7 +197,9 @@ class ExecutorNode(FrugalNode):
     def _begin(self, handle: ServerGoalHandle) -> None:
         try:
             models, parameters = self._sets.present.by_set, self._settings
-            run = run_of(handle, self._libraries, models, self._refinement, parameters, self._fence)
+            run = run_of(
+                handle, self._libraries, models, self._refinement, parameters, self._fence, self._rolling
+            )
         except MessageError as error:  # the running goal continues
             self._finish(handle, Ending.REFUSED, str(error))
             return
@@ -273,6 +277,7 @@ class ExecutorNode(FrugalNode):
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
             **self._objects.told(known, self._inputs.overdue),
+            **self._rolling.told(),
             **self._ticks.told(),
             "goal": "none" if self._run is None else self._run.execution.phase.value,
             "goals": self._goals,

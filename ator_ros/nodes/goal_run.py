@@ -19,6 +19,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, Refining
+from ator_ros.execution.rolling import Rolling
 from ator_ros.nodes import conversions
 from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.execution_records import (
@@ -53,6 +54,8 @@ class GoalRun:
         When to give up waiting.
     fence : Fence
         Where the robot may drive.
+    rolling : Rolling
+        What the executor knows of how objects roll.
     refine_again_after : float
         Distance in m by which an object or the robot must differ from what refinement was told to ask it
         again; 0: never.
@@ -74,6 +77,7 @@ class GoalRun:
         *,
         deadlines: Deadlines,
         fence: Fence,
+        rolling: Rolling,
         refine_again_after: float,
         frame: str,
     ) -> None:
@@ -95,6 +99,7 @@ class GoalRun:
             fence=fence,
             fetches=goal.fetches,
             alternatives=others,
+            rolling=rolling,
         )
         self._library, self._refinement, self._frame, self._fence = library, refinement, frame, fence
         self._named = {"chain_id": id_of(handle), "action_set": library.action_set, "frame": frame}
@@ -267,6 +272,7 @@ def run_of(
     refinement: Client,
     settings: Mapping[str, Any],
     fence: Fence,
+    rolling: Rolling,
 ) -> GoalRun:
     """Return the run of a goal with the executor's parameters; raises MessageError as `GoalRun` does."""
     action_set = conversions.action_set_from(handle.request.chain, allowed=libraries)
@@ -278,5 +284,6 @@ def run_of(
         deadlines=deadlines_of(settings),
         refine_again_after=settings["refine_again_after"],
         fence=fence,
+        rolling=rolling,
         frame=settings["frame"],
     )
