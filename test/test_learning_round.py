@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -80,6 +81,25 @@ def test_a_robot_that_became_slower_gets_new_models_soon(tmp_path: Path, shipped
     assert np.mean(np.abs(predicted(model, rows) - rows["duration"])) < 0.25
     assert load_gate(place / "gate.json").kind == "threshold"
     assert "goToPose" not in json.loads((place / "calibration.json").read_text())["shortfalls"]
+
+
+def test_a_new_set_searches_no_farther_than_the_experience_of_the_one_before(
+    tmp_path: Path, shipped: Path
+) -> None:
+    starts = {"speedg": (0.0, 0.5), "braking": (0.0, 0.35)}
+    bounded, action = tmp_path / "bounded", made_up_model("goToPose", ROBOT)
+    shutil.copytree(shipped, bounded)
+    save_model(
+        bounded / "goToPose.json", dataclasses.replace(action, metadata={"training": {"starts": starts}})
+    )
+    for models, expected in ((bounded, starts), (shipped, {})):
+        folder = tmp_path / f"of_{models.name}"
+        for slower in (1.3, 1.7):  # and the set after it
+            stored(folder / RECORDS, episodes(45, seed=4, slower=slower))
+            assert round_of(folder, models)["made"]
+        place = current_set(folder)
+        assert place is not None
+        assert load_model(place / "goToPose.json", ROBOT, SOCCER.known_features).experience == expected
 
 
 def stored_again(folder: Path) -> Path:

@@ -182,9 +182,12 @@ def _made(
         better = _changes(action_set, action, verdict)
         kinds = "; ".join(f"{change.measure}: {change.kind}" for change in better)
         episodes = max(found.episodes for found in verdict.measures.values())
+        former = source.model(place or source.models, action, action_set)
+        # Where the search may go: records of chains that were refined themselves tell less of it.
+        known_starts = {"starts": former.experience} if former is not None and former.experience else {}
         metadata = {
             "action_set": action_set,
-            "training": {"command": "learning", "kind": kinds, "episodes": episodes},
+            "training": {"command": "learning", "kind": kinds, "episodes": episodes, **known_starts},
             "versions": library_versions(),
             "robot_digest": source.robot.digest(),
         }
