@@ -6,44 +6,54 @@ import copy
 import dataclasses
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from ator_ros.printable import short
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, World
 
 _CLEAR = 0.02
-"""Distance in m from the robot beyond which nothing but the floor slows an object down."""
+"""Distance in m from the robot beyond which it does not push an object."""
 _SLOWEST = 0.1
 """Speed in m/s below which rolling is not judged."""
 _HIT = 3.0
 """Change of speed in m/s^2 that no floor makes: the object has hit something, or was pushed."""
-_LONGEST_GAP = 0.25
-"""Time in s between two sightings in which an object may have hit something."""
-_SHORTEST = 0.4
-"""Time in s that an object must roll freely at one time."""
-_ENOUGH, _KEPT = 0.6, 5.0
-"""Free rolling in s from which on the description is corrected, and that the correction remembers."""
-_TOLERANCE = 0.25
-"""Share by which objects may roll otherwise than described before the description is corrected."""
+_LONGEST_GAP, _LEAST_GAP = 0.25, 0.02
+"""Time in s between two sightings in which an object may have hit something, and in which nothing is new."""
+_SHORTEST, _ENOUGH = 0.4, 0.6
+"""Free rolling in s that counts, and that must be seen in all."""
+_KEPT = 5
+"""Stretches of free rolling that are remembered; their median counts."""
 _MOST = 400
-"""Sightings in a row after which a stretch ends, however long an object rolls."""
-_MOST_SHARE = 4.0
-"""How many times as far, or as short a way, objects are believed to roll, whatever is seen."""
-_STEP = 0.05
-"""m/s^2 to which corrections are rounded, as actions compute tables for each of them."""
-
+"""Sightings after which a stretch ends, however long an object rolls."""
+_STRAY = 0.15
+"""Share by which the way may differ from what the speeds make of it: a resting object that seems to move goes
+nowhere, one that is turned aside goes less far."""
+_SURE = 3.0
+"""Standard errors by which what is seen must differ from what is described."""
+_FARTHER, _FARTHEST = 1.3, 4.0
+"""How many times as far as described objects must roll to be noticed, and are believed to roll at most: what
+rolls farther than that is pushed."""
+_FEWEST = 5
+"""Sightings of a stretch that counts."""
+_ROUNDING = 1e-6  # s
+_STEPS = 14
+"""Steps of the described deceleration to which corrections are rounded: actions compute tables for each."""
 
 Remembered = Mapping[str, Sequence[Sequence[float]]]
-"""By object, lines through speeds: see `_Fit`."""
+"""By object, the numbers of each `Fit`."""
 
 
 class Rolling:
     """Watches objects that roll freely, and corrects the description of how they slow down.
 
     A robot that brakes harder than the object that it pushes loses it; one that expects an object to stop
-    early drives to the wrong place.
+    early drives to the wrong place. Objects that stop earlier than described do no such harm, and what
+    another robot brakes looks like them: that is never corrected.
 
     Parameters
     ----------
@@ -51,45 +61,54 @@ class Rolling:
         The robot with its scene, as described.
     remembered : mapping, optional
         What `remembered` told before.
+    slowest : float
+        Speed in m/s below which sightings are too noisy to judge by.
+
+    Raises
+    ------
+    ValueError
+        What is remembered is nothing that `remembered` tells.
     """
 
-    def __init__(self, robot: Robot, remembered: Remembered | None = None) -> None:
+    def __init__(
+        self, robot: Robot, remembered: Remembered | None = None, *, slowest: float = _SLOWEST
+    ) -> None:
         self._described = self._robot = robot
         self._libraries: dict[int, tuple[TopLibrary, TopLibrary]] = {}
+        self._slowest = max(slowest, _SLOWEST)
         self._now = {name: _Stretch() for name in robot.scene.objects}
-        self._past = {
-            name: deque(_Fit(*fit) for fit in (remembered or {}).get(name, ()))
-            for name in robot.scene.objects
-        }
+        self._past = {name: _checked((remembered or {}).get(name, ())) for name in robot.scene.objects}
+        self._velocities: dict[str, tuple[float, float]] = {}
 
     def observe(self, world: World) -> None:
         """Take the state `world`; repeated and extrapolated states change nothing."""
         for name, now in tuple(self._now.items()):
             state = world.objects.get(name)
-            if state is not None and now.knows(world.time, state):
-                continue
+            if state is not None and self._velocities.get(name) == (state.vx, state.vy):
+                continue  # seen before: objects that roll become slower
+            if state is not None:
+                self._velocities[name] = state.vx, state.vy
             if state is None or not self._is_free(world, name, state):
                 self._end(name)
-                continue
-            if not now.goes_on(world.time, state):
+            elif now.goes_on(world.time, state):
+                now.add(world.time, state)
+            else:
                 self._end(name)
-            self._now[name].add(world.time, state)
+                self._now[name].add(world.time, state)
 
     def copied(self) -> Rolling:
         """Return one that knows the same, for another run from here."""
         other = copy.copy(self)
         other._now = {name: _Stretch() for name in self._now}
         other._past = {name: past.copy() for name, past in self._past.items()}
+        other._velocities = {}
         return other
 
     def remembered(self) -> Remembered:
         """Return all that is known, as plain numbers; a run that is under way ends here."""
         for name in self._now:
             self._end(name)
-        return {
-            name: [[fit.seconds, fit.times, fit.together] for fit in past]
-            for name, past in self._past.items()
-        }
+        return {name: [list(fit) for fit in past] for name, past in self._past.items()}
 
     def robot(self) -> Robot:
         """Return the robot, its scene corrected where objects roll otherwise; the described one where not."""
@@ -134,82 +153,95 @@ class Rolling:
         robot, pose = self._described, world.robot.pose
         away = math.hypot(state.x - pose.x, state.y - pose.y)
         near = robot.reach + robot.scene.radius(name) + _CLEAR
-        return state.speed >= _SLOWEST and away > near
+        return state.speed >= self._slowest and away > near
 
     def _end(self, name: str) -> None:
         """Keep what an object has shown since it began to roll freely."""
-        fit, past = self._now[name].fit(), self._past[name]
-        self._now[name] = _Stretch()
-        if fit.seconds < _SHORTEST:
+        now = self._now[name]
+        if now.empty:
             return
-        past.append(fit)
-        while sum(each.seconds for each in past) - past[0].seconds >= _KEPT:
-            past.popleft()
+        fit = now.fit()
+        self._now[name] = _Stretch()
+        if fit is not None and self._is_likely(name, fit):
+            self._past[name].append(fit)
+
+    def _is_likely(self, name: str, fit: Fit) -> bool:
+        """Return whether the floor alone can have slowed an object down like that."""
+        told = self._described.scene.objects[name].rolling_deceleration
+        return fit.deceleration > told / (1.5 * _FARTHEST)
 
     def _seen(self, name: str) -> float | None:
         """Return the deceleration in m/s^2 that was seen; None where too little was, or what is described."""
-        now = self._now[name].fit()
-        fits = [*self._past[name], *([now] if now.seconds >= _SHORTEST else [])]
+        now, told = self._now[name].fit(), self._described.scene.objects[name].rolling_deceleration
+        fits = [*self._past[name], *([now] if now is not None and self._is_likely(name, now) else [])]
         if sum(fit.seconds for fit in fits) < _ENOUGH:
             return None
-        value = -sum(fit.together for fit in fits) / sum(fit.times for fit in fits)
-        told = self._described.scene.objects[name].rolling_deceleration
-        if abs(value - told) <= _TOLERANCE * told:
+        middle = sorted(fits, key=lambda fit: fit.deceleration)[len(fits) // 2]
+        value = middle.deceleration
+        if value * _FARTHER >= told or told - value < _SURE * middle.error:
             return None
-        return min(max(_STEP * round(value / _STEP), told / _MOST_SHARE), told * _MOST_SHARE)
+        return max(round(value / told * _STEPS) / _STEPS, 1.0 / _FARTHEST) * told
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """A line through speeds: its length in s, and the sums of squares of times, and of times and speeds."""
+class Fit(NamedTuple):
+    """A line through the speeds of a stretch: its length in s, deceleration and standard error in m/s^2."""
 
     seconds: float
-    times: float
-    together: float
+    deceleration: float
+    error: float
 
 
 class _Stretch:
     """Sightings of an object in which it rolled freely, one after the other."""
 
     def __init__(self) -> None:
-        self._seen: list[tuple[float, float]] = []  # time in s, speed in m/s
-        self._velocity = (0.0, 0.0)
+        self._seen: list[tuple[float, ObjectState]] = []  # times in s
 
-    def knows(self, time: float, state: ObjectState) -> bool:
-        """Return whether a sighting is the last one, perhaps extrapolated: objects roll ever more slowly."""
-        if not self._seen:
-            return False
-        same = (state.vx, state.vy) == self._velocity and time <= self._seen[-1][0] + _LONGEST_GAP
-        return same or time == self._seen[-1][0]
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was seen."""
+        return not self._seen
 
     def goes_on(self, time: float, state: ObjectState) -> bool:
         """Return whether a sighting can follow those before."""
         if not self._seen:
             return True
-        if len(self._seen) == _MOST:
-            return False
-        before, speed = self._seen[-1]
+        before, last = self._seen[-1]
         elapsed = time - before
-        return 0.0 < elapsed <= _LONGEST_GAP and abs(state.speed - speed) <= _HIT * elapsed
+        if len(self._seen) == _MOST or not 0.0 <= elapsed <= _LONGEST_GAP:
+            return False
+        return abs(state.speed - last.speed) <= _HIT * max(elapsed, _LEAST_GAP)
 
     def add(self, time: float, state: ObjectState) -> None:
-        """Add a sighting."""
-        self._seen.append((time, state.speed))
-        self._velocity = state.vx, state.vy
+        """Add a sighting, unless another one was just before."""
+        if not self._seen or time - self._seen[-1][0] >= _LEAST_GAP - _ROUNDING:
+            self._seen.append((time, state))
 
-    def fit(self) -> _Fit:
-        """Return the line through all of them."""
-        if len(self._seen) < 3:
-            return _Fit(0.0, 0.0, 0.0)
-        times, speeds = zip(*self._seen, strict=True)
-        middle, mean = _mean(times), _mean(speeds)
-        return _Fit(
-            times[-1] - times[0],
-            sum((time - middle) ** 2 for time in times),
-            sum((time - middle) * (speed - mean) for time, speed in self._seen),
-        )
+    def fit(self) -> Fit | None:
+        """Return the line through all of them; None where they are too few, or do not lie on their way."""
+        if len(self._seen) < _FEWEST:
+            return None
+        times = np.array([time for time, _ in self._seen])
+        speeds = np.array([state.speed for _, state in self._seen])
+        seconds, way = float(times[-1] - times[0]), 0.5 * float((speeds[1:] + speeds[:-1]) @ np.diff(times))
+        first, last = self._seen[0][1], self._seen[-1][1]
+        gone = math.hypot(last.x - first.x, last.y - first.y)
+        if seconds < _SHORTEST or abs(gone - way) > _STRAY * way:
+            return None
+        at = times - times.mean()
+        squares = float(at @ at)
+        slope = float(at @ speeds) / squares
+        left = speeds - speeds.mean() - slope * at
+        error = math.sqrt(float(left @ left) / (len(times) - 2) / squares)
+        return Fit(seconds, -slope, error)
 
 
-def _mean(values: Iterable[float]) -> float:
-    numbers = list(values)
-    return sum(numbers) / len(numbers)
+def _checked(remembered: Any) -> deque[Fit]:
+    """Return remembered fits; raise ValueError where they are none."""
+    try:
+        fits = [Fit(*map(float, fit)) for fit in remembered]
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"expected fits of three numbers, got {short(remembered)}") from error
+    if not all(math.isfinite(value) and value >= 0.0 for fit in fits for value in fit):
+        raise ValueError(f"expected fits of three numbers of at least 0, got {short(remembered)}")
+    return deque(fits, maxlen=_KEPT)

@@ -16,6 +16,7 @@ import numpy as np
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
+from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.policies import Models, reopened
 from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial, with_headings
@@ -117,7 +118,10 @@ class Stream:
         self._changed = CHANGES[settings.change]
         self._actual = self._changed.robot(self._described)
         self._explorer = Explorer(settings.explore, settings.seed)
-        self._rolling = Rolling(self._described, (before or {}).get("rolling"))
+        try:
+            self._rolling = Rolling(self._described, (before or {}).get("rolling"))
+        except (ValueError, AttributeError) as error:
+            raise EvaluationError(f"{folder}: rolling of the last chain: {error}") from error
         self._shipped_at = Path(source.models) if source.models else self._domain.shipped_models
         self._learner = Source(folder, self._domain, self._described, self._shipped_at)
         info = StoreInfo(self._described.digest(), self._domain.name)

@@ -13,13 +13,12 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.execution.driving import Driving
 from ator_ros.execution.phases import Ending, Phase
-from ator_ros.execution.rolling import Rolling
 from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
 from ator_ros.nodes.execution_drawing import ExecutionDrawing
-from ator_ros.nodes.executor_settings import fence_of, inputs_of, parameters_for, rest_of
+from ator_ros.nodes.executor_settings import fence_of, inputs_of, parameters_for, rest_of, rolling_of
 from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.gathering import Gathering
 from ator_ros.nodes.goal_run import GoalRun, run_of, unstarted
@@ -83,7 +82,7 @@ class ExecutorNode(FrugalNode):
         self._sets = rehearsed_predictors(self, self._settings, domain, self._libraries)
         self._inputs = inputs_of(self._settings, domain.objects)
         self._driving = Driving(robot, self._settings["latency"])
-        self._fence, self._rolling = fence_of(self._settings, robot), Rolling(robot)
+        self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard, self._jumped = 0.0, -math.inf

@@ -9,6 +9,7 @@ from typing import Any
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines
 from ator_ros.execution.refining import AGAIN_AFTER
+from ator_ros.execution.rolling import Rolling
 from ator_ros.nodes.learned_sets import LEARNED
 from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError
 from ator_ros.nodes.robot_source import STATE
@@ -85,6 +86,12 @@ def _sightings(settings: Mapping[str, Any], name: str) -> Sightings:
             f"got {noise:g} and {velocity_noise:g}"
         )
     return Sightings(name, settings[f"{name}_timeout"], ObjectTracker(noise, velocity_noise))
+
+
+def rolling_of(settings: Mapping[str, Any], robot: Robot) -> Rolling:
+    """Return what watches objects roll, at speeds that stand out from the noise."""
+    noises = (value for name, value in settings.items() if name.endswith("_velocity_noise"))
+    return Rolling(robot, slowest=3.0 * max(noises, default=0.0))
 
 
 def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
