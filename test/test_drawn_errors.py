@@ -79,6 +79,20 @@ def test_one_odd_chain_does_not_decide_what_errors_are_drawn(
     assert np.abs(error).max() < 0.6
 
 
+def test_errors_that_do_not_grow_with_the_spread_are_not_made_to() -> None:
+    rng = np.random.default_rng(3)
+    spread, gain = rng.choice([0.02, 1.5], 600), rng.uniform(0.1, 3.0, 600)
+    saved, naive = gain + 0.1 * rng.standard_normal(600), np.full(600, 10.0)
+    features = np.zeros((600, len(FEATURES)))
+    features[:, list(FEATURES).index("gain")], features[:, list(FEATURES).index("spread")] = gain, spread
+    examples = GateExamples(features, naive, naive - saved, np.arange(600), np.zeros(600, dtype=int))
+    drawn = with_drawn_errors(examples, seed=1)
+    error = (drawn.naive - drawn.refined) - np.tile(gain, 20)
+    assert error.std() == pytest.approx((saved - gain).std(), rel=0.1)
+    gate = fit_to_drawn_errors(examples, seed=1)
+    assert gate.spread_factor == 0.0
+
+
 def test_gates_from_drawn_errors_are_compared_on_the_chains_as_they_were_executed() -> None:
     rng = np.random.default_rng(2)
     gain = rng.uniform(0.1, 3.0, 100)

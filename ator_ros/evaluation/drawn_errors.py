@@ -1,7 +1,7 @@
 """Learning a gate from errors that are drawn for each chain, as large as those of all.
 
 Of some hundred executed chains a handful become slower, and which ones is chance. By how much all of them
-missed their predicted gain, in units of the predicted spread, tells more about how often one becomes slower.
+missed their predicted gain tells more about how often one becomes slower.
 """
 
 from __future__ import annotations
@@ -11,13 +11,20 @@ import dataclasses
 import numpy as np
 
 from ator_ros.evaluation.gate_learning import GateExamples, fit_threshold
+from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import FEATURES, ThresholdGate
 
 DRAWS = 20
 """Errors that are drawn of each chain: with one, chance decides between thresholds from 0.02 to 0.4 s."""
 KEPT_OF_DRAWN = 0.95
 """As `ator_ros.evaluation.gate_learning.KEPT`, of the gain with drawn errors."""
-_LEAST_SPREAD = 0.2  # of the usual one, by which errors are divided
+_ALIKE = 0.1
+"""Share of all chains, to either side by their predicted spread, among whose errors one is drawn.
+
+In units of the spread errors are not alike: where little is predicted they exceed it, and were drawn far too
+large for the others (on one robot 50 of 600 chains became slower so, where 6 did).
+"""
+_FEWEST = 5
 
 
 def fit_to_drawn_errors(examples: GateExamples, *, seed: int) -> ThresholdGate:
@@ -26,19 +33,28 @@ def fit_to_drawn_errors(examples: GateExamples, *, seed: int) -> ThresholdGate:
 
 
 def with_drawn_errors(examples: GateExamples, *, seed: int) -> GateExamples:
-    """Return each example `DRAWS` times, with errors drawn from those of all of its kind.
+    """Return each example `DRAWS` times, with errors drawn from those that are about as uncertain.
 
-    An error is by how much a chain missed its predicted gain, in units of its predicted spread.
+    An error is by how much a chain of the same kind missed its predicted gain, in s.
     """
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
-    usual = float(np.median(spread[spread > 0.0])) if (spread > 0.0).any() else 1.0
-    sure, rng = np.maximum(spread, _LEAST_SPREAD * usual), np.random.default_rng(seed)
-    saved = np.tile(examples.naive - examples.refined, (DRAWS, 1))
+    rng, actual = np.random.default_rng(seed), examples.naive - examples.refined
+    saved = np.tile(actual, (DRAWS, 1))
     for kind in np.unique(examples.kind):
         changed = (examples.kind == kind) & (gain > 0.0)
         if examples.succeeded is not None:
             changed &= examples.succeeded
-        errors = (saved[0, changed] - gain[changed]) / sure[changed]
-        saved[:, changed] = gain[changed] + sure[changed] * rng.choice(errors, (DRAWS, len(errors)))
+        rows = rng.permutation(np.flatnonzero(changed))  # equal spreads in no order
+        rows = rows[np.argsort(spread[rows], kind="stable")]
+        errors = actual[rows] - gain[rows]
+        for place, row in enumerate(rows):
+            saved[:, row] = gain[row] + rng.choice(_around(errors, place), DRAWS)
     many = examples.part(np.tile(np.arange(len(gain)), DRAWS))
     return dataclasses.replace(many, refined=many.naive - saved.ravel())
+
+
+def _around(errors: FloatArray, place: int) -> FloatArray:
+    """Return the errors to both sides of one, as many also at the ends."""
+    beside = max(_FEWEST, round(_ALIKE * len(errors)))
+    low = min(max(place - beside, 0), max(len(errors) - 2 * beside - 1, 0))
+    return errors[low : low + 2 * beside + 1]
