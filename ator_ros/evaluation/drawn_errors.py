@@ -17,7 +17,7 @@ from ator_ros.refinement.gate import FEATURES, ThresholdGate
 DRAWS = 20
 """Errors that are drawn of each chain: with one, chance decides between thresholds from 0.02 to 0.4 s."""
 KEPT_OF_DRAWN = 0.95
-"""As `ator_ros.evaluation.gate_learning.KEPT`, of the gain with drawn errors."""
+"""As `ator_ros.evaluation.gate_learning.KEPT`, of the most that any threshold gains with drawn errors."""
 _ALIKE = 0.1
 """Share of all chains, to either side by their predicted spread, among whose errors one is drawn.
 
@@ -29,7 +29,7 @@ _FEWEST = 5
 
 def fit_to_drawn_errors(examples: GateExamples, *, seed: int) -> ThresholdGate:
     """Return the threshold for errors that are drawn, see `with_drawn_errors`."""
-    return fit_threshold(with_drawn_errors(examples, seed=seed), keep=KEPT_OF_DRAWN)
+    return fit_threshold(with_drawn_errors(examples, seed=seed), keep=KEPT_OF_DRAWN, of_best=True)
 
 
 def with_drawn_errors(examples: GateExamples, *, seed: int) -> GateExamples:

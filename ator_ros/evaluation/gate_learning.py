@@ -93,15 +93,26 @@ class LearnedGates(NamedTuple):
     better: LearnedGate
 
 
-def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGate:
+def fit_threshold(examples: GateExamples, *, keep: float = KEPT, of_best: bool = False) -> ThresholdGate:
     """Return the threshold with the fewest slower runs among those that keep the share `keep` of the gain.
 
     Where a few gained what was not predicted, no threshold may keep so much; then it is one that keeps most.
+
+    Parameters
+    ----------
+    examples : GateExamples
+        What refinement gained where.
+    keep : float
+        The share, of both kinds of refinement.
+    of_best : bool
+        Whether it is that of the threshold which gains most, instead of the ungated gain. Where many lose,
+        they differ: a threshold that leaves out the losses keeps more than everything.
     """
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
     refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
-    kept = [_kept(examples, rows) for rows in refine]
+    shares = np.array([_kept(examples, rows) for rows in refine])  # (gates, kinds)
+    kept = (shares / np.maximum(shares.max(axis=0), 1.0) if of_best else shares).min(axis=1)
     allowed = [index for index, share in enumerate(kept) if share >= min(keep, max(kept))]
     harm = [_worse(examples, rows) for rows in refine]
     return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
@@ -143,14 +154,14 @@ def _worse(examples: GateExamples, refine: NDArray[np.bool_]) -> int:
     return int(np.sum(labels(taken, examples.naive) == "Lower"))
 
 
-def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
-    """Return the kept share of the ungated gain; of both kinds of refinement the smaller share."""
+def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> list[float]:
+    """Return the kept share of the ungated gain of each kind of refinement."""
     shares = []
     for kind in np.unique(examples.kind):
         of_kind = examples.kind == kind
         possible = _gain(examples, of_kind)
         shares.append(_gain(examples, refine & of_kind) / possible if possible > 0.0 else 1.0)
-    return min(shares)
+    return shares
 
 
 def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
