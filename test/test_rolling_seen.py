@@ -125,6 +125,17 @@ def test_a_resting_ball_whose_velocity_is_noise_tells_nothing(noise: float) -> N
         assert rolling.robot() is ROBOT or tick % 20
 
 
+def test_a_noisy_push_at_constant_speed_is_rarely_taken_for_rolling() -> None:
+    wrong = 0
+    for seed in range(30):
+        rolling, rng = Rolling(ROBOT), np.random.default_rng(seed)
+        for tick in range(200):
+            ball = ObjectState(1.0 + 0.5 * tick * PERIOD, 0.0, 0.5 + 0.1 * rng.standard_normal(), 0.0)
+            rolling.observe(World(tick * PERIOD, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
+        wrong += rolling.robot() is not ROBOT
+    assert wrong <= 2
+
+
 @pytest.mark.parametrize("rate", [10.0, 50.0, 1000.0])
 def test_the_rate_of_sightings_does_not_matter(rate: float) -> None:
     rolling = Rolling(ROBOT)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ator_ros.geometry import FloatArray
 from ator_ros.printable import short
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
@@ -168,7 +169,7 @@ class Rolling:
     def _is_likely(self, name: str, fit: Fit) -> bool:
         """Return whether the floor alone can have slowed an object down like that."""
         told = self._described.scene.objects[name].rolling_deceleration
-        return fit.deceleration > told / (1.5 * _FARTHEST)
+        return fit.deceleration - 2.0 * fit.error > told / (1.5 * _FARTHEST)
 
     def _seen(self, name: str) -> float | None:
         """Return the deceleration in m/s^2 that was seen; None where too little was, or what is described."""
@@ -233,7 +234,17 @@ class _Stretch:
         slope = float(at @ speeds) / squares
         left = speeds - speeds.mean() - slope * at
         error = math.sqrt(float(left @ left) / (len(times) - 2) / squares)
-        return Fit(seconds, -slope, error)
+        return Fit(seconds, -slope, error * _alike(left))
+
+
+def _alike(left: FloatArray) -> float:
+    """Return by how much errors grow as neighbours err alike: what filtered sightings, and pushes, leave."""
+    total = float(left @ left)
+    if total == 0.0:
+        return 1.0
+    likeness = float(left[1:] @ left[:-1]) / total + 3.0 / len(left)  # on average too low by that
+    likeness = min(max(likeness, 0.0), 0.95)
+    return math.sqrt((1.0 + likeness) / (1.0 - likeness))
 
 
 def _checked(remembered: Any) -> deque[Fit]:
