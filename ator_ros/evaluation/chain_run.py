@@ -121,14 +121,15 @@ def run_chain(
     along : Along, optional
         How the chain is refined again along the way; by default never. Lost objects are then not fetched.
     rolling : Rolling, optional
-        What is known of how objects roll, and learns more; see `ChainExecutor`.
+        What is known of how objects roll, and learns more; by default only what this chain shows.
     """
     executor: ChainExecutor | RefinedAlong
+    rolling = rolling if rolling is not None else Rolling(library.robot)
     if along is None:
         executor = ChainExecutor(library, chain, time_limit=time_limit, fetches=fetches, rolling=rolling)
     else:
         executor = RefinedAlong(library, chain, along, time_limit=time_limit)
-    steered = _steering(executor, Foresight(robot, latency))
+    steered = _steering(executor, Foresight(robot, latency), rolling)
     worlds: list[World] = []
     with Simulation(robot, wheels=wheels) as simulation:
         place(simulation, start)
@@ -154,11 +155,15 @@ def run_chain(
     )
 
 
-def _steering(executor: ChainExecutor | RefinedAlong, foresight: Foresight) -> Callable[[World], ChainStep]:
+def _steering(
+    executor: ChainExecutor | RefinedAlong, foresight: Foresight, rolling: Rolling
+) -> Callable[[World], ChainStep]:
     """Return what executes a tick of the chain for an observed state."""
 
     def steered(seen: World) -> ChainStep:
-        step = executor.step(foresight.ahead(seen))
+        world = foresight.ahead(seen)
+        rolling.observe(world)
+        step = executor.step(world)
         if step.status is Status.RUNNING:
             foresight.sent(seen.time, step.command)
         return step

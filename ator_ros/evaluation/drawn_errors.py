@@ -1,4 +1,4 @@
-"""Learning a gate from errors that are drawn for each chain, as large as those of all.
+"""Learning a gate from errors that are drawn for each chain from those of chains about as uncertain.
 
 Of some hundred executed chains a handful become slower, and which ones is chance. By how much all of them
 missed their predicted gain tells more about how often one becomes slower.

@@ -69,8 +69,8 @@ class ChainExecutor:
         Number of times that a lost object may be fetched again; the chain then goes on from the latest step
         that fetches it.
     rolling : Rolling, optional
-        What is known of how objects roll, and learns more; by default only what this chain shows. Steps that
-        begin from a stand use it, because actions compute tables for it.
+        What is known of how objects roll; whoever ticks the executor lets it observe. Steps that begin from a
+        stand use it, because actions compute tables for it.
     """
 
     def __init__(
@@ -83,8 +83,8 @@ class ChainExecutor:
         fetches: int = 0,
         rolling: Rolling | None = None,
     ) -> None:
-        self._rolling = rolling if rolling is not None else Rolling(library.robot)
-        self._described, self._library = library, self._rolling.library(library)
+        self._described, self._rolling = library, rolling
+        self._library = self._library_as_seen()
         self._chain = chain
         self._time_limit = time_limit
         self._predict = predict
@@ -122,7 +122,6 @@ class ChainExecutor:
         """
         if self._began is None:
             self._began = world.time
-        self._rolling.observe(world)
         step = self._follow(world)
         while step is None:
             waiting = not self._run.begun
@@ -258,8 +257,12 @@ class ChainExecutor:
     def _enter(self, index: int, standing_first: bool) -> None:
         self._index = index
         if standing_first:
-            self._library = self._rolling.library(self._described)
+            self._library = self._library_as_seen()
         self._run = self._new_run(self._chain, index, standing_first=standing_first)
+
+    def _library_as_seen(self) -> TopLibrary:
+        """Return the TOPs and actions for the scene as it has been seen to be."""
+        return self._described if self._rolling is None else self._rolling.library(self._described)
 
     def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:
         """Return a run of the present step with its goal in `chain`; its time limit keeps running."""

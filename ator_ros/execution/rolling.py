@@ -75,7 +75,7 @@ class Rolling:
         self, robot: Robot, remembered: Remembered | None = None, *, slowest: float = _SLOWEST
     ) -> None:
         self._described = self._robot = robot
-        self._libraries: dict[int, tuple[TopLibrary, TopLibrary]] = {}
+        self._libraries: dict[str, TopLibrary] = {}  # corrected, by action set
         self._slowest = max(slowest, _SLOWEST)
         self._now = {name: _Stretch() for name in robot.scene.objects}
         self._past = {name: _checked((remembered or {}).get(name, ())) for name in robot.scene.objects}
@@ -113,14 +113,12 @@ class Rolling:
 
     def robot(self) -> Robot:
         """Return the robot, its scene corrected where objects roll otherwise; the described one where not."""
-        seen = {name: self._seen(name) for name in self._now}
         items = self._described.scene.objects
-        corrected = {
-            name: items[name]
-            if value is None
-            else dataclasses.replace(items[name], rolling_deceleration=value)
-            for name, value in seen.items()
-        }
+        corrected = dict(items)
+        for name in items:
+            value = self._seen(name)
+            if value is not None:
+                corrected[name] = dataclasses.replace(items[name], rolling_deceleration=value)
         if corrected == dict(items):
             self._robot = self._described
         elif corrected != dict(self._robot.scene.objects):
@@ -143,10 +141,9 @@ class Rolling:
         robot = self.robot()
         if robot is self._described:
             return described
-        former, library = self._libraries.get(id(described), (described, described))
-        if former is not described or library.robot is not robot:
-            library = described.with_robot(robot)
-            self._libraries[id(described)] = described, library
+        library = self._libraries.get(described.action_set)
+        if library is None or library.robot is not robot:
+            library = self._libraries[described.action_set] = described.with_robot(robot)
         return library
 
     def _is_free(self, world: World, name: str, state: ObjectState) -> bool:
