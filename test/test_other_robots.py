@@ -11,7 +11,7 @@ import pytest
 from robots import FIFTH, HEAVY, OTHERS, PIONEER, PLAIN, QUICK, SHIPPED, SLOW
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.actions.base import ActionError, Goal, Point, Status
+from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.domains.soccer import situations
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
@@ -292,10 +292,3 @@ def test_a_short_quick_robot_does_not_tip_over_in_turns_that_its_wheels_hold() -
             simulation.tick()
         state = simulation.world().robot
     assert (state.v, state.w) == pytest.approx((turn.v, turn.w), rel=0.05)
-
-
-def test_a_ball_that_leaves_in_any_turn_cannot_be_dribbled_and_the_action_says_so() -> None:
-    ball = dataclasses.replace(PIONEER.scene.objects[BALL], rolling_deceleration=0.03)
-    scene = dataclasses.replace(PIONEER.scene, objects={BALL: ball})
-    with pytest.raises(ActionError, match="ball stays in front"):
-        DribbleBall(dataclasses.replace(PIONEER, scene=scene)).setup()

@@ -8,7 +8,9 @@ import math
 import numpy as np
 import pytest
 
+from ator_ros.actions.base import ActionError
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.evaluation.trials import random_trial
@@ -209,3 +211,10 @@ def test_a_ball_in_the_simulation_rolls_as_described(library: TopLibrary) -> Non
         run_chain(ROBOT, library, trial.world, trial.chain, rolling=rolling)
     assert rolling.remembered()["ball"]  # it was watched
     assert rolling.robot() is ROBOT
+
+
+def test_a_ball_that_leaves_in_any_turn_cannot_be_dribbled_and_the_action_says_so() -> None:
+    ball = dataclasses.replace(ROBOT.scene.objects["ball"], rolling_deceleration=0.03)
+    scene = dataclasses.replace(ROBOT.scene, objects={"ball": ball})
+    with pytest.raises(ActionError, match="ball stays in front"):
+        DribbleBall(dataclasses.replace(ROBOT, scene=scene)).setup()

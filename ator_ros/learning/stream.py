@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -23,25 +22,21 @@ from ator_ros.evaluation.trials import Trial, open_speeds, random_trial, with_he
 from ator_ros.execution.phases import Ending
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.step_run import ActionRecord
-from ator_ros.experience.collect import episode_generator
-from ator_ros.experience.episode import Episode, run_episode, sample_width
+from ator_ros.experience.episode import Episode, sample_width
 from ator_ros.experience.store import RecordStore, StoreInfo
-from ator_ros.experience.store_reading import read_records
 from ator_ros.geometry import wrap_angle
 from ator_ros.learning.changed import CHANGES
 from ator_ros.learning.exploring import Explorer
+from ator_ros.learning.offline import DONE, learn_offline
 from ator_ros.learning.round import CAUTION, Source, learn
 from ator_ros.learning.sets import RECORDS, current_set, publish
-from ator_ros.performance.model_file import load_models, model_path, save_model
-from ator_ros.performance.training import train
+from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.chain_model import predict_chain
-from ator_ros.refinement.gate_file import GATE, gate_in
+from ator_ros.refinement.gate_file import gate_in
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.outcome import top_of
 
 POLICIES = ("naive", "shipped", "learning", "offline")
 ORACLE = "oracle"
@@ -129,7 +124,7 @@ class Stream:
         self._asked = self._records
         self._shipped = self._models(self._shipped_at)
         offline = folder / "offline"
-        if not (offline / "done").exists():
+        if not (offline / DONE).exists():
             self._learn_offline(offline)
         self._offline = self._models(offline)
         self._learned = self._models(current_set(folder) or self._shipped_at)
@@ -257,38 +252,19 @@ class Stream:
         )
 
     def _learn_offline(self, folder: Path) -> None:
-        """Learn models from episodes of the changed robot, from anywhere; the gate is the shipped one.
-
-        The robot has seen before how its objects roll.
-        """
-        shutil.rmtree(folder, ignore_errors=True)
-        action_set = self._settings.source.action_set
-        info = StoreInfo(self._described.digest(), self._domain.name)
-        store = RecordStore(folder / RECORDS, info, most=100_000)
-        for episode in self._offline_episodes():
-            store.append(action_set, episode)
-        for action, rows in read_records(folder / RECORDS, action_set).rows.groupby("action"):
-            name = str(action)
-            model = train(name, rows, self._described, features=self._learner.features(name, action_set))
-            model = dataclasses.replace(model, metadata={"action_set": action_set})
-            save_model(folder / model_path(name, action_set), model)
-        gate = dataclasses.replace(self._settings.source, models=str(self._shipped_at)).folder() / GATE
-        if gate.exists():
-            shutil.copy(gate, folder / model_path("gate", action_set))
-        (folder / "done").touch()
-
-    def _offline_episodes(self) -> Iterator[Episode]:
+        """Learn models of the chain's actions from the changed robot; the gate is the shipped one."""
         settings = self._settings
-        robot = dataclasses.replace(self._described, scene=self._actual.scene)
         trial = random_trial(self._domain, settings.chain, self._library, seed=settings.seed, index=0)
-        wanted = dict.fromkeys(call.top.action for call in trial.chain.calls)
-        for name in wanted:
-            action = self._domain.actions(settings.source.action_set)[name]
-            for number in range(settings.offline):
-                situation = action.sample(robot, episode_generator(name, settings.seed, number))
-                top = top_of(situation, self._domain.tops_for(robot), robot)
-                with Simulation(self._actual, wheels=self._changed.wheels) as simulation:
-                    yield run_episode(simulation, action.factory(robot), situation, top=top)
+        learn_offline(
+            folder,
+            self._learner,
+            self._changed,
+            dict.fromkeys(call.top.action for call in trial.chain.calls),
+            action_set=settings.source.action_set,
+            count=settings.offline,
+            seed=settings.seed,
+            gate=dataclasses.replace(settings.source, models=str(self._shipped_at)).folder(),
+        )
 
 
 def _episode_of(record: ActionRecord) -> Episode:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides
 from ator_ros.domains.soccer.planned.holding_action import HoldingAction
-from ator_ros.domains.soccer.planned.planner import fastest, prepare
+from ator_ros.domains.soccer.planned.planner import fastest
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.planning import Planning
 from ator_ros.motion.ways import ways_to_drive
@@ -21,7 +21,7 @@ class DribbleBall(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of dribbles from rest to rest; see `Action.setup`."""
         limits = self.plan_limits
-        prepare(entry_sides(self.robot, limits, 0.0), exit_sides(self.robot, limits, 0.0), limits)
+        self.prepare(entry_sides(self.robot, limits, 0.0), exit_sides(self.robot, limits, 0.0))
 
     def plan(self, world: World) -> Planning[Manoeuvre]:
         """Plan forward turns and drives that keep the ball pressed to the front."""

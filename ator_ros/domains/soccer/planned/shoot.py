@@ -11,7 +11,7 @@ from ator_ros.domains.soccer.field import field_of, is_in_goal
 from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.holding import release_sides, run_up_sides
 from ator_ros.domains.soccer.planned.holding_action import HoldingAction
-from ator_ros.domains.soccer.planned.planner import fastest, prepare
+from ator_ros.domains.soccer.planned.planner import fastest
 from ator_ros.domains.soccer.planned.release import release_poses, rolling_time, scoring_time
 from ator_ros.domains.soccer.planned.run_up import run_up
 from ator_ros.motion.manoeuvre import Manoeuvre
@@ -38,7 +38,7 @@ class Shoot(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of run-ups from rest; see `Action.setup`."""
         limits = self.plan_limits
-        prepare(run_up_sides(self.robot, limits, 0.0), release_sides(self.robot, limits), limits)
+        self.prepare(run_up_sides(self.robot, limits, 0.0), release_sides(self.robot, limits))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the run-up; see `Action.start`."""
