@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
 from collections import deque
@@ -36,9 +35,9 @@ _STRAY = 0.15
 nowhere, one that is turned aside goes less far."""
 _SURE = 3.0
 """Standard errors by which what is seen must differ from what is described."""
-_FARTHER, _FARTHEST = 1.3, 4.0
-"""How many times as far as described objects must roll to be noticed, and are believed to roll at most: what
-rolls farther than that is pushed."""
+_FARTHER, _FARTHEST, _PUSHED = 1.3, 4.0, 6.0
+"""How many times as far as described objects must roll to be noticed, are believed to roll at most, and roll
+only when they are pushed."""
 _FEWEST = 5
 """Sightings of a stretch that counts."""
 _ROUNDING = 1e-6  # s
@@ -83,27 +82,19 @@ class Rolling:
 
     def observe(self, world: World) -> None:
         """Take the state `world`; repeated and extrapolated states change nothing."""
-        for name, now in tuple(self._now.items()):
+        for name, stretch in self._now.items():
             state = world.objects.get(name)
             if state is not None and self._velocities.get(name) == (state.vx, state.vy):
-                continue  # seen before: objects that roll become slower
+                continue  # the sighting before, perhaps extrapolated: objects that roll become slower
             if state is not None:
                 self._velocities[name] = state.vx, state.vy
             if state is None or not self._is_free(world, name, state):
                 self._end(name)
-            elif now.goes_on(world.time, state):
-                now.add(world.time, state)
+            elif stretch.goes_on(world.time, state):
+                stretch.add(world.time, state)
             else:
                 self._end(name)
                 self._now[name].add(world.time, state)
-
-    def copied(self) -> Rolling:
-        """Return one that knows the same, for another run from here."""
-        other = copy.copy(self)
-        other._now = {name: _Stretch() for name in self._now}
-        other._past = {name: past.copy() for name, past in self._past.items()}
-        other._velocities = {}
-        return other
 
     def remembered(self) -> Remembered:
         """Return all that is known, as plain numbers; a run that is under way ends here."""
@@ -166,7 +157,7 @@ class Rolling:
     def _is_likely(self, name: str, fit: Fit) -> bool:
         """Return whether the floor alone can have slowed an object down like that."""
         told = self._described.scene.objects[name].rolling_deceleration
-        return fit.deceleration - 2.0 * fit.error > told / (1.5 * _FARTHEST)
+        return fit.deceleration - 2.0 * fit.error > told / _PUSHED
 
     def _seen(self, name: str) -> float | None:
         """Return the deceleration in m/s^2 that was seen; None where too little was, or what is described."""

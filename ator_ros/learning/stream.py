@@ -20,7 +20,7 @@ from ator_ros.evaluation.policies import Models, reopened
 from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial, with_headings
 from ator_ros.execution.phases import Ending
-from ator_ros.execution.rolling import Rolling
+from ator_ros.execution.rolling import Remembered, Rolling
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.experience.episode import Episode, sample_width
 from ator_ros.experience.store import RecordStore, StoreInfo
@@ -113,8 +113,9 @@ class Stream:
         self._changed = CHANGES[settings.change]
         self._actual = self._changed.robot(self._described)
         self._explorer = Explorer(settings.explore, settings.seed)
+        self._rolled: Remembered = (before or {}).get("rolling", {})
         try:
-            self._rolling = Rolling(self._described, (before or {}).get("rolling"))
+            Rolling(self._described, self._rolled)
         except (ValueError, AttributeError) as error:
             raise EvaluationError(f"{folder}: rolling of the last chain: {error}") from error
         self._shipped_at = Path(source.models) if source.models else self._domain.shipped_models
@@ -160,7 +161,7 @@ class Stream:
             played[ORACLE] = self._oracle(trial, naive, execute, played)
         used = current_set(self._folder)
         learning = execute(chains["learning"])
-        self._rolling = learning.rolling
+        self._rolled = learning.rolling.remembered()
         for record in learning.records:
             if record.ending in (Ending.SUCCEEDED, Ending.FAILED):  # not broken off
                 self._store.append(settings.source.action_set, _episode_of(record))
@@ -175,7 +176,7 @@ class Stream:
             "set": used.name if used is not None else "",
             "records": self._records,
             "explored": round(told.spent / told.played, 5) if told.played else 0.0,
-            "rolling": self._rolling.remembered(),
+            "rolling": self._rolled,
         }
 
     def _refined(self, refiner: Refiner, trial: Trial, naive: TopChain, *, explore: bool = False) -> TopChain:
@@ -196,7 +197,7 @@ class Stream:
         key = key_of(chain)
         if key not in runs:
             records: list[ActionRecord] = []
-            rolling = self._rolling.copied()
+            rolling = Rolling(self._described, self._rolled)
             run = run_chain(
                 self._actual,
                 self._library,
