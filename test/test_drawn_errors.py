@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ator_ros.evaluation.drawn_errors import fit_to_drawn_errors, with_drawn_errors
+from ator_ros.evaluation.drawn_errors import DRAWS, fit_to_drawn_errors, with_drawn_errors
 from ator_ros.evaluation.gate_learning import GateExamples, compare_gates, fit_threshold
 from ator_ros.refinement.gate import FEATURES
 
@@ -25,13 +25,13 @@ def test_drawn_errors_keep_what_was_saved_and_leave_what_was_not_changed() -> No
     naive = np.full(400, 10.0)
     examples = GateExamples(features, naive, naive - saved, np.arange(400), kind)
     drawn = with_drawn_errors(examples, seed=1)
-    assert len(drawn.naive) == 20 * 400
+    assert len(drawn.naive) == DRAWS * 400
     again = drawn.naive - drawn.refined
-    assert not again[np.tile(gain == 0.0, 20)].any()
+    assert not again[np.tile(gain == 0.0, DRAWS)].any()
     assert again.mean() == pytest.approx(saved.mean(), abs=0.02)
     assert again.std() == pytest.approx(saved.std(), abs=0.02)
-    calm = np.tile(kind == 0, 20)
-    assert np.abs(again - np.tile(gain, 20))[calm].max() < 0.5
+    calm = np.tile(kind == 0, DRAWS)
+    assert np.abs(again - np.tile(gain, DRAWS))[calm].max() < 0.5
 
 
 def test_a_threshold_from_drawn_errors_does_not_hang_on_the_few_that_became_slower() -> None:
@@ -74,8 +74,8 @@ def test_one_odd_chain_does_not_decide_what_errors_are_drawn(
         np.arange(300) != 0 if failed else None,
     )
     drawn = with_drawn_errors(examples, seed=1)
-    rest = np.tile(np.arange(300) != 0, 20)
-    error = (drawn.naive - drawn.refined)[rest] - np.tile(gain, 20)[rest]
+    rest = np.tile(np.arange(300) != 0, DRAWS)
+    error = (drawn.naive - drawn.refined)[rest] - np.tile(gain, DRAWS)[rest]
     assert np.abs(error).max() < 0.6
 
 
@@ -87,7 +87,7 @@ def test_errors_that_do_not_grow_with_the_spread_are_not_made_to() -> None:
     features[:, list(FEATURES).index("gain")], features[:, list(FEATURES).index("spread")] = gain, spread
     examples = GateExamples(features, naive, naive - saved, np.arange(600), np.zeros(600, dtype=int))
     drawn = with_drawn_errors(examples, seed=1)
-    error = (drawn.naive - drawn.refined) - np.tile(gain, 20)
+    error = (drawn.naive - drawn.refined) - np.tile(gain, DRAWS)
     assert error.std() == pytest.approx((saved - gain).std(), rel=0.1)
     gate = fit_to_drawn_errors(examples, seed=1)
     assert gate.spread_factor == 0.0

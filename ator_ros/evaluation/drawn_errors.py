@@ -10,14 +10,12 @@ import dataclasses
 
 import numpy as np
 
-from ator_ros.evaluation.gate_learning import GateExamples, fit_threshold
+from ator_ros.evaluation.gate_learning import GateExamples, most_useful_threshold
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import FEATURES, ThresholdGate
 
-DRAWS = 20
+DRAWS = 100
 """Errors that are drawn of each chain: with one, chance decides between thresholds from 0.02 to 0.4 s."""
-KEPT_OF_DRAWN = 0.95
-"""As `ator_ros.evaluation.gate_learning.KEPT`, of the most that any threshold gains with drawn errors."""
 _ALIKE = 0.1
 """Share of all chains, to either side by their predicted spread, among whose errors one is drawn.
 
@@ -28,8 +26,8 @@ _FEWEST = 5
 
 
 def fit_to_drawn_errors(examples: GateExamples, *, seed: int) -> ThresholdGate:
-    """Return the threshold for errors that are drawn, see `with_drawn_errors`."""
-    return fit_threshold(with_drawn_errors(examples, seed=seed), keep=KEPT_OF_DRAWN, of_best=True)
+    """Return the most useful threshold for errors that are drawn, see `with_drawn_errors`."""
+    return most_useful_threshold(with_drawn_errors(examples, seed=seed))
 
 
 def with_drawn_errors(examples: GateExamples, *, seed: int) -> GateExamples:

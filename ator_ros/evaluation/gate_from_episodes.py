@@ -21,7 +21,6 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.drawn_errors import DRAWS
 from ator_ros.evaluation.gate_learning import GateExamples, LearnedGates, fit_threshold, learn_gates
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
@@ -39,6 +38,8 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 
+DRAWS = 20
+"""Errors that are drawn of each judgement."""
 _YAW = math.radians(6.0)
 _SPEED = 0.05  # of the robot's greatest
 KEPT = 0.85

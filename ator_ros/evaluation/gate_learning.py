@@ -93,7 +93,7 @@ class LearnedGates(NamedTuple):
     better: LearnedGate
 
 
-def fit_threshold(examples: GateExamples, *, keep: float = KEPT, of_best: bool = False) -> ThresholdGate:
+def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGate:
     """Return the threshold with the fewest slower runs among those that keep the share `keep` of the gain.
 
     Where a few gained what was not predicted, no threshold may keep so much; then it is one that keeps most.
@@ -103,19 +103,26 @@ def fit_threshold(examples: GateExamples, *, keep: float = KEPT, of_best: bool =
     examples : GateExamples
         What refinement gained where.
     keep : float
-        The share, of both kinds of refinement.
-    of_best : bool
-        Whether it is that of the threshold which gains most, instead of the ungated gain. Where many lose,
-        they differ: a threshold that leaves out the losses keeps more than everything.
+        The share of the ungated gain, of both kinds of refinement.
     """
-    gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
-    gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
-    refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
-    shares = np.array([_kept(examples, rows) for rows in refine])  # (gates, kinds)
-    kept = (shares / np.maximum(shares.max(axis=0), 1.0) if of_best else shares).min(axis=1)
+    gates, refine = _thresholds(examples)
+    kept = [min(_kept(examples, rows)) for rows in refine]
     allowed = [index for index, share in enumerate(kept) if share >= min(keep, max(kept))]
     harm = [_worse(examples, rows) for rows in refine]
     return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
+
+
+def most_useful_threshold(examples: GateExamples) -> ThresholdGate:
+    """Return the threshold that gains most, less a penalty of `HARM` for each run that becomes slower."""
+    gates, refine = _thresholds(examples)
+    return gates[max(range(len(gates)), key=lambda index: _utility(examples, refine[index]))]
+
+
+def _thresholds(examples: GateExamples) -> tuple[list[ThresholdGate], list[NDArray[np.bool_]]]:
+    """Return all thresholds that are tried, and which examples each of them refines."""
+    gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
+    gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
+    return gates, [gain > gate.gain + gate.spread_factor * spread for gate in gates]
 
 
 def fit_tree(examples: GateExamples) -> TreeGate:
