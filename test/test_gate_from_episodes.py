@@ -13,10 +13,11 @@ from refinement_fakes import LIBRARY, ROBOT
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation import gate_from_episodes
-from ator_ros.evaluation.gate_from_episodes import DRAWS, CrossFit, usual_widths
+from ator_ros.evaluation.gate_from_episodes import DRAWS, CrossFit, learn_from_episodes, usual_widths
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.refinement.gate import FEATURES
+from ator_ros.world.state import CONTROL_PERIOD
 
 
 class Prefers:
@@ -133,3 +134,14 @@ def test_many_errors_are_drawn_of_each_chain(monkeypatch: pytest.MonkeyPatch) ->
         assert len(np.unique(examples.features[of_chain], axis=0)) == 1
         assert len(np.unique(examples.naive[of_chain].round(9))) > 1
         assert len(np.unique(examples.refined[of_chain].round(9))) > 1
+
+
+def test_gains_that_do_not_show_in_the_time_of_a_chain_are_not_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All prefer what is best, and none is uncertain: even the smallest gain is one."""
+    models = {(action, half): Prefers(0.0, 0.0) for action in ("goToPose", "dribbleBall") for half in (0, 1)}
+    trials = [random_trial(SOCCER, "dribble", LIBRARY, seed=403, index=index) for index in range(20)]
+    gate, learned = learn_from_episodes(fitted(monkeypatch, models), trials, seed=0)
+    assert learned.threshold.gain < CONTROL_PERIOD
+    assert gate.gain == CONTROL_PERIOD

@@ -37,6 +37,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
+from ator_ros.world.state import CONTROL_PERIOD
 
 DRAWS = 20
 """Errors that are drawn of each judgement."""
@@ -142,13 +143,16 @@ def learn_from_episodes(
     """Return the gate of observed models, and what it was compared with.
 
     It is the threshold, whatever the comparison says: it grows with the spread, so it also holds for models
-    that are learned later from more episodes, or from fewer.
+    that are learned later from more episodes, or from fewer. It asks for a gain of one `CONTROL_PERIOD` at
+    least: a smaller one does not show in how long an executed chain takes.
     """
     widths = usual_widths(fitted.robot)
     examples = fitted.examples(trials, seed=seed, widths=widths)
     learned = learn_gates(examples, partial(fit_threshold, keep=KEPT))
     comparison = {kind: _per_chain(judged) for kind, judged in learned.comparison.items()}
-    return dataclasses.replace(learned.threshold, widths=widths), learned._replace(comparison=comparison)
+    gain = max(learned.threshold.gain, CONTROL_PERIOD)
+    gate = dataclasses.replace(learned.threshold, gain=gain, widths=widths)
+    return gate, learned._replace(comparison=comparison)
 
 
 def _per_chain(judged: Mapping[str, float]) -> dict[str, float]:
