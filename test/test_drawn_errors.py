@@ -24,7 +24,7 @@ def test_drawn_errors_keep_what_was_saved_and_leave_what_was_not_changed() -> No
     features[:, list(FEATURES).index("spread")] = spread
     naive = np.full(400, 10.0)
     examples = GateExamples(features, naive, naive - saved, np.arange(400), kind)
-    drawn = with_drawn_errors(examples, seed=1)
+    drawn = with_drawn_errors(examples)
     assert len(drawn.naive) == DRAWS * 400
     again = drawn.naive - drawn.refined
     assert not again[np.tile(gain == 0.0, DRAWS)].any()
@@ -46,7 +46,7 @@ def test_a_threshold_from_drawn_errors_does_not_hang_on_the_few_that_became_slow
     examples = GateExamples(features, naive, naive - saved, np.arange(220), np.zeros(220, dtype=int))
     alone = fit_threshold(examples, keep=0.95)
     assert alone.gain + alone.spread_factor < 0.3
-    careful = fit_to_drawn_errors(examples, seed=1)
+    careful = fit_to_drawn_errors(examples)
     assert careful.gain + careful.spread_factor >= 0.3
 
 
@@ -73,7 +73,7 @@ def test_one_odd_chain_does_not_decide_what_errors_are_drawn(
         np.zeros(300, dtype=int),
         np.arange(300) != 0 if failed else None,
     )
-    drawn = with_drawn_errors(examples, seed=1)
+    drawn = with_drawn_errors(examples)
     rest = np.tile(np.arange(300) != 0, DRAWS)
     error = (drawn.naive - drawn.refined)[rest] - np.tile(gain, DRAWS)[rest]
     assert np.abs(error).max() < 0.6
@@ -86,10 +86,10 @@ def test_errors_that_do_not_grow_with_the_spread_are_not_made_to() -> None:
     features = np.zeros((600, len(FEATURES)))
     features[:, list(FEATURES).index("gain")], features[:, list(FEATURES).index("spread")] = gain, spread
     examples = GateExamples(features, naive, naive - saved, np.arange(600), np.zeros(600, dtype=int))
-    drawn = with_drawn_errors(examples, seed=1)
+    drawn = with_drawn_errors(examples)
     error = (drawn.naive - drawn.refined) - np.tile(gain, DRAWS)
     assert error.std() == pytest.approx((saved - gain).std(), rel=0.1)
-    gate = fit_to_drawn_errors(examples, seed=1)
+    gate = fit_to_drawn_errors(examples)
     assert gate.spread_factor == 0.0
 
 
@@ -100,5 +100,5 @@ def test_gates_from_drawn_errors_are_compared_on_the_chains_as_they_were_execute
     features[:, list(FEATURES).index("gain")], features[:, list(FEATURES).index("spread")] = gain, 0.3
     naive = np.full(100, 10.0)
     examples = GateExamples(features, naive, naive - gain, np.arange(100), np.zeros(100, dtype=int))
-    compared = compare_gates(examples, lambda rest: fit_to_drawn_errors(rest, seed=1))
+    compared = compare_gates(examples, fit_to_drawn_errors)
     assert all(sum(row[name] for name in ("higher", "equal", "lower")) == 100 for row in compared.values())

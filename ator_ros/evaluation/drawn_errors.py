@@ -15,9 +15,11 @@ from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import FEATURES, ThresholdGate
 
 DRAWS = 100
-"""Errors that are drawn of each chain: with one, chance decides between thresholds from 0.02 to 0.4 s."""
+"""Errors that are drawn of each chain: with few, chance decides between thresholds from 0.02 to 0.4 s."""
+HARM = 2.0
+"""As `ator_ros.evaluation.gate_learning.HARM`; less, as more chains become slower by drawn errors than do."""
 _ALIKE = 0.1
-"""Share of all chains, to either side by their predicted spread, among whose errors one is drawn.
+"""Share of all chains, to either side by their predicted spread, among whose errors they are drawn.
 
 In units of the spread errors are not alike: where little is predicted they exceed it, and were drawn far too
 large for the others (on one robot 50 of 600 chains became slower so, where 6 did).
@@ -25,30 +27,37 @@ large for the others (on one robot 50 of 600 chains became slower so, where 6 di
 _FEWEST = 5
 
 
-def fit_to_drawn_errors(examples: GateExamples, *, seed: int) -> ThresholdGate:
+def fit_to_drawn_errors(examples: GateExamples) -> ThresholdGate:
     """Return the most useful threshold for errors that are drawn, see `with_drawn_errors`."""
-    return most_useful_threshold(with_drawn_errors(examples, seed=seed))
+    return most_useful_threshold(with_drawn_errors(examples), harm=HARM)
 
 
-def with_drawn_errors(examples: GateExamples, *, seed: int) -> GateExamples:
+def with_drawn_errors(examples: GateExamples) -> GateExamples:
     """Return each example `DRAWS` times, with errors drawn from those that are about as uncertain.
 
-    An error is by how much a chain of the same kind missed its predicted gain, in s.
+    An error is by how much a chain of the same kind missed its predicted gain, in s. They are drawn evenly,
+    from the least to the greatest, not at random.
     """
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
-    rng, actual = np.random.default_rng(seed), examples.naive - examples.refined
+    actual = examples.naive - examples.refined
     saved = np.tile(actual, (DRAWS, 1))
     for kind in np.unique(examples.kind):
         changed = (examples.kind == kind) & (gain > 0.0)
         if examples.succeeded is not None:
             changed &= examples.succeeded
-        rows = rng.permutation(np.flatnonzero(changed))  # equal spreads in no order
+        rows = np.flatnonzero(changed)
         rows = rows[np.argsort(spread[rows], kind="stable")]
         errors = actual[rows] - gain[rows]
         for place, row in enumerate(rows):
-            saved[:, row] = gain[row] + rng.choice(_around(errors, place), DRAWS)
+            saved[:, row] = gain[row] + _evenly(np.sort(_around(errors, place)))
     many = examples.part(np.tile(np.arange(len(gain)), DRAWS))
     return dataclasses.replace(many, refined=many.naive - saved.ravel())
+
+
+def _evenly(errors: FloatArray) -> FloatArray:
+    """Return `DRAWS` of sorted errors, evenly spaced by rank."""
+    ranks = (np.arange(DRAWS) + 0.5) * (len(errors) / DRAWS)
+    return errors[ranks.astype(np.intp)]
 
 
 def _around(errors: FloatArray, place: int) -> FloatArray:

@@ -112,10 +112,10 @@ def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGat
     return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
 
 
-def most_useful_threshold(examples: GateExamples) -> ThresholdGate:
-    """Return the threshold that gains most, less a penalty of `HARM` for each run that becomes slower."""
+def most_useful_threshold(examples: GateExamples, *, harm: float = HARM) -> ThresholdGate:
+    """Return the threshold that gains most, less a penalty of `harm` s for each run that becomes slower."""
     gates, refine = _thresholds(examples)
-    return gates[max(range(len(gates)), key=lambda index: _utility(examples, refine[index]))]
+    return gates[max(range(len(gates)), key=lambda index: _utility(examples, refine[index], harm))]
 
 
 def _thresholds(examples: GateExamples) -> tuple[list[ThresholdGate], list[NDArray[np.bool_]]]:
@@ -171,8 +171,8 @@ def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> list[float]:
     return shares
 
 
-def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
-    return _gain(examples, refine) - HARM * _worse(examples, refine)
+def _utility(examples: GateExamples, refine: NDArray[np.bool_], harm: float = HARM) -> float:
+    return _gain(examples, refine) - harm * _worse(examples, refine)
 
 
 def compare_gates(examples: GateExamples, fit: Fit = fit_threshold) -> dict[str, dict[str, float]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ def _learned(examples: GateExamples, options: argparse.Namespace) -> tuple[Learn
     if not options.draw_errors:
         learned = learn_gates(examples)
         return learned, learned.better
-    learned = learn_gates(examples, partial(fit_to_drawn_errors, seed=options.seed))
+    learned = learn_gates(examples, fit_to_drawn_errors)
     return learned, learned.threshold
 
 
