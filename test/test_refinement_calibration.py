@@ -58,7 +58,7 @@ ALWAYS = Calibration({action: constant(action, seconds) for action, seconds in A
 
 
 def step(predicted: float = 3.0, ideal: float = 3.0, v: float = 0.0, speedg: float = 0.0) -> PredictedStep:
-    return PredictedStep({"v": v, "speedg": speedg}, predicted, 0.1, ideal, 2.0)
+    return PredictedStep(v, speedg, predicted, 0.1, ideal, 2.0)
 
 
 def test_it_is_linear_in_its_terms_between_its_bounds() -> None:
@@ -74,7 +74,7 @@ def test_it_is_linear_in_its_terms_between_its_bounds() -> None:
 
 def test_a_heading_that_was_chosen_costs_something_of_its_own() -> None:
     slopes = {"heading_open": 0.05, "below_ideal_heading_open": 0.5}
-    chosen = dataclasses.replace(step(ideal=3.4), heading_open=True)
+    chosen = step(ideal=3.4)._replace(heading_open=True)
     assert Shortfall(0.1, slopes, 0.0, 1.0, "").of(step(ideal=3.4)) == pytest.approx(0.1)
     assert Shortfall(0.1, slopes, 0.0, 1.0, "").of(chosen) == pytest.approx(0.1 + 0.05 + 0.5 * 0.4)
     chain = two_steps(ANGLE)

@@ -22,6 +22,7 @@ from ator_ros.refinement.calibration import (
     Shortfall,
     chain_steps,
     model_digest,
+    terms_of,
 )
 from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.tops.chain import TopChain
@@ -120,7 +121,7 @@ def fit_calibration(examples: Sequence[StepExample], models: Models) -> Calibrat
 
 
 def _fit(examples: Sequence[StepExample], model: str) -> Shortfall:
-    table = np.array([[term(example.step) for term, _ in TERMS.values()] for example in examples])
+    table = np.array([list(terms_of(example.step).values()) for example in examples])
     missed = np.array([example.actual - example.step.predicted for example in examples])
     varies = np.ptp(table, axis=0) > 0.0
     design = np.column_stack([np.ones(len(table)), table[:, varies]])

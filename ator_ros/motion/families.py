@@ -106,11 +106,15 @@ class Family:
         turned = 2.0 * np.pi if self.forward else np.pi
         return float(2.0 * turn_time(turned, self.limits.w, self.limits.aw)), 2.0 * turned
 
-    def rules(self, hold: float) -> Rules:
-        """Return what holds for all kinds, with an object `hold` m ahead of the destination."""
+    @cached_property
+    def _rules(self) -> Rules:
         run = np.nan if self.run is None else self.run
         detour = _DETOUR / self.limits.v
-        return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, hold)
+        return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, 0.0)
+
+    def rules(self, hold: float) -> Rules:
+        """Return what holds for all kinds, with an object `hold` m ahead of the destination."""
+        return self._rules._replace(hold=hold)
 
 
 class FreeTurns(NamedTuple):

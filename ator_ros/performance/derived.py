@@ -52,7 +52,7 @@ class Geometry:
         self.direct = direct_table(direct, further)
         self._table = self.direct.table
         self.robot = robot
-        self.driving = driving if driving is not None else plain_driving(robot)
+        self._driving = driving
         self._kept: dict[Callable[[Geometry], Any], Any] = {}
 
     def once(self, compute: Callable[[Geometry], Derived]) -> Derived:
@@ -61,6 +61,11 @@ class Geometry:
             self._kept[compute] = compute(self)
         kept: Derived = self._kept[compute]
         return kept
+
+    @property
+    def driving(self) -> DrivingStyle:
+        """How the action was observed to drive."""
+        return self._driving if self._driving is not None else plain_driving(self.robot)
 
     @cached_property
     def _ways(self) -> tuple[FloatArray, ...]:

@@ -12,10 +12,9 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.projection import Columns, chain_situations
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
@@ -32,14 +30,13 @@ BEYOND = 1.0
 """Difference in s between prediction and ideal time beyond which it means nothing more."""
 
 
-@dataclass(frozen=True, slots=True)
-class PredictedStep:
+class PredictedStep(NamedTuple):
     """One action of a chain, as its prediction is judged.
 
     Attributes
     ----------
-    direct : mapping
-        Direct variables.
+    v, speedg : float
+        Speed in m/s at the start and at the goal.
     predicted, spread : float
         Its predicted duration and the standard deviation of actual ones about it, in s.
     ideal : float
@@ -50,7 +47,8 @@ class PredictedStep:
         The heading at the goal is free: it was chosen, and for this prediction.
     """
 
-    direct: Columns
+    v: float
+    speedg: float
     predicted: float
     spread: float
     ideal: float
@@ -58,26 +56,27 @@ class PredictedStep:
     heading_open: bool = False
 
 
-def _below_ideal(step: PredictedStep) -> float:
-    return min(max(step.ideal - step.predicted, 0.0), BEYOND)
-
-
-#: What the shortfall is linear in, with units.
-TERMS: Mapping[str, tuple[Callable[[PredictedStep], float], str]] = MappingProxyType(
-    {
-        "below_ideal": (_below_ideal, "s"),
-        "below_ideal_v": (lambda step: _below_ideal(step) * float(step.direct["v"]), "m"),
-        "below_ideal_speedg": (lambda step: _below_ideal(step) * float(step.direct["speedg"]), "m"),
-        "above_ideal": (lambda step: min(max(step.predicted - step.ideal, 0.0), BEYOND), "s"),
-        "v": (lambda step: float(step.direct["v"]), "m/s"),
-        "speedg": (lambda step: float(step.direct["speedg"]), "m/s"),
-        "predicted": (lambda step: step.predicted, "s"),
-        "dist": (lambda step: step.dist, "m"),
-        "heading_open": (lambda step: float(step.heading_open), ""),
-        "below_ideal_heading_open": (lambda step: _below_ideal(step) * step.heading_open, "s"),
-        "spread": (lambda step: step.spread, "s"),
+def terms_of(step: PredictedStep) -> dict[str, float]:
+    """Return what the shortfall is linear in, by name: s, m/s, and their products."""
+    v, speedg, predicted, spread, ideal, dist, heading_open = step
+    below = min(max(ideal - predicted, 0.0), BEYOND)
+    return {
+        "below_ideal": below,
+        "below_ideal_v": below * v,
+        "below_ideal_speedg": below * speedg,
+        "above_ideal": min(max(predicted - ideal, 0.0), BEYOND),
+        "v": v,
+        "speedg": speedg,
+        "predicted": predicted,
+        "dist": dist,
+        "heading_open": float(heading_open),
+        "below_ideal_heading_open": below * heading_open,
+        "spread": spread,
     }
-)
+
+
+TERMS = tuple(terms_of(PredictedStep(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+"""The names of all terms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +103,8 @@ class Shortfall:
 
     def of(self, step: PredictedStep) -> float:
         """Return the expected shortfall of the prediction of `step` in s."""
-        value = self.constant + sum(slope * TERMS[name][0](step) for name, slope in self.slopes.items())
+        terms = terms_of(step)
+        value = self.constant + sum(slope * terms[name] for name, slope in self.slopes.items())
         return min(max(value, self.low), self.high)
 
 
@@ -192,15 +192,23 @@ def chain_steps(
 
     A step is None where it has no model of ours or no finite prediction.
     """
-    steps: list[list[PredictedStep | None]] = [[None] * len(chain.calls) for chain, _ in predictions]
-    situations = [chain_situations(world, chain, robot) for chain, _ in predictions]
     calls = predictions[0][0].calls
+    known = [isinstance(models.get(call.top.action), PerformanceModel) for call in calls]
     chosen = chosen_headings(predictions[0][0], models, robot) if chosen is None else chosen
-    for number, (of_chain, (_, prediction)) in enumerate(zip(situations, predictions, strict=True)):
-        for index, (call, direct) in enumerate(zip(calls, of_chain, strict=True)):
-            if isinstance(models.get(call.top.action), PerformanceModel):
-                steps[number][index] = _step(direct, prediction.actions[index], heading_open=chosen[index])
-    return steps
+    return [
+        [
+            _step(v, call.goal.speed, action, heading_open=open_) if ours else None
+            for v, call, action, ours, open_ in zip(
+                [world.robot.v, *(call.goal.speed for call in chain.calls[:-1])],
+                chain.calls,
+                prediction.actions,
+                known,
+                chosen,
+                strict=True,
+            )
+        ]
+        for chain, prediction in predictions
+    ]
 
 
 def chosen_headings(chain: TopChain, models: Mapping[str, Any], robot: Robot) -> list[bool]:
@@ -209,13 +217,15 @@ def chosen_headings(chain: TopChain, models: Mapping[str, Any], robot: Robot) ->
     return [index in free for index in range(len(chain.calls))]
 
 
-def _step(direct: Columns, action: Mapping[str, float], *, heading_open: bool) -> PredictedStep | None:
+def _step(
+    v: float, speedg: float, action: Mapping[str, float], *, heading_open: bool
+) -> PredictedStep | None:
     predicted, dist = action.get("duration", math.nan), action.get("dist", math.nan)
     ideal = action.get("ideal", predicted)
     # Squares of places that are far away overflow.
     if not all(map(math.isfinite, (predicted, dist, ideal))):
         return None
-    return PredictedStep(direct, predicted, action.get("spread", 0.0), ideal, dist, heading_open)
+    return PredictedStep(v, speedg, predicted, action.get("spread", 0.0), ideal, dist, heading_open)
 
 
 def model_digest(model: Any) -> str:

@@ -25,7 +25,7 @@ class _Shortfall:
     """The fields of a `Shortfall`."""
 
     constant: _Seconds
-    slopes: dict[Annotated[str, OneOf(tuple(TERMS))], _Seconds]
+    slopes: dict[Annotated[str, OneOf(TERMS)], _Seconds]
     low: _Seconds
     high: _Seconds
     model: str
