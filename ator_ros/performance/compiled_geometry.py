@@ -10,7 +10,18 @@ import math
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import HOLD, XG, YAW, YAWG, YG, V, W, X, Y
+from ator_ros.performance.direct import HOLD, SPEEDG, XG, YAW, YAWG, YG, V, W, X, Y
+
+BASICS = (
+    *("x", "y", "yaw", "xg", "yg", "yawg", "dx", "dy", "dist", "angle_to_dest", "angle_at_dest"),
+    *("angle_at_dest_by_turn", "angle_between", "v", "w_by_turn", "speedg", "hold"),
+)
+"""Names of the features that the first rows hold, see `ator_ros.performance.features`."""
+DX, DY, DIST, ANGLE_TO, ANGLE_AT, AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS = range(6, 17)
+TO_X, TO_Y, TO_DEST, AT_DEST, OPENING = range(17, 22)
+"""Rows after them: the destination (m), the signed angles to and at it (rad), and four of the opening: x, y (m),
+heading (rad), and the time until then (s)."""
+ROWS = OPENING + 4
 
 
 @compiled
@@ -23,8 +34,11 @@ def wrapped(angle: float) -> float:
 
 
 @compiled
-def derive_ways(direct: FloatArray, hold: float, ways: FloatArray) -> None:
-    """Write x and y of the destination, its dx, dy and dist from the start (m), and the turn to it (rad).
+def derive_ways(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
+    """Write what needs no angle of a vector.
+
+    That are the direct variables among the rows, the destination and the way to it, and the openings: where
+    the start's rotation is lost, at up to `aw` (rad/s^2); the speed stays what it is until then.
 
     Parameters
     ----------
@@ -32,42 +46,43 @@ def derive_ways(direct: FloatArray, hold: float, ways: FloatArray) -> None:
         Direct variables, in the order of `DIRECT_VARIABLES`.
     hold : float
         Distance in m from the axle to what is held.
-    ways : ndarray, shape (6, n)
+    aw : float
+        Limit of the angular acceleration in rad/s^2.
+    rows : ndarray, shape (ROWS or more, n)
         Result.
     """
     for at in range(direct.shape[1]):
-        back, heading = hold * direct[HOLD, at], direct[YAWG, at]
+        speed, rotation, yaw = direct[V, at], direct[W, at], direct[YAW, at]
+        from_x, from_y, heading = direct[X, at], direct[Y, at], direct[YAWG, at]
+        rows[0, at], rows[1, at], rows[2, at] = from_x, from_y, yaw
+        rows[3, at], rows[4, at], rows[5, at] = direct[XG, at], direct[YG, at], heading
+        back = hold * direct[HOLD, at]
         x = direct[XG, at] - back * math.cos(heading)
         y = direct[YG, at] - back * math.sin(heading)
-        dx, dy = x - direct[X, at], y - direct[Y, at]
-        ways[0, at], ways[1, at], ways[2, at], ways[3, at] = x, y, dx, dy
-        ways[4, at] = math.sqrt(dx * dx + dy * dy)
-        ways[5, at] = wrapped(heading - direct[YAW, at])
+        dx, dy = x - from_x, y - from_y
+        rows[TO_X, at], rows[TO_Y, at], rows[DX, at], rows[DY, at] = x, y, dx, dy
+        rows[DIST, at] = math.sqrt(dx * dx + dy * dy)
+        rows[ANGLE_BETWEEN, at] = abs(wrapped(heading - yaw))
+        rows[SPEED, at], rows[ARRIVAL, at], rows[HOLDS, at] = speed, direct[SPEEDG, at], direct[HOLD, at]
+        time = abs(rotation) * (1.0 / aw)
+        half = 0.5 * rotation * time
+        mean = yaw + (2.0 / 3.0) * half
+        way = speed * time
+        rows[OPENING, at] = from_x + way * math.cos(mean)
+        rows[OPENING + 1, at] = from_y + way * math.sin(mean)
+        rows[OPENING + 2, at], rows[OPENING + 3, at] = yaw + half, time
 
 
 @compiled
-def derive_angles(direct: FloatArray, bearing: FloatArray, angles: FloatArray) -> None:
-    """Write the angles (rad) to and at destinations with a bearing (rad), and their side: shape (3, n)."""
+def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> None:
+    """Write what the bearing (rad) of the destination, shape (n,), tells of it."""
     for at in range(direct.shape[1]):
         to = wrapped(bearing[at] - direct[YAW, at])
-        angles[0, at], angles[1, at] = to, wrapped(direct[YAWG, at] - bearing[at])
-        angles[2, at] = 1.0 if to >= 0.0 else -1.0
-
-
-@compiled
-def derive_openings(direct: FloatArray, aw: float, openings: FloatArray) -> None:
-    """Write pose (m, m, rad) and time (s) at which the start's rotation is lost at up to `aw` (rad/s^2).
-
-    The result has the shape (4, n).
-    """
-    for at in range(direct.shape[1]):
-        time = abs(direct[W, at]) * (1.0 / aw)
-        half = 0.5 * direct[W, at] * time
-        heading = direct[YAW, at] + (2.0 / 3.0) * half  # in the mean
-        way = direct[V, at] * time
-        openings[0, at] = direct[X, at] + way * math.cos(heading)
-        openings[1, at] = direct[Y, at] + way * math.sin(heading)
-        openings[2, at], openings[3, at] = direct[YAW, at] + half, time
+        there = wrapped(direct[YAWG, at] - bearing[at])
+        side = 1.0 if to >= 0.0 else -1.0
+        rows[TO_DEST, at], rows[AT_DEST, at] = to, there
+        rows[ANGLE_TO, at], rows[ANGLE_AT, at] = abs(to), abs(there)
+        rows[AT_BY_TURN, at], rows[W_BY_TURN, at] = side * there, side * direct[W, at]
 
 
 @compiled

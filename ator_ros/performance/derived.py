@@ -13,8 +13,16 @@ from ator_ros.motion.durations import drive_time, rates_of, turn_time
 from ator_ros.motion.families import Family
 from ator_ros.motion.ideal_times import Motions, fastest_motions
 from ator_ros.performance.compiled_geometry import (
+    AT_DEST,
+    DIST,
+    DX,
+    DY,
+    OPENING,
+    ROWS,
+    TO_DEST,
+    TO_X,
+    TO_Y,
     derive_angles,
-    derive_openings,
     derive_ways,
     see_ends,
 )
@@ -39,6 +47,8 @@ class Geometry:
         How the action was observed to drive; by default at all limits of the base.
     further : iterable of str
         Names of direct variables that stand for goal variables which the action declares.
+    room : int
+        Number of rows that the table of quantities has room for besides, see `rows`.
     """
 
     def __init__(
@@ -48,11 +58,12 @@ class Geometry:
         driving: DrivingStyle | None = None,
         *,
         further: Iterable[str] = (),
+        room: int = 0,
     ) -> None:
         self.direct = direct_table(direct, further)
         self._table = self.direct.table
         self.robot = robot
-        self._driving = driving
+        self._driving, self._room = driving, room
         self._kept: dict[Callable[[Geometry], Any], Any] = {}
 
     def once(self, compute: Callable[[Geometry], Derived]) -> Derived:
@@ -68,68 +79,43 @@ class Geometry:
         return self._driving if self._driving is not None else plain_driving(self.robot)
 
     @cached_property
-    def _ways(self) -> tuple[FloatArray, ...]:
-        """What `derive_ways` writes, six arrays."""
-        ways = np.empty((6, self._table.shape[1]))
-        derive_ways(self._table, self.robot.hold, ways)
-        return tuple(ways)
+    def rows(self) -> FloatArray:
+        """The quantities that all share, shape (ROWS + room, n), see `ator_ros.performance.compiled_geometry`.
+
+        The last rows, as many as there is `room` for, are not written.
+        """
+        rows = np.empty((ROWS + self._room, self._table.shape[1]))
+        derive_ways(self._table, self.robot.hold, self.robot.limits.aw, rows)
+        derive_angles(self._table, np.arctan2(rows[DY], rows[DX]), rows)
+        return rows
 
     @property
     def destination(self) -> tuple[FloatArray, FloatArray]:
         """Where the axle shall come, in m: behind the goal's position if a held object shall come there."""
-        return self._ways[0], self._ways[1]
-
-    @property
-    def dx(self) -> FloatArray:
-        """From start to destination along x in m."""
-        return self._ways[2]
-
-    @property
-    def dy(self) -> FloatArray:
-        """From start to destination along y in m."""
-        return self._ways[3]
+        return self.rows[TO_X], self.rows[TO_Y]
 
     @property
     def dist(self) -> FloatArray:
         """Distance from start to destination in m."""
-        return self._ways[4]
-
-    @property
-    def turn(self) -> FloatArray:
-        """Signed angle in rad from the heading at the start to that at the destination."""
-        return self._ways[5]
-
-    @cached_property
-    def _angles(self) -> tuple[FloatArray, ...]:
-        """What `derive_angles` writes, three arrays."""
-        angles = np.empty((3, self._table.shape[1]))
-        derive_angles(self._table, np.arctan2(self.dy, self.dx), angles)
-        return tuple(angles)
+        return self.rows[DIST]
 
     @property
     def to_dest(self) -> FloatArray:
         """Signed angle in rad from the heading to the destination's bearing."""
-        return self._angles[0]
+        return self.rows[TO_DEST]
 
     @property
     def at_dest(self) -> FloatArray:
         """Signed angle in rad from the destination's bearing to the heading there."""
-        return self._angles[1]
+        return self.rows[AT_DEST]
 
     @property
-    def side(self) -> FloatArray:
-        """1 where the destination lies to the left, else -1."""
-        return self._angles[2]
-
-    @cached_property
     def openings(self) -> FloatArray:
         """States in which the initial rotation has stopped: x, y (m), heading (rad), the time (s); (4, n).
 
         The speed stays what it is until then.
         """
-        openings = np.empty((4, self._table.shape[1]))
-        derive_openings(self._table, self.robot.limits.aw, openings)
-        return openings
+        return self.rows[OPENING : OPENING + 4]
 
     def fastest_to(
         self, family: Family, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray

@@ -13,6 +13,7 @@ import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.compiled_geometry import BASICS
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
@@ -37,6 +38,8 @@ class Feature:
         Whether it is an ideal time: how long the action would take at the robot's limits.
     described : bool
         Whether it is another quantity of such an ideal motion.
+    row : int or None
+        The row of `Geometry.rows` that holds its values; None where only `compute` has them.
     """
 
     name: str
@@ -47,6 +50,7 @@ class Feature:
     rotation: bool = True
     ideal: bool = False
     described: bool = False
+    row: int | None = None
 
 
 def variables(words: str) -> frozenset[str]:
@@ -54,13 +58,20 @@ def variables(words: str) -> frozenset[str]:
     return frozenset(words.split())
 
 
+def _basic(name: str, unit: str, derives: str, *, translation: bool = True, rotation: bool = True) -> Feature:
+    """Return a feature that is one of the quantities that all share."""
+    row = BASICS.index(name)
+    return Feature(
+        name, unit, variables(derives), lambda g: g.rows[row], translation, rotation, row=row
+    )  # fmt: skip
+
+
 def _raw(name: str, unit: str) -> Feature:
-    still = name in ("yaw", "yawg")
-    return Feature(name, unit, variables(name), lambda g: g.direct[name], still, False)
+    return _basic(name, unit, name, translation=name in ("yaw", "yawg"), rotation=False)
 
 
-_PLACES = variables("x y xg yg yawg hold")
-_POSES = _PLACES | {"yaw"}
+_PLACES = "x y xg yg yawg hold"
+_POSES = f"{_PLACES} yaw"
 
 PAPER_11 = (
     _raw("x", "m"),
@@ -69,11 +80,11 @@ PAPER_11 = (
     _raw("xg", "m"),
     _raw("yg", "m"),
     _raw("yawg", "rad"),
-    Feature("dx", "m", variables("x xg yawg hold"), lambda g: g.dx, rotation=False),
-    Feature("dy", "m", variables("y yg yawg hold"), lambda g: g.dy, rotation=False),
-    Feature("dist", "m", _PLACES, lambda g: g.dist),
-    Feature("angle_to_dest", "rad", _POSES, lambda g: np.abs(g.to_dest)),
-    Feature("angle_at_dest", "rad", _PLACES, lambda g: np.abs(g.at_dest)),
+    _basic("dx", "m", "x xg yawg hold", rotation=False),
+    _basic("dy", "m", "y yg yawg hold", rotation=False),
+    _basic("dist", "m", _PLACES),
+    _basic("angle_to_dest", "rad", _POSES),
+    _basic("angle_at_dest", "rad", _PLACES),
 )
 """The candidates of the paper; its angles don't tell left from right."""
 
@@ -84,22 +95,22 @@ PAPER_3 = PAPER_11[-3:]
 """Those that the paper's model trees chose."""
 
 SIGNED = (
-    Feature("angle_at_dest_by_turn", "rad", _POSES, lambda g: g.side * g.at_dest),
-    Feature("angle_between", "rad", variables("yaw yawg"), lambda g: np.abs(g.turn)),
-    Feature("v", "m/s", variables("v"), lambda g: g.direct["v"]),
-    Feature("w_by_turn", "rad/s", _POSES | {"w"}, lambda g: g.side * g.direct["w"]),
-    Feature("speedg", "m/s", variables("speedg"), lambda g: g.direct["speedg"]),
-    Feature("hold", "", variables("hold"), lambda g: g.direct["hold"]),
+    _basic("angle_at_dest_by_turn", "rad", _POSES),
+    _basic("angle_between", "rad", "yaw yawg"),
+    _basic("v", "m/s", "v"),
+    _basic("w_by_turn", "rad/s", f"{_POSES} w"),
+    _basic("speedg", "m/s", "speedg"),
+    _basic("hold", "", "hold"),
 )
 """Angles and turn rate relative to the side of the first turn, velocities, and the kind of goal."""
 
 IDEAL = (
-    Feature("turn_drive_turn", "s", _POSES | {"speedg"}, lambda g: g.turn_drive_turn(), ideal=True),
-    Feature("reverse_turn_drive_turn", "s", _POSES | {"speedg"}, lambda g: g.turn_drive_turn(reverse=True)),
+    Feature("turn_drive_turn", "s", variables(f"{_POSES} speedg"), lambda g: g.turn_drive_turn(), ideal=True),
+    Feature("reverse_turn_drive_turn", "s", variables(f"{_POSES} speedg"), lambda g: g.turn_drive_turn(reverse=True)),
 )
 """Times at the robot's limits to turn on the spot, drive and turn again, forward and in reverse."""
 
-_MOTION = _POSES | {"v", "w", "speedg"}
+_MOTION = variables(f"{_POSES} v w speedg")
 PATHS = (
     Feature("path_time", "s", _MOTION, lambda g: g.path.time),
     Feature("path_turn", "rad", _MOTION, lambda g: g.path.turn),

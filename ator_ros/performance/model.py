@@ -5,23 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.compiled_geometry import ROWS
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature, declared_by, derived_from, table_of
-from ator_ros.performance.tree.nodes import ModelTree
+from ator_ros.performance.tree.nodes import IntArray, ModelTree
 from ator_ros.performance.tree.rules import RuleWriter
 from ator_ros.robot.description import Robot
 
 MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "heading": "rad"}
 """What is predicted, with units: time to the end, probability of success, and the errors at the end."""
-
-_RANGES = {"success": (0.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -123,20 +122,19 @@ class PerformanceModel:
         ValueError
             A direct variable is missing or of another shape.
         """
+        plan = self._plan(measures)
         geometry = self._geometry(direct)
+        rows = geometry.rows
+        for row, feature in plan.computed:
+            rows[row] = geometry.once(feature.compute)
         fields: dict[str, FloatArray] = {}
-        if "duration" in measures or "spread" in measures:
-            tree = self.trees["duration"]
-            fields["duration"], fields["spread"] = tree.predict_with_spread(self._table(geometry, tree))
-        for name in measures:
-            if name in self.trees and name not in fields:
-                tree = self.trees[name]
-                low, high = _RANGES.get(name, (0.0, np.inf))
-                if tree.constant is None:
-                    values = tree.predict(self._table(geometry, tree))
-                else:
-                    values = np.full(len(geometry.direct["x"]), tree.constant)
-                fields[name] = np.minimum(np.maximum(values, low), high)
+        for name, tree, places in plan.trees:
+            values, leaf = tree.evaluate(rows, places)
+            fields[name] = _within_range(name, values)
+            if name == "duration":
+                fields["spread"] = tree.spread.take(leaf)
+        for name, constant in plan.constants:
+            fields[name] = np.full(rows.shape[1], constant)
         if "dist" in measures:
             fields["dist"] = geometry.dist
         if "ideal" in measures and self.ideal_time is not None:
@@ -153,8 +151,43 @@ class PerformanceModel:
         row = self._table(self._geometry(direct), tree)[0]
         return self._writer(measure).explanation(tree, row)
 
+    def _plan(self, measures: tuple[str, ...]) -> _Plan:
+        """Return what has to be evaluated to predict some measures; the same ones are asked for mostly."""
+        if measures not in self._plans:
+            self._plans[measures] = self._planned(measures)
+        return self._plans[measures]
+
+    @cached_property
+    def _plans(self) -> dict[tuple[str, ...], _Plan]:
+        return {}
+
+    @cached_property
+    def _computed(self) -> tuple[Feature, ...]:
+        """The features of the trees that no row of every geometry holds."""
+        named = dict.fromkeys(name for tree in self.trees.values() for name in tree.names)
+        return tuple(feature for feature in map(self.features.__getitem__, named) if feature.row is None)
+
+    def _planned(self, measures: tuple[str, ...]) -> _Plan:
+        wanted = dict.fromkeys("duration" if name == "spread" else name for name in measures)
+        trees = {name: self.trees[name] for name in wanted if name in self.trees}
+        varying = {
+            name: tree for name, tree in trees.items() if tree.constant is None or name == "duration"
+        }
+        place = {feature.name: ROWS + number for number, feature in enumerate(self._computed)}
+        rows = {name: _row_of(self.features[name], place) for tree in varying.values() for name in tree.names}
+        return _Plan(
+            tuple((rows[feature.name], feature) for feature in self._computed if feature.name in rows),
+            tuple((name, tree, np.array([rows[each] for each in tree.names])) for name, tree in varying.items()),
+            tuple(
+                (name, float(_within_range(name, np.array(tree.constant))))
+                for name, tree in trees.items()
+                if name not in varying
+            ),
+        )
+
     def _geometry(self, direct: Direct) -> Geometry:
-        return Geometry(direct, self.robot, self.driving, further=self.declared_variables)
+        room = len(self._computed)
+        return Geometry(direct, self.robot, self.driving, further=self.declared_variables, room=room)
 
     def _table(self, geometry: Geometry, tree: ModelTree) -> FloatArray:
         return table_of(geometry, [self.features[name] for name in tree.names])
@@ -163,6 +196,30 @@ class PerformanceModel:
         units = {name: self.features[name].unit for name in self.trees[measure].names}
         target = "time" if measure == "duration" else measure
         return RuleWriter(units, target=target, target_unit=MEASURES[measure])
+
+
+class _Plan(NamedTuple):
+    """What has to be evaluated for a prediction.
+
+    The features that have to be `computed`, each with its row; the `trees` of measures with the rows of
+    their features; and the measures that are `constants`.
+    """
+
+    computed: tuple[tuple[int, Feature], ...]
+    trees: tuple[tuple[str, ModelTree, IntArray], ...]
+    constants: tuple[tuple[str, float], ...]
+
+
+def _row_of(feature: Feature, computed: Mapping[str, int]) -> int:
+    return computed[feature.name] if feature.row is None else feature.row
+
+
+def _within_range(measure: str, values: FloatArray) -> FloatArray:
+    """Return values of a measure that are possible; durations are within the bounds of their leaves."""
+    if measure == "duration":
+        return values
+    values = np.maximum(values, 0.0)
+    return np.minimum(values, 1.0) if measure == "success" else values
 
 
 def narrowed(tree: ModelTree) -> ModelTree:

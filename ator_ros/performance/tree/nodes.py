@@ -89,7 +89,7 @@ class ModelTree:
         array of int, shape (n,)
             Numbers of nodes.
         """
-        return self._evaluated(X)[1]
+        return self.evaluate(*self._rows_of(X))[1]
 
     @property
     def constant(self) -> float | None:
@@ -98,21 +98,34 @@ class ModelTree:
 
     def predict(self, X: FloatArray) -> FloatArray:
         """Predict the target of each row, in its unit; shapes as in `apply`."""
-        return self._evaluated(X)[0]
+        return self.evaluate(*self._rows_of(X))[0]
 
     def predict_with_spread(self, X: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the target of each row and the standard deviation to expect of its error, each (n,)."""
-        value, leaf = self._evaluated(X)
+        value, leaf = self.evaluate(*self._rows_of(X))
         return value, self.spread.take(leaf)
 
-    def _evaluated(self, X: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the prediction for each row, and its leaf."""
+    def _rows_of(self, X: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return features, shape (n, k), as `evaluate` takes them."""
         if X.ndim != 2 or X.shape[1] != len(self.names):
             names = ", ".join(self.names)
             raise ValueError(f"expected features of shape (n, {len(self.names)}) ({names}), got {X.shape}")
-        value, leaf = np.empty(len(X)), np.empty(len(X), dtype=np.intp)
+        return np.ascontiguousarray(X.T), np.arange(len(self.names))
+
+    def evaluate(self, rows: FloatArray, places: IntArray) -> tuple[FloatArray, IntArray]:
+        """Return the prediction for n situations, and their leaves.
+
+        Parameters
+        ----------
+        rows : array of float, shape (any, n)
+            Finite values, those of a feature in a row.
+        places : array of int, shape (n_features,)
+            The row of each of `names`.
+        """
+        value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
         _evaluate(
-            X,
+            rows,
+            places,
             self.feature,
             self.threshold,
             self.children,
@@ -128,7 +141,8 @@ class ModelTree:
 
 @compiled
 def _evaluate(
-    X: FloatArray,
+    rows: FloatArray,
+    places: IntArray,
     feature: IntArray,
     threshold: FloatArray,
     children: IntArray,
@@ -139,12 +153,12 @@ def _evaluate(
     value: FloatArray,
     leaf: IntArray,
 ) -> None:
-    for row in range(len(X)):
+    for at in range(rows.shape[1]):
         node = 0
         while children[node, 0] != node:
-            node = children[node, 1 if X[row, feature[node]] > threshold[node] else 0]
+            node = children[node, 1 if rows[places[feature[node]], at] > threshold[node] else 0]
         result = intercept[node]
-        for column in range(X.shape[1]):
-            result += X[row, column] * coefficients[node, column]
-        value[row] = np.minimum(np.maximum(result, lower[node]), upper[node])
-        leaf[row] = node
+        for column in range(len(places)):
+            result += rows[places[column], at] * coefficients[node, column]
+        value[at] = np.minimum(np.maximum(result, lower[node]), upper[node])
+        leaf[at] = node
