@@ -19,8 +19,8 @@ BASICS = (
 """Names of the features that the first rows hold, see `ator_ros.performance.features`."""
 DX, DY, DIST, ANGLE_TO, ANGLE_AT, AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS = range(6, 17)
 TO_X, TO_Y, TO_DEST, AT_DEST, OPENING = range(17, 22)
-"""Rows after them: the destination (m), the signed angles to and at it (rad), and four of the opening: x, y (m),
-heading (rad), and the time until then (s)."""
+"""Rows after them: the destination (m), the signed angles to and at it (rad), and four of the opening: x, y
+(m), heading (rad), and the time until then (s)."""
 ROWS = OPENING + 4
 
 

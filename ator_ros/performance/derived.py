@@ -80,7 +80,7 @@ class Geometry:
 
     @cached_property
     def rows(self) -> FloatArray:
-        """The quantities that all share, shape (ROWS + room, n), see `ator_ros.performance.compiled_geometry`.
+        """Quantities that all share, shape (ROWS + room, n), see `ator_ros.performance.compiled_geometry`.
 
         The last rows, as many as there is `room` for, are not written.
         """
@@ -97,17 +97,20 @@ class Geometry:
     @property
     def dist(self) -> FloatArray:
         """Distance from start to destination in m."""
-        return self.rows[DIST]
+        dist: FloatArray = self.rows[DIST]
+        return dist
 
     @property
     def to_dest(self) -> FloatArray:
         """Signed angle in rad from the heading to the destination's bearing."""
-        return self.rows[TO_DEST]
+        angle: FloatArray = self.rows[TO_DEST]
+        return angle
 
     @property
     def at_dest(self) -> FloatArray:
         """Signed angle in rad from the destination's bearing to the heading there."""
-        return self.rows[AT_DEST]
+        angle: FloatArray = self.rows[AT_DEST]
+        return angle
 
     @property
     def openings(self) -> FloatArray:
@@ -129,8 +132,9 @@ class Geometry:
         x, y, heading, speed : ndarray, shape (n,) or (m, n)
             Where the axle shall come (m), and heading (rad) and speed (m/s) there.
         """
-        goals = (column.reshape(-1, self._table.shape[1]) for column in (x, y, heading, speed))
-        to_x, to_y, headings, arrivals = goals
+        to_x, to_y, headings, arrivals = (
+            column if column.ndim == 2 else column[None, :] for column in (x, y, heading, speed)
+        )
         ends = np.empty((5, *to_x.shape))
         see_ends(self.openings, self._table[V], to_x, to_y, headings, arrivals, ends)
         return fastest_motions(ends, family, hold=self.robot.hold).after(self.openings[3])

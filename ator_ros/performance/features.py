@@ -104,13 +104,14 @@ SIGNED = (
 )
 """Angles and turn rate relative to the side of the first turn, velocities, and the kind of goal."""
 
+_TO_POSE = variables(f"{_POSES} speedg")
 IDEAL = (
-    Feature("turn_drive_turn", "s", variables(f"{_POSES} speedg"), lambda g: g.turn_drive_turn(), ideal=True),
-    Feature("reverse_turn_drive_turn", "s", variables(f"{_POSES} speedg"), lambda g: g.turn_drive_turn(reverse=True)),
+    Feature("turn_drive_turn", "s", _TO_POSE, lambda g: g.turn_drive_turn(), ideal=True),
+    Feature("reverse_turn_drive_turn", "s", _TO_POSE, lambda g: g.turn_drive_turn(reverse=True)),
 )
 """Times at the robot's limits to turn on the spot, drive and turn again, forward and in reverse."""
 
-_MOTION = variables(f"{_POSES} v w speedg")
+_MOTION = _TO_POSE | {"v", "w"}
 PATHS = (
     Feature("path_time", "s", _MOTION, lambda g: g.path.time),
     Feature("path_turn", "rad", _MOTION, lambda g: g.path.turn),

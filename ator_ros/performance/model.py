@@ -170,14 +170,15 @@ class PerformanceModel:
     def _planned(self, measures: tuple[str, ...]) -> _Plan:
         wanted = dict.fromkeys("duration" if name == "spread" else name for name in measures)
         trees = {name: self.trees[name] for name in wanted if name in self.trees}
-        varying = {
-            name: tree for name, tree in trees.items() if tree.constant is None or name == "duration"
-        }
+        varying = {name: tree for name, tree in trees.items() if tree.constant is None or name == "duration"}
         place = {feature.name: ROWS + number for number, feature in enumerate(self._computed)}
         rows = {name: _row_of(self.features[name], place) for tree in varying.values() for name in tree.names}
         return _Plan(
             tuple((rows[feature.name], feature) for feature in self._computed if feature.name in rows),
-            tuple((name, tree, np.array([rows[each] for each in tree.names])) for name, tree in varying.items()),
+            tuple(
+                (name, tree, np.array([rows[each] for each in tree.names], dtype=np.intp))
+                for name, tree in varying.items()
+            ),
             tuple(
                 (name, float(_within_range(name, np.array(tree.constant))))
                 for name, tree in trees.items()

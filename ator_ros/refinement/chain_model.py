@@ -16,12 +16,7 @@ from ator_ros.performance.direct import DirectTable
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import FreeVariable, PredictsPerformance
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.projection import (
-    columns_after,
-    direct_rows,
-    goal_columns,
-    start_columns,
-)
+from ator_ros.refinement.projection import step_rows
 from ator_ros.refinement.slices import Slices, completed
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -111,10 +106,9 @@ class ChainModel:
             tuple(variable.name for variable in free if variable.subgoal == index)
             for index in range(len(chain.calls))
         ]
-        self._start = start_columns(world)
+        self._rows = step_rows(world, chain, robot, self.names)
         self._calls = chain.calls
         self._models = [models.get(call.top.action) for call in chain.calls]
-        self._robot = robot
         self._objective = objective
         self._fields = tuple(dict.fromkeys(REPORTED + objective.needs))
         #: What the chain itself holds, shapes (k,).
@@ -210,24 +204,14 @@ class ChainModel:
 
     def _direct_as_given(self, index: int) -> DirectTable:
         before = self.given[index - 1] if index else np.zeros(0)
-        return self._direct(index, before[None, :], self.given[index][None, :])
+        return self._rows[index].table(before[None, :], self.given[index][None, :])
 
     def _cost(self, prediction: Any) -> FloatArray:
         cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
         return cost
 
-    def _direct(self, index: int, before: FloatArray, after: FloatArray) -> DirectTable:
-        """Return the direct variables of one action, for candidates on both sides."""
-        start = self._start
-        if index:
-            previous = self._calls[index - 1].goal
-            reached = goal_columns(previous, self.names[index - 1], before)
-            start = columns_after(reached, previous.point, self._robot)
-        goal = self._calls[index].goal
-        return direct_rows(start, goal_columns(goal, self.names[index], after), goal.point)
-
     def _predict(self, index: int, model: PredictsPerformance, before: FloatArray, after: FloatArray) -> Any:
-        direct = self._direct(index, before, after)
+        direct = self._rows[index].table(before, after)
         if len(before) > 1:  # no other search has the same pairs
             return self._checked(index, model.predict(direct, self._fields))
         key = (self._calls[index].top.action, self._fields, direct.table.tobytes())

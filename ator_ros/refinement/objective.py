@@ -90,12 +90,13 @@ class Objective:
             raise RefinementError("objective: expected at least one weight above 0, got none")
 
     @cached_property
+    def _counting(self) -> tuple[tuple[str, float, Measure], ...]:
+        return tuple((name, weight, self.measures[name]) for name, weight in self.weights.items() if weight)
+
+    @cached_property
     def needs(self) -> tuple[str, ...]:
         """The names of the prediction's fields that the cost needs."""
-        fields = [
-            need for name, weight in self.weights.items() if weight for need in self.measures[name].needs
-        ]
-        return tuple(dict.fromkeys(fields))
+        return tuple(dict.fromkeys(need for _, _, measure in self._counting for need in measure.needs))
 
     def cost(self, prediction: Any) -> FloatArray:
         """Return the weighted cost, shape (n,), of a prediction for n candidates.
@@ -105,18 +106,19 @@ class Objective:
         RefinementError
             The performance model does not predict a measure that has a weight.
         """
-        counted, missing = [], []
-        for name in (name for name, weight in self.weights.items() if weight):
-            lacking = [need for need in self.measures[name].needs if getattr(prediction, need, None) is None]
-            if not lacking:
-                counted.append(name)
-            elif name not in self.where_predicted:
-                missing += lacking
-        if missing or not counted:
+        total: Any = None
+        lacking: list[str] = []
+        for name, weight, measure in self._counting:
+            if any(getattr(prediction, need, None) is None for need in measure.needs):
+                lacking += () if name in self.where_predicted else measure.needs
+                continue
+            term = weight * measure.cost(prediction)
+            total = term if total is None else total + term
+        if lacking or total is None:
+            missing = [need for need in lacking if getattr(prediction, need, None) is None]
             expected = ", ".join(missing or self.needs)
             raise RefinementError(f"objective: expected models that predict {expected}, got none")
-        terms = [self.weights[name] * self.measures[name].cost(prediction) for name in counted]
-        return np.asarray(sum(terms[1:], start=terms[0]), dtype=float)
+        return np.asarray(total, dtype=float)
 
 
 def expected_time(failure_cost: float) -> Objective:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
+from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import DirectTable, names_with
+from ator_ros.performance.direct import SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y, names_with
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
@@ -22,6 +22,10 @@ from ator_ros.world.state import World
 Columns = dict[str, float | FloatArray]
 
 _START = ("x", "y", "yaw", "v", "w")
+_NAMES = names_with(())
+_START_ROWS = {"x": X, "y": Y, "yaw": YAW, "speed": V}
+_GOAL_ROWS = {"x": XG, "y": YG, "yaw": YAWG, "speed": SPEEDG}
+"""Rows of the goal variables in the table of the step after their goal, and of that which leads to it."""
 
 
 def start_columns(world: World) -> Columns:
@@ -66,19 +70,66 @@ def direct_columns(start: Mapping[str, Any], goal: Mapping[str, Any], point: Poi
     return columns
 
 
-def direct_rows(start: Mapping[str, Any], goal: Mapping[str, Any], point: Point) -> DirectTable:
-    """Return the same as a table: a row of each, as long as there are candidates."""
-    declared = sorted(goal.keys() - GOAL_VARIABLES) if len(goal) > len(GOAL_VARIABLES) else []
-    columns = [start[name] for name in _START]
-    columns += [goal[name] for name in GOAL_VARIABLES]
-    columns.append(1.0 if point is Point.HOLD else 0.0)
-    columns += [goal[name] for name in declared]
-    differing = [row for row, column in enumerate(columns) if isinstance(column, np.ndarray)]
-    alike = np.array([0.0 if row in differing else column for row, column in enumerate(columns)])
-    table = alike[:, None].repeat(len(columns[differing[0]]) if differing else 1, axis=1)
-    for row in differing:
-        table[row] = columns[row]
-    return DirectTable(names_with(map(direct_name, declared)), table)
+class StepRows:
+    """The direct variables of one step of a chain, for candidates of the subgoals on both its sides.
+
+    Parameters
+    ----------
+    start : sequence of float
+        Start variables x, y, yaw, v, w, as the chain has them.
+    goal : Goal
+        The subgoal that the step leads to.
+    names : sequence of str
+        Its free variables.
+    previous : Goal, optional
+        The subgoal at which the step starts; None for the first step.
+    previous_names : sequence of str
+        Its free variables.
+    hold : float
+        Distance in m from the axle to what the robot holds.
+    """
+
+    def __init__(
+        self,
+        start: Sequence[float],
+        goal: Goal,
+        names: Sequence[str],
+        previous: Goal | None,
+        previous_names: Sequence[str],
+        hold: float,
+    ) -> None:
+        pose, declared = goal.pose, sorted(goal.values)
+        self._names = names_with(map(direct_name, declared)) if declared else _NAMES
+        self._alike = np.array(
+            [
+                *start,
+                *(pose.x, pose.y, pose.yaw, goal.speed, 1.0 if goal.point is Point.HOLD else 0.0),
+                *(goal.values[name] for name in declared),
+            ],
+            dtype=float,
+        )
+        self._of_goal = [
+            (_GOAL_ROWS[name] if name in _GOAL_ROWS else self._names.index(direct_name(name)), column)
+            for column, name in enumerate(names)
+        ]
+        self._of_start = [
+            (_START_ROWS[name], column) for column, name in enumerate(previous_names) if name in _START_ROWS
+        ]
+        self._held = previous.pose if previous is not None and previous.point is Point.HOLD else None
+        self._hold = hold
+
+    def table(self, before: FloatArray, after: FloatArray) -> DirectTable:
+        """Return the table for candidates, shapes (n or 1, k), of the subgoals before and after the step."""
+        table = self._alike[:, None].repeat(max(len(before), len(after)), axis=1)
+        for row, column in self._of_goal:
+            table[row] = after[:, column]
+        for row, column in self._of_start:
+            table[row] = before[:, column]
+        if self._held is not None and self._of_start:
+            yaw, moved = table[YAW], {row for row, _ in self._of_start}
+            for row, given, way in ((X, self._held.x, np.cos(yaw)), (Y, self._held.y, np.sin(yaw))):
+                table[row] = (table[row] if row in moved else given) - self._hold * way
+        return DirectTable(self._names, table)
 
 
 def chain_situations(world: World, chain: TopChain, robot: Robot) -> list[Columns]:
@@ -89,3 +140,24 @@ def chain_situations(world: World, chain: TopChain, robot: Robot) -> list[Column
         situations.append(direct_columns(start, goal, call.goal.point))
         start = columns_after(goal, call.goal.point, robot)
     return situations
+
+
+def step_rows(world: World, chain: TopChain, robot: Robot, names: Sequence[Sequence[str]]) -> list[StepRows]:
+    """Return the direct variables of each action of `chain`; `names` are the subgoals' free variables."""
+    state, rows = world.robot, []
+    start: Sequence[float] = (*state.pose, state.v, state.w)
+    previous: Goal | None = None
+    for index, call in enumerate(chain.calls):
+        before = names[index - 1] if index else ()
+        rows.append(StepRows(start, call.goal, names[index], previous, before, robot.hold))
+        previous = call.goal
+        start = _start_at(previous, robot)
+    return rows
+
+
+def _start_at(goal: Goal, robot: Robot) -> tuple[float, float, float, float, float]:
+    """Return the start variables of the action that follows a goal reached exactly, not turning."""
+    x, y, yaw = goal.pose
+    if goal.point is Point.HOLD:
+        x, y = x - robot.hold * np.cos(yaw), y - robot.hold * np.sin(yaw)
+    return x, y, yaw, goal.speed, 0.0
