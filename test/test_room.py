@@ -26,9 +26,10 @@ def free(robot: Robot, *candidates: tuple[float, float], room: float = 1.0) -> l
 
 
 def test_fast_arrivals_toward_a_bay_have_no_room_and_others_have() -> None:
-    toward, away, beside = np.pi, 0.0, 0.75 * np.pi
+    toward, away, beside, past_the_post = np.pi, 0.0, 0.6 * np.pi, 0.75 * np.pi
     assert free(HEAVY, (toward, 0.8), (toward, 0.4), (toward, 0.0)) == [False, True, True]
     assert free(HEAVY, (away, 0.8), (beside, 0.8)) == [True, True]
+    assert free(HEAVY, (past_the_post, 0.8)) == [False]  # it would stand too near the post to turn
     assert free(HEAVY, (toward, 0.65), room=1.0) == [True]
     assert free(HEAVY, (toward, 0.65), room=1.5) == [False]
     assert free(PIONEER, (toward, 0.8)) == [True]  # it brakes harder

@@ -1,8 +1,9 @@
 """Room ahead of an arrival at speed, of which the models know nothing.
 
 Features of models tell where a goal lies from the robot, not where walls stand. A robot that arrives at a
-bay at a speed from which it can neither turn nor stop before it gets stuck inside. So candidates whose way to
-stop leads into a bay are left out, where the gate's file asks for it.
+bay at a speed from which it can neither turn nor stop gets stuck inside, or beside its wall. So candidates
+whose way to stop leads through a bay, or nearer to it than the robot needs to turn, are left out, where the
+gate's file asks for it.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def with_room(
 def leaves_room(
     goal: Goal, names: tuple[str, ...], candidates: FloatArray, robot: Robot, room: float
 ) -> BoolArray:
-    """Return which arrivals leave room to stop straight ahead: `room` times the way, shape (n,).
+    """Return which arrivals leave room to stop straight ahead, `room` times the way, and to turn: shape (n,).
 
     `names` are the variables of the columns of `candidates`, (n, k); `goal` has the values of the others.
     """
@@ -68,7 +69,7 @@ def leaves_room(
     ahead = way + (held.radius if held is not None else robot.front)
     points = min(int(np.max(ahead, initial=0.0) / _STEP) + 2, _MOST_POINTS)
     along = np.linspace(0.0, 1.0, points)[:, None, None] * ahead
-    aside = np.array(_ASIDE)[:, None] * robot.half_width
+    aside = np.array(_ASIDE)[:, None] * robot.reach  # room to turn, too
     cos, sin = np.cos(value["yaw"]), np.sin(value["yaw"])
     x, y = value["x"] + along * cos - aside * sin, value["y"] + along * sin + aside * cos
     free = np.ones(len(candidates), dtype=bool)
