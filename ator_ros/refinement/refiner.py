@@ -115,7 +115,10 @@ class Refiner:
                 world, chain, analysis.free, regions, models=self.models, robot=self.robot, memory=memory
             )
         late = yield
-        model = self._model(world, chain, analysis.free, objective, memory)
+        model = ChainModel(
+            world, chain, self.robot,
+            models=self.models, free=analysis.free, objective=objective, memory=memory,
+        )  # fmt: skip
         if not analysis.free:
             answer = self._left_alone(chain, analysis, (yield from model.predicting(model.given)))
             yield
@@ -202,6 +205,8 @@ class Refiner:
         """
         analysis = within_experience(self.analyse(world, chain), chain, self.models)
         regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
+        if regions.allowing() is None:
+            return analysis, regions
         analysis = within_regions(analysis, regions, chain)
         return analysis, regions.narrowed_to(names_of(chain, analysis.free))
 
@@ -209,18 +214,6 @@ class Refiner:
         """Return how the gate wants costs to be averaged; None where it does not."""
         widths = [[self.gate.widths.get(name, 0.0) for name in names] for names in model.names]
         return Averages(axes, widths) if any(map(any, widths)) else None
-
-    def _model(
-        self,
-        world: World,
-        chain: TopChain,
-        free: Sequence[FreeVariable],
-        objective: Objective,
-        memory: Memory,
-    ) -> ChainModel:
-        return ChainModel(
-            world, chain, self.robot, models=self.models, free=free, objective=objective, memory=memory
-        )
 
     def _answer(
         self,
