@@ -22,6 +22,7 @@ from ator_ros.tops.chain import TopChain
 _STEP = 0.1  # m between the points that are looked at: less than the depth of a bay
 _MOST_POINTS = 400
 _ASIDE = (-1.0, 0.0, 1.0)
+_CLEARANCE = 0.1  # m: a wall is some centimetres thick, and no robot comes exactly where it should
 
 
 def with_room(
@@ -69,7 +70,7 @@ def leaves_room(
     ahead = way + (held.radius if held is not None else robot.front)
     points = min(int(np.max(ahead, initial=0.0) / _STEP) + 2, _MOST_POINTS)
     along = np.linspace(0.0, 1.0, points)[:, None, None] * ahead
-    aside = np.array(_ASIDE)[:, None] * robot.reach  # room to turn, too
+    aside = np.array(_ASIDE)[:, None] * (robot.reach + _CLEARANCE)  # room to turn, too
     cos, sin = np.cos(value["yaw"]), np.sin(value["yaw"])
     x, y = value["x"] + along * cos - aside * sin, value["y"] + along * sin + aside * cos
     free = np.ones(len(candidates), dtype=bool)
