@@ -17,8 +17,9 @@ BASICS = (
     *("angle_at_dest_by_turn", "angle_between", "v", "w_by_turn", "speedg", "hold"),
 )
 """Names of the features that the first rows hold, see `ator_ros.performance.features`."""
-DX, DY, DIST, ANGLE_TO, ANGLE_AT, AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS = range(6, 17)
-TO_X, TO_Y, TO_DEST, AT_DEST, OPENING = range(17, 22)
+FROM_X, FROM_Y, FROM_YAW, GOAL_X, GOAL_Y, GOAL_YAW, DX, DY, DIST, ANGLE_TO, ANGLE_AT = range(11)
+AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS = range(11, len(BASICS))
+TO_X, TO_Y, TO_DEST, AT_DEST, OPENING = range(len(BASICS), len(BASICS) + 5)
 """Rows after them: the destination (m), the signed angles to and at it (rad), and four of the opening: x, y
 (m), heading (rad), and the time until then (s)."""
 ROWS = OPENING + 4
@@ -35,10 +36,9 @@ def wrapped(angle: float) -> float:
 
 @compiled
 def derive_ways(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
-    """Write what needs no angle of a vector.
+    """Write all rows but those of the bearing, see `derive_angles`.
 
-    That are the direct variables among the rows, the destination and the way to it, and the openings: where
-    the start's rotation is lost, at up to `aw` (rad/s^2); the speed stays what it is until then.
+    In the opening the start's rotation is lost at up to `aw`, while the speed stays what it is.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def derive_ways(direct: FloatArray, hold: float, aw: float, rows: FloatArray) ->
     for at in range(direct.shape[1]):
         speed, rotation, yaw = direct[V, at], direct[W, at], direct[YAW, at]
         from_x, from_y, heading = direct[X, at], direct[Y, at], direct[YAWG, at]
-        rows[0, at], rows[1, at], rows[2, at] = from_x, from_y, yaw
-        rows[3, at], rows[4, at], rows[5, at] = direct[XG, at], direct[YG, at], heading
+        rows[FROM_X, at], rows[FROM_Y, at], rows[FROM_YAW, at] = from_x, from_y, yaw
+        rows[GOAL_X, at], rows[GOAL_Y, at], rows[GOAL_YAW, at] = direct[XG, at], direct[YG, at], heading
         back = hold * direct[HOLD, at]
         x = direct[XG, at] - back * math.cos(heading)
         y = direct[YG, at] - back * math.sin(heading)
@@ -75,7 +75,17 @@ def derive_ways(direct: FloatArray, hold: float, aw: float, rows: FloatArray) ->
 
 @compiled
 def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> None:
-    """Write what the bearing (rad) of the destination, shape (n,), tells of it."""
+    """Write the rows that need the bearing of the destination.
+
+    Parameters
+    ----------
+    direct : ndarray, shape (10 or more, n)
+        As for `derive_ways`.
+    bearing : ndarray, shape (n,)
+        Of the way in the rows DX and DY, in rad.
+    rows : ndarray, shape (ROWS or more, n)
+        Result.
+    """
     for at in range(direct.shape[1]):
         to = wrapped(bearing[at] - direct[YAW, at])
         there = wrapped(direct[YAWG, at] - bearing[at])
@@ -100,7 +110,7 @@ def see_ends(
     Parameters
     ----------
     openings : ndarray, shape (4, n)
-        See `derive_openings`.
+        Rows OPENING to OPENING + 3.
     speeds : ndarray, shape (n,)
         There, in m/s.
     x, y, headings, arrivals : ndarray, shape (m, n)

@@ -62,8 +62,14 @@ def _basic(name: str, unit: str, derives: str, *, translation: bool = True, rota
     """Return a feature that is one of the quantities that all share."""
     row = BASICS.index(name)
     return Feature(
-        name, unit, variables(derives), lambda g: g.rows[row], translation, rotation, row=row
-    )  # fmt: skip
+        name,
+        unit,
+        variables(derives),
+        lambda g: g.rows[row],
+        translation=translation,
+        rotation=rotation,
+        row=row,
+    )
 
 
 def _raw(name: str, unit: str) -> Feature:

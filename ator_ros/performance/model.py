@@ -136,7 +136,7 @@ class PerformanceModel:
         for name, constant in plan.constants:
             fields[name] = np.full(rows.shape[1], constant)
         if "dist" in measures:
-            fields["dist"] = geometry.dist
+            fields["dist"] = geometry.dist.copy()  # else predictions that are kept would keep all rows
         if "ideal" in measures and self.ideal_time is not None:
             fields["ideal"] = geometry.once(self.ideal_time.compute)
         return Prediction(**fields)
@@ -202,8 +202,14 @@ class PerformanceModel:
 class _Plan(NamedTuple):
     """What has to be evaluated for a prediction.
 
-    The features that have to be `computed`, each with its row; the `trees` of measures with the rows of
-    their features; and the measures that are `constants`.
+    Attributes
+    ----------
+    computed : tuple of (int, Feature)
+        The features that have to be computed, each with its row.
+    trees : tuple of (str, ModelTree, array of int)
+        The measures that vary, with the rows of their trees' features.
+    constants : tuple of (str, float)
+        The measures that do not, with their values.
     """
 
     computed: tuple[tuple[int, Feature], ...]

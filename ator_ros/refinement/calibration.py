@@ -57,7 +57,7 @@ class PredictedStep(NamedTuple):
 
 
 def terms_of(step: PredictedStep) -> dict[str, float]:
-    """Return what the shortfall is linear in, by name: s, m/s, and their products."""
+    """Return what the shortfall is linear in, by name: in s, m/s and m, without unit where 0 or 1."""
     v, speedg, predicted, spread, ideal, dist, heading_open = step
     below = min(max(ideal - predicted, 0.0), BEYOND)
     return {
@@ -197,8 +197,8 @@ def chain_steps(
     chosen = chosen_headings(predictions[0][0], models, robot) if chosen is None else chosen
     return [
         [
-            _step(v, call.goal.speed, action, heading_open=open_) if ours else None
-            for v, call, action, ours, open_ in zip(
+            _step(v, call.goal.speed, action, heading_open=is_chosen) if is_known else None
+            for v, call, action, is_known, is_chosen in zip(
                 [world.robot.v, *(call.goal.speed for call in chain.calls[:-1])],
                 chain.calls,
                 prediction.actions,

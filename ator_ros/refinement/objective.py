@@ -106,19 +106,19 @@ class Objective:
         RefinementError
             The performance model does not predict a measure that has a weight.
         """
-        total: Any = None
-        lacking: list[str] = []
+        counted: list[tuple[float, Measure]] = []
+        missing: list[str] = []
         for name, weight, measure in self._counting:
-            if any(getattr(prediction, need, None) is None for need in measure.needs):
-                lacking += () if name in self.where_predicted else measure.needs
-                continue
-            term = weight * measure.cost(prediction)
-            total = term if total is None else total + term
-        if lacking or total is None:
-            missing = [need for need in lacking if getattr(prediction, need, None) is None]
+            lacking = [need for need in measure.needs if getattr(prediction, need, None) is None]
+            if not lacking:
+                counted.append((weight, measure))
+            elif name not in self.where_predicted:
+                missing += lacking
+        if missing or not counted:
             expected = ", ".join(missing or self.needs)
             raise RefinementError(f"objective: expected models that predict {expected}, got none")
-        return np.asarray(total, dtype=float)
+        terms = [weight * measure.cost(prediction) for weight, measure in counted]
+        return np.asarray(sum(terms[1:], start=terms[0]), dtype=float)
 
 
 def expected_time(failure_cost: float) -> Objective:

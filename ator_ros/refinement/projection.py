@@ -1,7 +1,7 @@
 """The situations that the actions of a chain meet when the subgoals are reached (paper, section 4.1).
 
-Everything is in columns: a name to a float, or to an array of shape (n,) where candidates differ. The names
-are those of the experience table's direct variables.
+`StepRows` makes the table of a step's direct variables for many candidates. Elsewhere variables are in
+columns: a name to a float, or to an array of shape (n,) where candidates differ.
 """
 
 from __future__ import annotations
@@ -21,19 +21,10 @@ from ator_ros.world.state import World
 
 Columns = dict[str, float | FloatArray]
 
-_START = ("x", "y", "yaw", "v", "w")
 _NAMES = names_with(())
 _START_ROWS = {"x": X, "y": Y, "yaw": YAW, "speed": V}
 _GOAL_ROWS = {"x": XG, "y": YG, "yaw": YAWG, "speed": SPEEDG}
 """Rows of the goal variables in the table of the step after their goal, and of that which leads to it."""
-
-
-def start_columns(world: World) -> Columns:
-    """Return the start variables x, y, yaw (m, rad), v, w (m/s, rad/s) of the state `world`."""
-    robot = world.robot
-    return {
-        "x": robot.pose.x, "y": robot.pose.y, "yaw": robot.pose.yaw, "v": robot.v, "w": robot.w
-    }  # fmt: skip
 
 
 def goal_columns(goal: Goal, names: Sequence[str], values: FloatArray) -> Columns:
@@ -55,19 +46,11 @@ def goal_columns(goal: Goal, names: Sequence[str], values: FloatArray) -> Column
 
 
 def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> Columns:
-    """Return the start variables of the action that follows a subgoal reached exactly, not turning."""
+    """Return the start variables x, y, yaw, v, w of the action that follows a subgoal reached exactly."""
     x, y, yaw = goal["x"], goal["y"], goal["yaw"]
     if point is Point.HOLD:
         x, y = x - robot.hold * np.cos(yaw), y - robot.hold * np.sin(yaw)
     return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0}
-
-
-def direct_columns(start: Mapping[str, Any], goal: Mapping[str, Any], point: Point) -> Columns:
-    """Return the direct variables of one action from its start and goal variables."""
-    columns: Columns = dict(start)
-    columns.update((direct_name(name), value) for name, value in goal.items())
-    columns["hold"] = 1.0 if point is Point.HOLD else 0.0
-    return columns
 
 
 class StepRows:
@@ -91,7 +74,7 @@ class StepRows:
 
     def __init__(
         self,
-        start: Sequence[float],
+        start: Sequence[Any],
         goal: Goal,
         names: Sequence[str],
         previous: Goal | None,
@@ -120,7 +103,8 @@ class StepRows:
 
     def table(self, before: FloatArray, after: FloatArray) -> DirectTable:
         """Return the table for candidates, shapes (n or 1, k), of the subgoals before and after the step."""
-        table = self._alike[:, None].repeat(max(len(before), len(after)), axis=1)
+        count = max(len(before) if self._of_start else 1, len(after) if self._of_goal else 1)
+        table = self._alike[:, None].repeat(count, axis=1)
         for row, column in self._of_goal:
             table[row] = after[:, column]
         for row, column in self._of_start:
@@ -132,32 +116,21 @@ class StepRows:
         return DirectTable(self._names, table)
 
 
-def chain_situations(world: World, chain: TopChain, robot: Robot) -> list[Columns]:
-    """Return the direct variables of each action of `chain`, all of whose subgoals are reached exactly."""
-    start, situations = start_columns(world), []
-    for call in chain.calls:
-        goal: Columns = dict(goal_values(call.goal))
-        situations.append(direct_columns(start, goal, call.goal.point))
-        start = columns_after(goal, call.goal.point, robot)
-    return situations
-
-
 def step_rows(world: World, chain: TopChain, robot: Robot, names: Sequence[Sequence[str]]) -> list[StepRows]:
     """Return the direct variables of each action of `chain`; `names` are the subgoals' free variables."""
     state, rows = world.robot, []
-    start: Sequence[float] = (*state.pose, state.v, state.w)
+    start: Sequence[Any] = (*state.pose, state.v, state.w)
     previous: Goal | None = None
     for index, call in enumerate(chain.calls):
         before = names[index - 1] if index else ()
         rows.append(StepRows(start, call.goal, names[index], previous, before, robot.hold))
         previous = call.goal
-        start = _start_at(previous, robot)
+        start = tuple(columns_after(goal_values(previous), previous.point, robot).values())
     return rows
 
 
-def _start_at(goal: Goal, robot: Robot) -> tuple[float, float, float, float, float]:
-    """Return the start variables of the action that follows a goal reached exactly, not turning."""
-    x, y, yaw = goal.pose
-    if goal.point is Point.HOLD:
-        x, y = x - robot.hold * np.cos(yaw), y - robot.hold * np.sin(yaw)
-    return x, y, yaw, goal.speed, 0.0
+def chain_situations(world: World, chain: TopChain, robot: Robot) -> list[DirectTable]:
+    """Return the direct variables of each action of `chain`, all of whose subgoals are reached exactly."""
+    as_given = np.zeros((1, 0))
+    rows = step_rows(world, chain, robot, [()] * len(chain.calls))
+    return [step.table(as_given, as_given) for step in rows]
