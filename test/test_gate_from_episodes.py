@@ -13,9 +13,16 @@ from refinement_fakes import LIBRARY, ROBOT
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation import gate_from_episodes
-from ator_ros.evaluation.gate_from_episodes import DRAWS, CrossFit, learn_from_episodes, usual_widths
+from ator_ros.evaluation.gate_from_episodes import (
+    DRAWS,
+    CrossFit,
+    gate_of_episodes,
+    learn_from_episodes,
+    usual_widths,
+)
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.training import TrainingError
 from ator_ros.refinement.gate import FEATURES
 from ator_ros.world.state import CONTROL_PERIOD
 
@@ -145,3 +152,9 @@ def test_gains_that_do_not_show_in_the_time_of_a_chain_are_not_asked_for(
     gate, learned = learn_from_episodes(fitted(monkeypatch, models), trials, seed=0)
     assert learned.threshold.gain < CONTROL_PERIOD
     assert gate.gain == CONTROL_PERIOD
+
+
+def test_so_few_episodes_that_halves_cannot_judge_each_other_are_refused() -> None:
+    rows = pd.DataFrame({"episode": np.arange(39), "success": True})
+    with pytest.raises(TrainingError, match=r"goToPose: expected at least 40 episodes .* got 39"):
+        gate_of_episodes(SOCCER, LIBRARY, {"goToPose": rows}, "dribble", seed=1, situations=1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ator_ros.actions.base import Action
 from ator_ros.actions.goal_variables import GoalVariable
-from ator_ros.actions.remote import RemoteCall
+from ator_ros.actions.remote import RemoteCall, UnreachableAction
 from ator_ros.actions.situation import Situation
 from ator_ros.robot.description import Robot
 
@@ -47,3 +47,10 @@ class ActionSpec:
     features: tuple[str, ...] = ()
     remote: RemoteCall | None = None
     goal_variables: tuple[GoalVariable, ...] = ()
+
+    @property
+    def over_ros_only(self) -> str | None:
+        """Why the simulator cannot execute it, in words: its server has no stand-in; None where it can."""
+        if self.factory is not UnreachableAction:
+            return None
+        return f"{self.name} has no `stand_in`, so only `collect --over-ros` and the nodes can execute it"

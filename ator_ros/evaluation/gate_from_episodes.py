@@ -27,7 +27,7 @@ from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.training import OBSERVED, direct_of, observed_model
+from ator_ros.performance.training import LEAST_EPISODES, OBSERVED, TrainingError, direct_of, observed_model
 from ator_ros.refinement.averaging import Widths
 from ator_ros.refinement.chain_model import predict_chain
 from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate
@@ -182,12 +182,28 @@ def gate_of_episodes(
         Name of the domain's chain.
     seed, situations : int
         Of the situations in which chains are chosen.
+
+    Raises
+    ------
+    TrainingError
+        Too few episodes of an action have succeeded.
     """
     trials = [random_trial(domain, chain, library, seed=seed, index=index) for index in range(situations)]
     actions = {call.top.action for call in trials[0].chain.calls}
     used = {action: table for action, table in rows.items() if action in actions}
+    _require_enough(used)
     fitted = CrossFit(library.robot, used, OBSERVED, domain.ranges, domain.time_limit)
     return learn_from_episodes(fitted, trials, seed=seed)
+
+
+def _require_enough(rows: Mapping[str, pd.DataFrame]) -> None:
+    for action, table in rows.items():
+        succeeded = table.loc[table["success"], "episode"].nunique()
+        if succeeded < 2 * LEAST_EPISODES:
+            raise TrainingError(
+                f"{action}: expected at least {2 * LEAST_EPISODES} episodes that succeeded, as models of "
+                f"each half judge those of the other, got {succeeded}"
+            )
 
 
 def _halves(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:

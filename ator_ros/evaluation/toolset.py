@@ -15,6 +15,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
+from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.heuristics import arriving, bitbots, booster, load_baselines
 from ator_ros.evaluation.policies import OBSERVED, POLICIES, Models, Toolset
 from ator_ros.evaluation.trials import random_trial
@@ -98,6 +99,14 @@ class ToolsetSource:
         files = {action: self.folder() / f"{action}.json" for action in self.actions_of(chain, robot)}
         models = {action: model_digest(load_model(file, robot, features)) for action, file in files.items()}
         return {"robot": robot.digest(), **models}
+
+    def require_executable(self, chain: str) -> None:
+        """Raise EvaluationError where the simulator cannot execute an action of a chain."""
+        specs = find_domain(self.domain).actions(self.action_set)
+        reasons = (specs[action].over_ros_only for action in self.actions_of(chain, self.described()))
+        why = next((reason for reason in reasons if reason is not None), None)
+        if why is not None:
+            raise EvaluationError(f"chain {chain}: {why}")
 
     def stamps(self) -> tuple[tuple[str, int, int], ...]:
         """Return name, time of change in ns, and size of models, gates, experience and a robot's own file."""

@@ -78,8 +78,9 @@ def main() -> int:
     try:
         answer = refined(node)
         print(f"refined: {answer.refined}, {answer.reason}")
+        becomes = "becomes" if answer.refined else "stays; best would be"
         for free in answer.free:
-            print(f"  {free.name} of step {free.subgoal + 1}: {free.before:.2f} becomes {free.after:.2f}")
+            print(f"  {free.name} of step {free.subgoal + 1}: {free.before:.2f} {becomes} {free.after:.2f}")
         if not answer.accepted:
             return 1
         print(f"predicted: {answer.before.duration:.2f} s before, {answer.after.duration:.2f} s after")

@@ -135,16 +135,21 @@ class Learner:
                 return self._finish({"failed": f"it took longer than {_LONGEST_ROUND:g} s"})
         elif not self.frozen and (self._wanted or self.new >= self._due()):
             self._round, self._began, self._wanted = self._begin(), now, False
-            self._ends = sum(self._store.ends.values())
+            self._ends = self.stored
         return None
+
+    @property
+    def stored(self) -> int:
+        """Records that were ever stored in the folder."""
+        return sum(self._store.ends.values())
 
     @property
     def new(self) -> int:
         """Records since the last round."""
-        return sum(self._store.ends.values()) - int(self._last.get("ends", 0))
+        return self.stored - int(self._last.get("ends", 0))
 
     def _due(self) -> float:
-        return max(self._pace.batch, _SHARE * min(sum(self._store.ends.values()), self._pace.most))
+        return max(self._pace.batch, _SHARE * min(self.stored, self._pace.most))
 
     def _finish(self, result: dict[str, Any]) -> str:
         if "failed" in result:
@@ -174,6 +179,7 @@ class Learner:
     def told(self) -> dict[str, object]:
         """Return what diagnostics tell, by name."""
         values: dict[str, object] = {
+            "records stored": self.stored,
             "records taken": self.taken,
             "records left out": self.left_out,
             "records waiting for room on the disk": len(self._waiting),

@@ -99,7 +99,10 @@ class LearningNode(FrugalNode):
         self.create_timer(_PERIOD, self._work, clock=STEADY)
         topics = dict.fromkeys(settings["records"], ActionPerformance)
         self._diagnostics = Diagnostics(self, self._health, topics)
-        self.get_logger().info(f"learning from {', '.join(settings['records'])} into {folder}")
+        self.get_logger().info(
+            f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} records, "
+            f"set {self._learner.told()['set']}{', frozen' if self._learner.frozen else ''}"
+        )
 
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:
@@ -116,8 +119,9 @@ class LearningNode(FrugalNode):
             self.get_logger().info(printable(said, 1000))
 
     def _learn_now(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.message = self._learner.learn_now()
-        response.success = not response.message
+        why_not = self._learner.learn_now()
+        response.success = not why_not
+        response.message = why_not or "a round begins; log and diagnostics tell what comes of it"
         return response
 
     def _freeze(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

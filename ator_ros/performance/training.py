@@ -43,6 +43,8 @@ _FOLDS = 10
 
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
+LEAST_EPISODES = 20
+"""Episodes that must have succeeded."""
 SMALL_LEAF = 50
 """Episodes at a leaf of their trees, at least."""
 _NEAREST = 0.01  # m, as long as a way counts at least
@@ -104,9 +106,10 @@ def train(
     _check_values(action, rows, features)
     starts = rows[rows["t"] == 0.0]
     good, good_starts = rows[rows["success"]], starts[starts["success"]]
-    if len(good_starts) < 20:
+    if len(good_starts) < LEAST_EPISODES:
         raise TrainingError(
-            f"{action}: expected at least 20 episodes that succeeded, got {len(good_starts)} of {len(starts)}"
+            f"{action}: expected at least {LEAST_EPISODES} episodes that succeeded, "
+            f"got {len(good_starts)} of {len(starts)}"
         )
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     source = _Source(robot, tuple(features), driving)

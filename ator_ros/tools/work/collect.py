@@ -74,6 +74,9 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 def _possible(options: argparse.Namespace, domain: Domain, robot: Robot) -> list[str]:
     """Return those of the actions that the robot can execute; tell why it can't the others."""
     _, left_out = possible_actions(domain, options.action_set, robot)
+    if not options.over_ros:
+        specs = domain.actions(options.action_set)
+        left_out |= {name: why for name, spec in specs.items() if (why := spec.over_ros_only) is not None}
     wanted: list[str] = options.actions
     without = {name: left_out[name] for name in wanted if name in left_out}
     if len(without) == len(wanted):

@@ -24,6 +24,7 @@ def run(options: argparse.Namespace, command: str) -> int:
     if options.situations < 1:
         raise EvaluationError(f"--situations: expected at least 1, got {options.situations}")
     source = source_of(options, experience=tuple(options.experience))
+    source.require_executable(options.chain)
     tools = make_toolset(source)  # before anything is executed: a damaged file is reported at once
     source.digests(options.chain)
     policies, missing = available_policies(source)

@@ -48,6 +48,7 @@ def run(options: argparse.Namespace, command: str) -> int:
     if options.experience is not None:
         refit_rulers(source, options.experience)
     settings = Settings(seed=options.seed, chain=options.chain, policies=POLICIES, source=source)
+    source.require_executable(options.chain)
     source.digests(options.chain)  # before anything is executed: a missing model is reported at once
     if options.room:
         settings = _with_room(settings, options.work / "models", options.action_set)
