@@ -1,4 +1,4 @@
-"""Measure the nodes: how soon they start and help, what they take when idle, and whether a view slows them.
+"""Measure the nodes: start, help, what they take when idle, and whether a view or learning slows them.
 
 By hand, on an idle machine: ``scripts/run python test/nodes/measure_nodes.py``; see docs/experiments.md.
 """
@@ -11,6 +11,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ import numpy as np
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -30,10 +32,12 @@ from geometry_msgs.msg import Twist
 from measure_view import share
 from process import PATIENCE, Process, Processes
 from ros_client import Client
+from stored import episodes, stored
 from viser_client import ViserClient
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
+from ator_ros.learning.sets import RECORDS
 from ator_ros.nodes.network import free_domain, stay_on_this_machine
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 
@@ -58,7 +62,7 @@ def helped(name: str) -> tuple[float, float]:
 def started(processes: Processes, client: Client, name: str, folder: str) -> tuple[Process, float]:
     """Start a node; return it, and the real s until it has answered a request."""
     began = time.monotonic()
-    process = processes.start(name, **({"folder": folder} if name == "learning" else {}))
+    process = processes.start(name, **({"learned": folder} if name == "learning" else {}))
     asked = client.node.create_client(GetParameters, f"{name}/get_parameters")
     assert asked.wait_for_service(PATIENCE)
     answers: list[Future] = []
@@ -114,6 +118,24 @@ def watched(domain: int) -> Iterator[None]:
         view.wait()
 
 
+@contextmanager
+def learning(client: Client) -> Iterator[None]:
+    """Let the node `learning` learn, round after round."""
+    learn_now, ended = client.node.create_client(Trigger, "learning/learn_now"), threading.Event()
+
+    def ask() -> None:
+        while not ended.wait(_PATIENCE):
+            learn_now.call_async(Trigger.Request())
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        asking.join()
+
+
 def tell(name: str, times: np.ndarray) -> None:
     """Print quantiles of reaction times."""
     middle, late = 1e3 * np.quantile(times, [0.5, 0.99])
@@ -125,6 +147,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each idle node (default: 20)")
     parser.add_argument("--chains", type=int, default=5, help="with and without a view (default: 5)")
+    parser.add_argument("--records", type=int, default=10_000, help="to learn from (default: 10000)")
     options = parser.parse_args()
     stay_on_this_machine(os.environ)  # the client announces itself as often as the nodes do
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores", flush=True)
@@ -132,6 +155,7 @@ def main() -> None:
         real, spent = min(helped(name) for _ in range(3))
         print(f"{name} --help: {real:.2f} s, {spent:.2f} s of processor", flush=True)
     with free_domain() as domain, tempfile.TemporaryDirectory() as folder:
+        stored(Path(folder) / RECORDS, episodes(options.records)).close()
         processes, client = Processes(domain, Path(folder)), Client(domain)
         try:
             running = {}
@@ -146,6 +170,9 @@ def main() -> None:
             tell("odom to cmd_vel", reactions.of(chains, options.chains))
             with watched(domain):
                 tell("with a view   ", reactions.of(chains, options.chains))
+            tell("without again ", reactions.of(chains, options.chains))
+            with learning(client):
+                tell("while it learns", reactions.of(chains, options.chains))
             tell("without again ", reactions.of(chains, options.chains))
         finally:
             client.close()
