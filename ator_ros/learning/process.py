@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -62,9 +63,16 @@ class RoundProcess:
         self._process.communicate()
 
 
+def _give_way() -> None:
+    """Let everything else go first."""
+    os.nice(NICE)
+    with suppress(OSError):  # Linux weighs sessions before it weighs processes, and this one has its own
+        Path("/proc/self/autogroup").write_text(str(NICE), encoding="ascii")
+
+
 def main() -> None:
     """Do one round and write its result to standard output."""
-    os.nice(NICE)
+    _give_way()
     from ator_ros.domains.domain import find_domain
     from ator_ros.learning.round import Source, learn
 
