@@ -26,6 +26,7 @@ from ator_ros.simulation.simulation import TICK
 
 _FASTEST_PERIOD = 0.0005
 _PAUSED_PERIOD = 0.05
+_LAPSE = 5.0  # real s for which time passes as in reality, after commands were waited for in vain
 _WARNING_PERIOD = 2.0
 
 
@@ -56,6 +57,8 @@ class SimulationNode(FrugalNode):
     command holds. This keeps simulation and controller in step on a busy machine, also when a program takes
     over that needs more than one tick to start. With several robots a tick waits for those that are commanded
     to move, for a shorter time the more there are: a robot whose controller ends must not stop the others.
+    When no command holds any more, time passes at most as in reality for five seconds: a program that a busy
+    machine holds up for a moment then loses that moment, not minutes.
     """
 
     def __init__(self) -> None:
@@ -68,6 +71,8 @@ class SimulationNode(FrugalNode):
         self._world = world_of(self._settings, self._simulated)
         self._paused = False
         self._deadline, self._due = 0.0, False
+        self._unhurried = 0.0
+        """Real time until which a tick that waits for no command takes as long as in reality."""
         self._awaited: set[int] = set()
         self._rejected = ""
         self._clock_publisher = None
@@ -116,6 +121,7 @@ class SimulationNode(FrugalNode):
         if "real_time_factor" in values:
             factor = values["real_time_factor"]
             self._waits, self._due, self._deadline = self._waits_at(factor), False, 0.0
+            self._unhurried = 0.0
             self._timer.timer_period_ns = round(1e9 * _period_at(factor))
             self._timer.reset()
             self._counted = (time.monotonic(), self._ticks)
@@ -136,6 +142,9 @@ class SimulationNode(FrugalNode):
             self._awaited = set(self._world.awaited()) if self._waits else set()
             if self._awaited:
                 self._deadline = now + self._settings["command_wait"] / len(self._topics)
+                self._unhurried = self._deadline + _LAPSE
+            elif now < self._unhurried:
+                self._deadline = now + TICK
         self._publish()
 
     def _publish(self) -> None:
@@ -203,7 +212,7 @@ class SimulationNode(FrugalNode):
 
     def _reset(self, _: Trigger.Request) -> str:
         self._world.reset()
-        self._deadline = 0.0
+        self._deadline = self._unhurried = 0.0
         return "a new world, simulated time 0"
 
     def _pause(self, request: SetBool.Request) -> str:

@@ -43,6 +43,16 @@ def test_it_waits_again_for_who_is_late_once(host: Host, client: Client) -> None
     assert 1 <= len(client.robots) - heard <= 2
 
 
+def test_who_is_held_up_for_a_moment_loses_that_moment_only(host: Host, client: Client) -> None:
+    host("simulation", real_time_factor=0.0, command_wait=0.05)
+    steer_a_little(client)
+    before, began = client.robots[-1][0], time.monotonic()
+    time.sleep(1.5)
+    passed = client.robots[-1][0] - before
+    assert 0.3 < passed < time.monotonic() - began + 1.0  # unhurried; else it would be a minute
+    client.eventually(lambda: client.robots[-1][0] > before + 30.0, "nobody steers any more", patience=15.0)
+
+
 def steer_a_little(client: Client) -> None:
     """Steer for some ticks, so that the simulation knows that somebody does."""
     client.robot()
