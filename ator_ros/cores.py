@@ -1,16 +1,19 @@
-"""Long compiled loops over many situations, shared by several cores.
+"""Computations that are shared by several cores: long compiled loops, and calls that do not need each other.
 
-Each situation is computed on its own, so results do not depend on how a loop is shared. By default nothing
-is: tools start a process for each core instead. A node that answers requests one by one calls `use_cores`.
+Each item is computed on its own, so results do not depend on how items are shared. By default nothing is:
+tools start a process for each core instead. A node that answers requests one by one calls `use_cores`.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
 
 from ator_ros.compiled import compiles
+
+Result = TypeVar("Result")
 
 
 class _Helpers:
@@ -77,11 +80,42 @@ def in_shares(run: Callable[[int, int], None], count: int, least: int) -> None:
         for first in starts:
             run(first, min(first + size, count))
 
+    _on_all_cores(work)
+
+
+def together(calls: Sequence[Callable[[], Result]]) -> list[Result]:
+    """Return what calls return, in their order, made on all cores that may be used.
+
+    Parameters
+    ----------
+    calls : sequence of callable
+        None needs what another one does. What they compute must be mostly compiled, as in `in_shares`.
+
+    Notes
+    -----
+    The last one begins first.
+    """
+    if not _helpers.count or len(calls) < 2:
+        return [call() for call in calls]
+    results: dict[int, Result] = {}
+    numbers = iter(reversed(range(len(calls))))
+
+    def work() -> None:
+        for number in numbers:
+            results[number] = calls[number]()
+
+    _on_all_cores(work)
+    return [results[number] for number in range(len(calls))]
+
+
+def _on_all_cores(work: Callable[[], None]) -> None:
+    """Do `work` here and on every core that may be used, until all of them have done it."""
     others = _helpers.start(work)
     try:
         work()
     finally:
         begun = [other for other in others if not other.cancel()]
-        wait(begun)  # all of them, as they write into what the caller has
+        for other in begun:
+            other.exception()  # waits: they write into what the caller has
     for other in begun:
         other.result()

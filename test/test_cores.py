@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 import pytest
 
 from ator_ros import cores
-from ator_ros.cores import in_shares, use_cores
+from ator_ros.cores import in_shares, together, use_cores
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.geometry import FloatArray
@@ -44,6 +45,43 @@ def test_another_core_takes_shares_while_this_one_computes() -> None:
             met.wait()  # breaks unless both shares are under way at once
 
     in_shares(run, 150, 50)
+
+
+@pytest.mark.parametrize("most", [1, 2, 3])
+@pytest.mark.parametrize("count", [0, 1, 2, 7])
+def test_calls_made_together_return_in_their_order(most: int, count: int) -> None:
+    use_cores(most)
+    assert together([partial(pow, number, 2) for number in range(count)]) == [n * n for n in range(count)]
+
+
+def test_calls_are_made_at_once_where_two_cores_are_used() -> None:
+    use_cores(2)
+    met = threading.Barrier(2, timeout=10.0)
+    together([met.wait, met.wait])  # breaks unless both are under way at once
+
+
+def test_calls_made_together_may_share_loops_themselves() -> None:
+    use_cores(2)
+    done: list[int] = []
+
+    def loop() -> None:
+        in_shares(lambda first, end: done.extend(range(first, end)), 300, 10)
+
+    together([loop] * 5)
+    assert sorted(done) == sorted(5 * list(range(300)))
+
+
+@pytest.mark.parametrize("failing", [0, 1])
+def test_an_error_of_a_call_is_raised(failing: int) -> None:
+    use_cores(2)
+
+    def call(number: int) -> None:
+        time.sleep(0.01)
+        if number == failing:
+            raise ArithmeticError(f"call {number}")
+
+    with pytest.raises(ArithmeticError, match=f"call {failing}"):
+        together([partial(call, number) for number in range(2)])
 
 
 def test_no_more_cores_are_used_than_there_are() -> None:

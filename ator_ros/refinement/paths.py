@@ -12,9 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from ator_ros.cores import together
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.averaging import Averages, averaged
 from ator_ros.refinement.slices import Slices
@@ -106,9 +108,15 @@ def least_path(
     origins = []
     before, complete = np.zeros((1, 0)), True
     before_weights: FloatArray | None = None
+    known: dict[int, FloatArray] = {}
     for index, offered in enumerate(candidates):
         after = offered if complete else given[index][None, :]
-        cost = yield from _pairwise(step_cost, index, before, after, cut=complete and bool(given))
+        if complete and index not in known:
+            known = yield from _short_steps(step_cost, candidates, index, cut=bool(given))
+        if complete and index in known:
+            cost = known[index]
+        else:
+            cost = yield from _pairwise(step_cost, index, before, after, cut=complete and bool(given))
         if len(cost) < len(before):
             complete, after = False, given[index][None, :]
             cost = yield from _pairwise(step_cost, index, before, after, cut=False)
@@ -149,6 +157,29 @@ def _cost_of(
     return total
 
 
+def _short_steps(
+    step_cost: StepCost, candidates: Sequence[FloatArray], first: int, *, cut: bool
+) -> Slices[dict[int, FloatArray]]:
+    """Compute the costs of several steps from the `first` on, as many as have one block of pairs together.
+
+    None needs those of another. Nothing is computed where there are no two such steps, or if time is up and
+    the search may be `cut` short.
+    """
+    steps, pairs = [], 0
+    for index in range(first, len(candidates)):
+        before = candidates[index - 1] if index else np.zeros((1, 0))
+        pairs += len(before) * len(candidates[index])
+        if pairs > BLOCK:
+            break
+        steps.append(partial(_block, step_cost, index, before, candidates[index]))
+    if len(steps) < 2:
+        return {}
+    late = yield
+    if late and cut:
+        return {}
+    return dict(enumerate(together(steps), first))
+
+
 def _pairwise(
     step_cost: StepCost, index: int, before: FloatArray, after: FloatArray, *, cut: bool
 ) -> Slices[FloatArray]:
@@ -156,18 +187,20 @@ def _pairwise(
 
     Where that may be `cut` short, there are fewer rows if time is up.
     """
-    n, m = len(before), len(after)
-    size = max(1, BLOCK // m)
+    size = max(1, BLOCK // len(after))
     blocks = []
-    for first in range(0, n, size):
+    for first in range(0, len(before), size):
         late = yield
         if late and cut:
             break
-        part = before[first : first + size]
-        if n > 1 and m > 1:
-            rows = step_cost(index, np.repeat(part, m, axis=0), np.tile(after, (len(part), 1)))
-        else:
-            rows = step_cost(index, part, after)
-        every = len(rows) == len(part) * m
-        blocks.append(rows.reshape(len(part), m) if every else np.full((len(part), m), rows[0]))
-    return blocks[0] if len(blocks) == 1 else np.concatenate([*blocks, np.zeros((0, m))])
+        blocks.append(_block(step_cost, index, before[first : first + size], after))
+    return blocks[0] if len(blocks) == 1 else np.concatenate([*blocks, np.zeros((0, len(after)))])
+
+
+def _block(step_cost: StepCost, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Compute the cost of a step, shape (n, m), for every pair of n candidates before and m after it."""
+    n, m = len(before), len(after)
+    if n > 1 and m > 1:
+        return step_cost(index, np.repeat(before, m, axis=0), np.tile(after, (n, 1))).reshape(n, m)
+    costs = step_cost(index, before, after)
+    return costs.reshape(n, m) if len(costs) == n * m else np.full((n, m), costs[0])

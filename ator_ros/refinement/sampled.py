@@ -1,8 +1,9 @@
 """The search where a subgoal has more than two free variables: too many for a grid.
 
 The first candidates of each subgoal are spread evenly over its domains, as far as its region allows. The best
-chain through them is found as on a grid, and then again among candidates in boxes around the best, which
-shrink from round to round. Nothing is random: the same request has the same answer.
+chain through them is found as on a grid, and then again, round by round, among candidates in boxes around the
+best. A box shrinks in each variable in which the best stays where it is; in one in which it moves, the box
+remains wide enough to move on. Nothing is random: the same request has the same answer.
 """
 
 from __future__ import annotations
@@ -13,24 +14,26 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.refinement.paths import BestPath, Optimum, SearchCurve, StepCost, best_apart, least_path
+from ator_ros.refinement.paths import Optimum, SearchCurve, StepCost, least_path
 from ator_ros.refinement.slices import Slices
 from ator_ros.tops.ranges import Range
 
 Allowed = Callable[[int, FloatArray], BoolArray]
 """Returns which candidates (n, k) of a subgoal its region allows, shape (n,)."""
 
-FIRST = (1, 16, 12, 64, 200)
+FIRST = (1, 16, 12, 64, 150)
 """First candidates of a subgoal with so many free variables."""
-AROUND = (1, 5, 4, 20, 30)
-"""The same of each box."""
+AROUND = (1, 5, 6, 16, 24)
+"""The same of a box."""
 ALONE = 400
 """The same where the neighbours are fixed."""
 MOST_BESIDE = 48
 """First candidates of a subgoal with more than two free variables beside another such one."""
-SHRINKS = 0.85
-BOXES = (1,) * 20
-"""Boxes around the best candidates, round by round."""
+ROUNDS = 14
+SHRINKS = 0.75
+"""What is left of a box from round to round, where the best has not moved."""
+REACH = 2.0
+"""Half the width of a box, in distances that the best has moved."""
 _TRIES = 40  # points that are looked at for each candidate wanted
 _POINTS = 1 << 13
 
@@ -49,16 +52,20 @@ def sampling(
     path = yield from least_path(step_cost, offered, known)
     curves = tuple(map(SearchCurve, path.candidates, path.totals))
     radii = [box.reach(len(first)) for box, first in zip(boxes, firsts, strict=True)]
-    for number, most in enumerate(BOXES):
+    for number in range(ROUNDS):
         if not path.complete:
             break
         yield
+        centres = path.values
         windows = [
-            _joined(path.values[box.index], *box.around(path, radius, most, number))
-            for box, radius in zip(boxes, radii, strict=True)
+            box.around(centre, radius, number)
+            for box, centre, radius in zip(boxes, centres, radii, strict=True)
         ]
-        path = yield from least_path(step_cost, windows, path.values)
-        radii = [SHRINKS * radius for radius in radii]
+        path = yield from least_path(step_cost, windows, centres)
+        radii = [
+            np.maximum(SHRINKS * radius, REACH * box.apart(centre, value))
+            for box, radius, centre, value in zip(boxes, radii, centres, path.values, strict=True)
+        ]
     return Optimum(tuple(path.values), path.cost, curves, path.complete)
 
 
@@ -72,9 +79,9 @@ def _count(axes: Sequence[Sequence[Range]], index: int) -> int:
     return min(size, MOST_BESIDE) if free > 2 and beside > 2 else size
 
 
-def _joined(first: FloatArray, *others: FloatArray) -> FloatArray:
-    """Return candidates (n, k) that begin with one of shape (k,)."""
-    return np.vstack([first[None, :], *others])
+def _joined(first: FloatArray, others: FloatArray) -> FloatArray:
+    """Return candidates (n, k) that begin with one of shape (k,), which is all there is if none is free."""
+    return np.vstack([first, others]) if len(first) else others
 
 
 class _Box:
@@ -84,6 +91,7 @@ class _Box:
         self.index, self._domains, self._allowed = index, domains, allowed
         self._low = np.array([domain.low for domain in domains])
         self._span = np.array([domain.high for domain in domains]) - self._low
+        self._periodic = np.array([domain.periodic for domain in domains], dtype=bool)
 
     def reach(self, count: int) -> FloatArray:
         """Return half the distance between `count` evenly spread candidates in each variable, shape (k,)."""
@@ -97,18 +105,23 @@ class _Box:
         points = self._low + self._span * spread_points(len(self._domains), 0, tries)
         return self._within(points)[:count]
 
-    def around(self, path: BestPath, radius: FloatArray, most: int, number: int) -> list[FloatArray]:
-        """Return candidates (n, k) of each box of half width `radius` around the best of a path."""
-        if not self._domains:
-            return []
-        free = len(self._domains)
+    def around(self, centre: FloatArray, radius: FloatArray, number: int) -> FloatArray:
+        """Return `centre` (k,) and candidates of the box of half width `radius` (k,) around it, (n, k).
+
+        The candidates are others in each round, whose `number` counts from 0.
+        """
+        free = len(centre)
+        if not free:
+            return np.zeros((1, 0))
         count = AROUND[min(free, len(AROUND) - 1)]
-        found = []
-        for centre in best_apart(path.candidates[self.index], path.totals[self.index], radius, most=most):
-            points = centre + radius * (2.0 * spread_points(free, number * count, count) - 1.0)
-            into_domains(points, self._domains)
-            found.append(self._within(points))
-        return found
+        points = centre + radius * (2.0 * spread_points(free, number * count, count) - 1.0)
+        into_domains(points, self._domains)
+        return _joined(centre, self._within(points))
+
+    def apart(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the distance between two candidates in each variable, shapes (k,)."""
+        distance = np.abs(end - start)
+        return np.where(self._periodic, np.minimum(distance, self._span - distance), distance)
 
     def _within(self, points: FloatArray) -> FloatArray:
         return points if self._allowed is None else points[self._allowed(self.index, points)]
