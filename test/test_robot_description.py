@@ -157,6 +157,28 @@ def test_a_build_that_no_body_has_is_refused(build: dict[str, Any], message: str
         _loaded(data, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("part", "name", "value", "message"),
+    [
+        ("robot", "track", 0.4, r"own\.yaml: robot\.track: expected at most 0\.38, the width .* got 0\.4$"),
+        ("holder", "gap", 0.2, r"robot\.holder\.gap: expected at least 0\.22, the width .* got 0\.2$"),
+    ],
+)
+def test_sizes_that_do_not_fit_each_other_are_refused(
+    part: str, name: str, value: float, message: str, tmp_path: Path
+) -> None:
+    data = ROBOT.sections()
+    (data["robot"] if part == "robot" else data["robot"]["holder"])[name] = value
+    with pytest.raises(ConfigError, match=message):
+        _loaded(data, tmp_path)
+
+
+def test_short_fingers_need_not_be_as_far_apart_as_a_ball_is_wide() -> None:
+    assert ROBOT.holder is not None
+    short = dataclasses.replace(ROBOT.holder, length=0.02)
+    assert short.held_width == pytest.approx(2.0 * math.sqrt(0.11**2 - 0.09**2))
+
+
 def _loaded(data: dict[str, Any], folder: Path) -> Robot:
     file = folder / "own.yaml"
     file.write_text(yaml.safe_dump(data), encoding="utf-8")
@@ -210,7 +232,7 @@ def test_a_light_robot_drives_in_the_simulation() -> None:
 
 
 def test_a_narrow_robot_has_a_body() -> None:
-    urdf = robot_urdf(dataclasses.replace(ROBOT, half_width=0.03))
+    urdf = robot_urdf(dataclasses.replace(ROBOT, half_width=0.03, track=0.05))
     sizes = [tuple(map(float, each.split())) for each in re.findall(r'<box size="([^"]+)"', urdf)]
     assert all(min(size) > 0.0 for size in sizes)
 

@@ -76,6 +76,12 @@ class Holder:
         """Distance in m from the robot's middle axis to the outside of a finger."""
         return self.gap / 2 + self.thickness
 
+    @property
+    def held_width(self) -> float:
+        """Width in m of what lies between the fingers of the object that touches the front."""
+        deep = min(self.length, self.radius)
+        return 2.0 * math.sqrt(deep * (2.0 * self.radius - deep))
+
 
 @dataclass(frozen=True, slots=True)
 class StopBraking:
@@ -148,7 +154,7 @@ class Robot:
     build: Build = Build()
 
     def __post_init__(self) -> None:
-        """Refuse masses that no body can have; raises ConfigError."""
+        """Refuse what no body can be; raises ConfigError."""
         wheel, behind, caster = self.build.wheel_mass, self.build.mass_behind, self.build.caster_behind
         if wheel is not None and 2.0 * wheel >= self.mass:
             half = self.mass / 2.0
@@ -157,6 +163,13 @@ class Robot:
         if behind is not None and behind >= rear:
             support = f"less than {rear:g}, where the robot is supported"
             raise ConfigError(f"robot.build.mass_behind: expected {support}, got {behind:g}")
+        if self.track > 2.0 * self.half_width:
+            width = f"at most {2.0 * self.half_width:g}, the width of the robot with its wheels"
+            raise ConfigError(f"robot.track: expected {width}, got {self.track:g}")
+        held = self.holder.held_width if self.holder is not None else 0.0
+        if self.holder is not None and self.holder.gap < held:
+            width = f"at least {held:.4g}, the width of what is held"
+            raise ConfigError(f"robot.holder.gap: expected {width}, got {self.holder.gap:g}")
 
     def __hash__(self) -> int:
         """Hash the name alone, as tables are looked up by the robot in every search."""
