@@ -26,6 +26,7 @@ from ator_ros.world.state import World
 
 _FRAME = "odom"
 _NEAR = 0.02
+_STARTING = 30.0  # real s that a program of another package may take to offer its action
 _OUR_LISTENERS = 2
 """Of odom: the executor, and this client."""
 
@@ -52,6 +53,7 @@ class DemoClient:
     def __init__(
         self, domain: int, check: Callable[[], None], objects: Sequence[str], patience: float = 120.0
     ) -> None:
+        self._domain = domain
         self._own = SpunNode("demo", domain=domain, check=check, patience=patience, fails=DemoError)
         self._path: list[tuple[float, float]] = []
         self._pose = Pose(math.inf, math.inf, 0.0)
@@ -75,7 +77,12 @@ class DemoClient:
         self._own.meet("execute_chain")
         for name in servers:
             there = functools.partial(self._own.node.count_services, f"{name}/_action/send_goal")
-            self._own.until(lambda there=there: there() > 0, f"the action {name}")  # type: ignore[misc]
+            where = f"on ROS_DOMAIN_ID {self._domain}, where the programs under `servers` are started"
+            self._own.until(
+                lambda there=there: there() > 0,  # type: ignore[misc]
+                f"the action {name} {where},",
+                _STARTING,
+            )
         listening = _OUR_LISTENERS + programs
         self._own.until(lambda: self._own.node.count_subscribers("odom") >= listening, "listeners of odom")
 
