@@ -4,7 +4,7 @@
     python3 -m ator_ros.examples.refine_and_execute
 
 The nodes must run. The program needs rclpy and the interfaces, and nothing else of ator_ros. Before it runs
-again, put everything back: `ros2 service call /reset std_srvs/srv/Trigger`.
+again, put everything back: `python3 -m ator_ros.examples.call /reset std_srvs/srv/Trigger`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,83 @@
+"""The example that calls services where there is no command `ros2`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+from conftest import Host
+from ros_client import Client
+
+from ator_interfaces.srv import PlaceObject, RefineSubgoal
+from ator_ros.examples.call import CallError, fill
+
+pytestmark = pytest.mark.node
+
+REFINE = "ator_interfaces/srv/RefineSubgoal"
+PLACE = "ator_interfaces/srv/PlaceObject"
+
+
+def call(*words: str, domain: int = 0) -> subprocess.CompletedProcess[str]:
+    program = [sys.executable, "-m", "ator_ros.examples.call", *words]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+    return subprocess.run(program, capture_output=True, text=True, timeout=60.0, check=False, env=environment)
+
+
+def test_a_service_is_called_and_its_answer_printed(host: Host, client: Client, domain: int) -> None:
+    host("simulation")
+    client.robot()
+    done = call("place_ball", PLACE, "{position: {point: {x: 1, y: -0.5}}}", domain=domain)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "success=True, message='ball at x 1.000 m, y -0.500 m'" in done.stdout
+
+
+def test_lists_of_messages_are_filled() -> None:
+    request = RefineSubgoal.Request()
+    calls = [
+        {"top": "goToBall", "open": ["yaw"]},
+        {"top": "dribbleBall", "goal": {"pose": {"position": {"y": 2}}}},
+    ]
+    fill(request, {"chain": {"calls": calls}, "situation": {"robot": {"position": {"x": -2.0}}}}, "request")
+    assert [each.top for each in request.chain.calls] == ["goToBall", "dribbleBall"]
+    assert request.chain.calls[0].open == ["yaw"]
+    assert request.chain.calls[1].goal.pose.position.y == 2.0
+    assert request.situation.robot.position.x == -2.0
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"position": {"point": {"x": "far"}}}, r"request\.position\.point\.x: expected a float, got 'far'$"),
+        ({"remove": 1}, r"request\.remove: expected a bool, got 1$"),
+        ({"place": 1}, r"request: expected fields among .*position.*, got 'place'$"),
+        ({"position": 3}, r"request\.position: expected fields with values, got 3$"),
+        ([], r"request: expected fields with values, got \[\]$"),
+    ],
+)
+def test_values_that_do_not_fit_are_refused(values: object, message: str) -> None:
+    with pytest.raises(CallError, match=message):
+        fill(PlaceObject.Request(), values, "request")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ("reset", "std_srvs/Trigger"),
+            "call: type: expected an installed PACKAGE/srv/NAME, got std_srvs/Trigger\n",
+        ),
+        (
+            ("reset", "std_srvs/srv/Tri"),
+            "call: type: expected an installed PACKAGE/srv/NAME, got std_srvs/srv/Tri\n",
+        ),
+        (
+            ("refine_subgoal", REFINE, "{chain: {calls: 1}}"),
+            "call: request.chain.calls: expected a list, got 1\n",
+        ),
+    ],
+)
+def test_what_cannot_be_called_is_told_in_one_line(words: tuple[str, ...], message: str) -> None:
+    done = call(*words)
+    assert (done.returncode, done.stderr) == (2, message)
