@@ -147,6 +147,10 @@ class SimulatedWorld:
             return steered
         return frozenset(number for number in steered if self._robots[number].told_to_move)
 
+    def told_to_move(self, number: int) -> bool:
+        """Return whether a robot's last command was to move."""
+        return self._robots[number].told_to_move
+
     def tick(self) -> Iterator[Stop]:
         """Advance by one control tick; return which robots have come to stand."""
         self._simulation.tick()

@@ -26,8 +26,9 @@ from ator_ros.simulation.simulation import TICK
 
 _FASTEST_PERIOD = 0.0005
 _PAUSED_PERIOD = 0.05
-_LAPSE = 5.0  # real s for which time passes as in reality, after commands were waited for in vain
+_LAPSE = round(5.0 / TICK)  # ticks that take as long as in reality, after those that a command held for
 _WARNING_PERIOD = 2.0
+_LEAST_COUNTED = 0.5  # real s over which a pace is judged
 
 
 class SimulationNode(FrugalNode):
@@ -57,8 +58,8 @@ class SimulationNode(FrugalNode):
     command holds. This keeps simulation and controller in step on a busy machine, also when a program takes
     over that needs more than one tick to start. With several robots a tick waits for those that are commanded
     to move, for a shorter time the more there are: a robot whose controller ends must not stop the others.
-    When no command holds any more, time passes at most as in reality for five seconds: a program that a busy
-    machine holds up for a moment then loses that moment, not minutes.
+    When no command holds any more, time passes no faster than in reality for five seconds: a program that a
+    busy machine holds up for a moment then loses that moment, not minutes.
     """
 
     def __init__(self) -> None:
@@ -71,8 +72,8 @@ class SimulationNode(FrugalNode):
         self._world = world_of(self._settings, self._simulated)
         self._paused = False
         self._deadline, self._due = 0.0, False
-        self._unhurried = 0.0
-        """Real time until which a tick that waits for no command takes as long as in reality."""
+        self._unhurried = 0
+        """How many of the next ticks take as long as in reality, unless they wait for a command."""
         self._awaited: set[int] = set()
         self._rejected = ""
         self._clock_publisher = None
@@ -121,7 +122,7 @@ class SimulationNode(FrugalNode):
         if "real_time_factor" in values:
             factor = values["real_time_factor"]
             self._waits, self._due, self._deadline = self._waits_at(factor), False, 0.0
-            self._unhurried = 0.0
+            self._unhurried = 0
             self._timer.timer_period_ns = round(1e9 * _period_at(factor))
             self._timer.reset()
             self._counted = (time.monotonic(), self._ticks)
@@ -140,12 +141,19 @@ class SimulationNode(FrugalNode):
                 self.get_logger().debug(_told(stop))
             self._ticks += 1
             self._awaited = set(self._world.awaited()) if self._waits else set()
-            if self._awaited:
-                self._deadline = now + self._settings["command_wait"] / len(self._topics)
-                self._unhurried = self._deadline + _LAPSE
-            elif now < self._unhurried:
-                self._deadline = now + TICK
+            self._schedule(now)
         self._publish()
+
+    def _schedule(self, now: float) -> None:
+        """Set from when on the next tick may come, whatever the timer says."""
+        factor, wait = self._settings["real_time_factor"], self._settings["command_wait"]
+        if self._awaited:
+            self._deadline = now + wait / len(self._topics)
+            self._unhurried = _LAPSE if wait > 0.0 and not 0.0 < factor <= 1.0 else 0
+        elif self._unhurried > 0:
+            self._unhurried -= 1
+            self._deadline = max(self._deadline, now - TICK) + TICK
+            self._counted = (now, self._ticks)  # no lapse counts as slow
 
     def _publish(self) -> None:
         if self._clock_publisher is not None:
@@ -166,6 +174,8 @@ class SimulationNode(FrugalNode):
         except MessageError as error:
             self._reject(str(error))
             return
+        if len(self._topics) > 1 and not (number in self._awaited or self._world.told_to_move(number)):
+            return  # who only stands hastens nobody
         self._awaited.discard(number)
         if not (self._paused or self._awaited):
             self._deadline = 0.0
@@ -212,7 +222,7 @@ class SimulationNode(FrugalNode):
 
     def _reset(self, _: Trigger.Request) -> str:
         self._world.reset()
-        self._deadline = self._unhurried = 0.0
+        self._deadline, self._unhurried = 0.0, 0
         return "a new world, simulated time 0"
 
     def _pause(self, request: SetBool.Request) -> str:
@@ -225,7 +235,7 @@ class SimulationNode(FrugalNode):
         since, ticks = self._counted
         factor = (self._ticks - ticks) * TICK / (now - since)
         self._counted = (now, self._ticks)
-        slow = not self._paused and factor < 0.9 * wanted
+        slow = not self._paused and now - since > _LEAST_COUNTED and factor < 0.9 * wanted
         return Health(
             f"expected {wanted:g} times real time, it is {factor:.2f}" if slow else "",
             values={

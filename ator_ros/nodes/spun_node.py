@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -134,19 +133,17 @@ class SpunNode:
                 return False
         return True
 
-    def until(self, happened: Callable[[], bool], what: str, patience: float = math.inf) -> None:
-        """Wait until something has happened; raise if it does not, within `patience` s or the node's."""
-        patience = min(patience, self.patience)
-        end = time.monotonic() + patience
+    def until(self, happened: Callable[[], bool], what: str) -> None:
+        """Wait until something has happened; raise if it does not."""
+        end = time.monotonic() + self.patience
         while not happened():
-            self._checked(end, what, patience)
+            self._checked(end, what)
             time.sleep(_POLL)
 
-    def _checked(self, end: float, what: str, patience: float | None = None) -> None:
+    def _checked(self, end: float, what: str) -> None:
         self._check()
         if time.monotonic() > end:
-            within = self.patience if patience is None else patience
-            raise self._fails(f"expected {what} within {within:g} s, it did not come")
+            raise self._fails(f"expected {what} within {self.patience:g} s, it did not come")
 
     def close(self) -> None:
         """Leave the graph."""

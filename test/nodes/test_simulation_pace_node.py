@@ -6,9 +6,13 @@ import time
 
 import pytest
 from conftest import Host
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from ros_client import Client
+from std_srvs.srv import SetBool, Trigger
+
+from ator_ros.nodes.qos import RESULTS
 
 pytestmark = pytest.mark.node
 
@@ -17,12 +21,9 @@ def test_time_can_go_faster_while_it_runs(host: Host, client: Client) -> None:
     host("simulation", real_time_factor=0.1)
     client.robot()
     before = client.robots[-1][0]
-    wanted = [("real_time_factor", 20.0, True), ("real_time_factor", -1.0, False), ("seed", 5.0, False)]
-    for name, value, is_taken in wanted:
-        number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-        request = SetParameters.Request(parameters=[Parameter(name=name, value=number)])
-        (result,) = client.call(SetParameters, "simulation/set_parameters", request).results
-        assert result.successful == is_taken, result.reason
+    assert not set_factor(client, -1.0)
+    assert set_factor(client, 20.0)
+    assert not set_number(client, "seed", 5.0)
     client.eventually(lambda: client.robots[-1][0] > before + 5.0, "time goes on")
 
 
@@ -43,14 +44,82 @@ def test_it_waits_again_for_who_is_late_once(host: Host, client: Client) -> None
     assert 1 <= len(client.robots) - heard <= 2
 
 
-def test_who_is_held_up_for_a_moment_loses_that_moment_only(host: Host, client: Client) -> None:
+LAPSE = 5.0
+"""Real s for which time passes no faster than in reality, when nobody steers any more."""
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.5, 5.0])
+def test_who_is_held_up_for_a_moment_loses_that_moment_only(
+    host: Host, client: Client, factor: float
+) -> None:
+    host("simulation", real_time_factor=factor, command_wait=0.05)
+    steer_a_little(client)
+    client.command(v=0.3)
+    time.sleep(0.5)  # the command holds no longer
+    assert 0.7 < pace(client, 1.5) < 1.1
+
+
+def test_after_a_while_time_hurries_again(host: Host, client: Client) -> None:
     host("simulation", real_time_factor=0.0, command_wait=0.05)
     steer_a_little(client)
+    before = client.robots[-1][0]
+    client.eventually(lambda: client.robots[-1][0] > before + 30.0, "time hurries", patience=LAPSE + 10.0)
+
+
+@pytest.mark.parametrize("way", ["reset", "another factor", "no waiting"])
+def test_time_hurries_at_once(host: Host, client: Client, way: str) -> None:
+    host("simulation", real_time_factor=0.0, command_wait=0.0 if way == "no waiting" else 0.05)
+    steer_a_little(client)
+    client.command(v=0.3)
+    time.sleep(0.5)
+    if way == "reset":
+        client.call(Trigger, "reset", Trigger.Request())
+    elif way == "another factor":
+        set_factor(client, 20.0)
+    time.sleep(0.2)  # what was published before may still be on its way
+    assert pace(client, 1.0) > 3.0
+
+
+def test_a_pause_uses_up_nothing(host: Host, client: Client) -> None:
+    host("simulation", real_time_factor=0.0, command_wait=0.05)
+    steer_a_little(client)
+    client.command(v=0.3)
+    time.sleep(0.5)
+    client.call(SetBool, "pause", SetBool.Request(data=True))
+    time.sleep(LAPSE)
+    client.call(SetBool, "pause", SetBool.Request(data=False))
+    assert pace(client, 1.0) < 1.5
+
+
+def test_a_lapse_is_no_problem(host: Host, client: Client) -> None:
+    host("simulation", real_time_factor=5.0, command_wait=0.05)
+    told = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    steer_a_little(client)
+    client.command(v=0.3)
+    time.sleep(1.0)  # what is told then concerns this lapse only
+    told.clear()
+    client.eventually(lambda: len(told) >= 3, "diagnostics")
+    assert {status.level for each in told for status in each.status} == {DiagnosticStatus.OK}
+
+
+def pace(client: Client, seconds: float) -> float:
+    """Return how many simulated s pass in a real one."""
     before, began = client.robots[-1][0], time.monotonic()
-    time.sleep(1.5)
-    passed = client.robots[-1][0] - before
-    assert 0.3 < passed < time.monotonic() - began + 1.0  # unhurried; else it would be a minute
-    client.eventually(lambda: client.robots[-1][0] > before + 30.0, "nobody steers any more", patience=15.0)
+    time.sleep(seconds)
+    return (client.robots[-1][0] - before) / (time.monotonic() - began)
+
+
+def set_factor(client: Client, factor: float) -> bool:
+    """Let time go at another speed; return whether the node accepts that."""
+    return set_number(client, "real_time_factor", factor)
+
+
+def set_number(client: Client, name: str, number: float) -> bool:
+    """Set a parameter; return whether the node accepts that."""
+    value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=number)
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
+    (result,) = client.call(SetParameters, "simulation/set_parameters", request).results
+    return bool(result.successful)
 
 
 def steer_a_little(client: Client) -> None:
