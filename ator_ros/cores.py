@@ -86,25 +86,31 @@ def in_shares(run: Callable[[int, int], None], count: int, least: int) -> None:
 def together(calls: Sequence[Callable[[], Result]]) -> list[Result]:
     """Return what calls return, in their order, made on all cores that may be used.
 
+    Where calls fail, the error of the first of them is raised, as if they had been made one after the other.
+
     Parameters
     ----------
     calls : sequence of callable
         None needs what another one does. What they compute must be mostly compiled, as in `in_shares`.
-
-    Notes
-    -----
-    The last one begins first.
     """
     if not _helpers.count or len(calls) < 2:
         return [call() for call in calls]
     results: dict[int, Result] = {}
-    numbers = iter(reversed(range(len(calls))))
+    errors: dict[int, BaseException] = {}
+    numbers = iter(range(len(calls)))  # taking the next one is atomic
 
     def work() -> None:
         for number in numbers:
-            results[number] = calls[number]()
+            try:
+                results[number] = calls[number]()
+            except BaseException as error:  # raised below
+                errors[number] = error
+            if errors:
+                return
 
     _on_all_cores(work)
+    if errors:
+        raise errors[min(errors)]
     return [results[number] for number in range(len(calls))]
 
 

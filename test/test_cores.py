@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Iterator
@@ -14,8 +15,11 @@ from ator_ros import cores
 from ator_ros.cores import in_shares, together, use_cores
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.run_up_times import run_up_times
+from ator_ros.evaluation.trials import open_places, open_speeds, random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import feature_table
+from ator_ros.performance.model_file import load_models
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
 
 
@@ -84,6 +88,19 @@ def test_an_error_of_a_call_is_raised(failing: int) -> None:
         together([partial(call, number) for number in range(2)])
 
 
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_of_several_errors_that_of_the_first_call_is_raised(most: int) -> None:
+    use_cores(most)
+
+    def call(number: int) -> None:
+        time.sleep(0.002 * (8 - number))  # the later ones fail sooner
+        if number >= 2:
+            raise ArithmeticError(f"call {number}")
+
+    with pytest.raises(ArithmeticError, match="call 2"):
+        together([partial(call, number) for number in range(8)])
+
+
 def test_no_more_cores_are_used_than_there_are() -> None:
     assert use_cores(64) == 4
     assert use_cores(1) == 1
@@ -126,6 +143,27 @@ def results() -> tuple[FloatArray, FloatArray]:
         [rng.uniform(-4.0, -1.0, count), *rng.uniform(-2.0, 2.0, (2, count)), 0.5 + 0.0 * direct["v"]]
     )
     return table, run_up_times(load_robot(), starts)
+
+
+def answers() -> list[str]:
+    """Return what refinement makes of chains with open headings, speeds and places, to the last bit."""
+    robot = load_robot()
+    library, refiner = SOCCER.library(robot), Refiner(robot, load_models(robot, SOCCER.known_features))
+    found = []
+    for index, name in itertools.product(range(2), SOCCER.chains):
+        trial = random_trial(SOCCER, name, library, seed=5, index=index)
+        for chain in (trial.chain, open_speeds(trial.chain), open_places(trial.chain)):
+            answer = refiner.refine(trial.world, chain, placeholders=True)
+            curves = [(curve.values.tobytes(), curve.totals.tobytes()) for curve in answer.curves]
+            found.append(repr((answer.best, answer.before, answer.after, answer.reason, curves)))
+    return found
+
+
+@pytest.mark.parametrize("most", [2, 3])
+def test_refinement_is_the_same_to_the_bit_on_any_number_of_cores(most: int) -> None:
+    alone = answers()
+    use_cores(most)
+    assert answers() == alone
 
 
 def test_results_are_the_same_to_the_bit_however_they_are_shared() -> None:

@@ -173,6 +173,18 @@ def test_sizes_that_do_not_fit_each_other_are_refused(
         _loaded(data, tmp_path)
 
 
+@pytest.mark.parametrize("length", [0.015, 0.033, 0.047])
+def test_a_gap_that_is_asked_for_is_accepted(length: float, tmp_path: Path) -> None:
+    data = ROBOT.sections()
+    data["robot"]["holder"] |= {"length": length, "gap": 0.05}
+    with pytest.raises(ConfigError) as refused:
+        _loaded(data, tmp_path)
+    found = re.search(r"expected at least ([\d.]+)", str(refused.value))
+    assert found is not None
+    data["robot"]["holder"]["gap"] = float(found[1])
+    assert _loaded(data, tmp_path).holder is not None
+
+
 def test_short_fingers_need_not_be_as_far_apart_as_a_ball_is_wide() -> None:
     assert ROBOT.holder is not None
     short = dataclasses.replace(ROBOT.holder, length=0.02)

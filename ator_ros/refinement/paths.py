@@ -26,6 +26,8 @@ StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
 
 BLOCK = 512
 """Pairs of candidates whose costs are computed at once: about a millisecond, the length of a slice."""
+_AT_ONCE = 4
+"""Steps that are computed in one slice at most: each takes time, however few pairs it has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,13 +162,13 @@ def _cost_of(
 def _short_steps(
     step_cost: StepCost, candidates: Sequence[FloatArray], first: int, *, cut: bool
 ) -> Slices[dict[int, FloatArray]]:
-    """Compute the costs of several steps from the `first` on, as many as have one block of pairs together.
+    """Compute the costs of several steps from the `first` on, as many as fit into one block of pairs.
 
     None needs those of another. Nothing is computed where there are no two such steps, or if time is up and
     the search may be `cut` short.
     """
     steps, pairs = [], 0
-    for index in range(first, len(candidates)):
+    for index in range(first, min(first + _AT_ONCE, len(candidates))):
         before = candidates[index - 1] if index else np.zeros((1, 0))
         pairs += len(before) * len(candidates[index])
         if pairs > BLOCK:

@@ -2,8 +2,8 @@
 
 The first candidates of each subgoal are spread evenly over its domains, as far as its region allows. The best
 chain through them is found as on a grid, and then again, round by round, among candidates in boxes around the
-best. A box shrinks in each variable in which the best stays where it is; in one in which it moves, the box
-remains wide enough to move on. Nothing is random: the same request has the same answer.
+best. A box shrinks in each variable in which the best hardly moves; in one in which it moves, the box remains
+wide enough to move on. Nothing is random: the same request has the same answer.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ MOST_BESIDE = 48
 """First candidates of a subgoal with more than two free variables beside another such one."""
 ROUNDS = 14
 SHRINKS = 0.75
-"""What is left of a box from round to round, where the best has not moved."""
+"""What is left of the width of a box after a round, at least."""
 REACH = 2.0
-"""Half the width of a box, in distances that the best has moved."""
+"""Half the width of a box, at least, in distances that the best has moved in the round before."""
 _TRIES = 40  # points that are looked at for each candidate wanted
 _POINTS = 1 << 13
 
@@ -80,7 +80,7 @@ def _count(axes: Sequence[Sequence[Range]], index: int) -> int:
 
 
 def _joined(first: FloatArray, others: FloatArray) -> FloatArray:
-    """Return candidates (n, k) that begin with one of shape (k,), which is all there is if none is free."""
+    """Return candidates (n, k) that begin with one of shape (k,); where k is 0 there is but one anyway."""
     return np.vstack([first, others]) if len(first) else others
 
 
@@ -91,7 +91,8 @@ class _Box:
         self.index, self._domains, self._allowed = index, domains, allowed
         self._low = np.array([domain.low for domain in domains])
         self._span = np.array([domain.high for domain in domains]) - self._low
-        self._periodic = np.array([domain.periodic for domain in domains], dtype=bool)
+        periodic = np.array([domain.periodic for domain in domains], dtype=bool)
+        self._period = np.where(periodic, self._span, np.inf)
 
     def reach(self, count: int) -> FloatArray:
         """Return half the distance between `count` evenly spread candidates in each variable, shape (k,)."""
@@ -120,8 +121,8 @@ class _Box:
 
     def apart(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the distance between two candidates in each variable, shapes (k,)."""
-        distance = np.abs(end - start)
-        return np.where(self._periodic, np.minimum(distance, self._span - distance), distance)
+        distance = np.abs(end - start) % self._period  # what is given may be turns away
+        return np.asarray(np.minimum(distance, self._period - distance))
 
     def _within(self, points: FloatArray) -> FloatArray:
         return points if self._allowed is None else points[self._allowed(self.index, points)]

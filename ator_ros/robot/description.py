@@ -78,7 +78,7 @@ class Holder:
 
     @property
     def held_width(self) -> float:
-        """Width in m of what lies between the fingers of the object that touches the front."""
+        """How wide the held object is between the fingers, in m, when it touches the front."""
         deep = min(self.length, self.radius)
         return 2.0 * math.sqrt(deep * (2.0 * self.radius - deep))
 
@@ -166,10 +166,10 @@ class Robot:
         if self.track > 2.0 * self.half_width:
             width = f"at most {2.0 * self.half_width:g}, the width of the robot with its wheels"
             raise ConfigError(f"robot.track: expected {width}, got {self.track:g}")
-        held = self.holder.held_width if self.holder is not None else 0.0
-        if self.holder is not None and self.holder.gap < held:
-            width = f"at least {held:.4g}, the width of what is held"
-            raise ConfigError(f"robot.holder.gap: expected {width}, got {self.holder.gap:g}")
+        if self.holder is not None and self.holder.gap < self.holder.held_width:
+            least = math.ceil(1e4 * self.holder.held_width) / 1e4
+            expected = f"at least {least:g}, the width of what is held"
+            raise ConfigError(f"robot.holder.gap: expected {expected}, got {self.holder.gap:g}")
 
     def __hash__(self) -> int:
         """Hash the name alone, as tables are looked up by the robot in every search."""

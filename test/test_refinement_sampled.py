@@ -1,0 +1,77 @@
+"""The search where a subgoal has more than two free variables."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.refinement import paths
+from ator_ros.refinement.search import StepCost, search
+from ator_ros.tops.ranges import Range
+
+CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
+LINE = Range(-2.0, 2.0, 20)
+AXES = [[CIRCLE, LINE], [CIRCLE, LINE, LINE], []]
+ASIDE = [np.array([-1.0, -1.5]), np.array([-1.0, -1.5, -1.0]), np.zeros(0)]
+"""Values on the valley's floor, far from its lowest point."""
+
+
+def valley(shift: float) -> StepCost:
+    """Return a cost that is 0 at the end of a valley, along which both subgoals have to move together.
+
+    The valley turns with `shift` (rad), and so leads across the cut of the angles or does not.
+    """
+
+    def cost(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
+        if index == 0:
+            return 0.0 * after[:, 0]
+        first = np.asarray(wrap_angles(before[:, 0] - shift))
+        if index == 2:
+            return 0.5 * (first - 1.5) ** 2 + 0.5 * (before[:, 1] - 1.5) ** 2
+        second = np.asarray(wrap_angles(after[:, 0] - shift))
+        walls = np.asarray(wrap_angles(first - second)) ** 2 + (before[:, 1] - after[:, 1]) ** 2
+        return np.asarray(30.0 * walls + 5.0 * (after[:, 2] - second) ** 2)
+
+    return cost
+
+
+def test_boxes_follow_a_valley() -> None:
+    # Where boxes only shrink the mean is 0.63, where they know no cut of angles 0.82, with equal points 0.79.
+    costs = [search(valley(shift), AXES).cost for shift in np.linspace(-3.0, 3.0, 20)]
+    assert np.mean(costs) < 0.55
+
+
+@pytest.mark.parametrize("shift", [0.0, 2.0])
+def test_what_is_given_may_be_turns_away(shift: float) -> None:
+    near = [ASIDE[0] + [shift, 0.0], ASIDE[1] + [shift, 0.0, 0.0], ASIDE[2]]
+    far = [near[0] + [4.0 * math.pi, 0.0], near[1] - [6.0 * math.pi, 0.0, 0.0], near[2]]
+    found, again = search(valley(shift), AXES, near), search(valley(shift), AXES, far)
+    assert again.cost == pytest.approx(found.cost, abs=1e-6)
+
+
+def test_a_subgoal_without_free_variables_has_one_candidate() -> None:
+    last: set[int] = set()
+
+    def cost(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
+        if index == 2:
+            last.add(len(after))
+        return valley(0.0)(index, before, after)
+
+    search(cost, AXES, ASIDE)
+    assert last == {1}
+
+
+def test_short_steps_are_computed_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+    together = paths.together
+
+    def counted(calls: list) -> list:  # type: ignore[type-arg]
+        counts.append(len(calls))
+        return together(calls)
+
+    monkeypatch.setattr(paths, "together", counted)
+    search(valley(0.0), AXES, ASIDE)
+    assert max(counts) == len(AXES)
