@@ -132,6 +132,20 @@ def test_a_ball_far_ahead_is_refused() -> None:
         both.object(BALL, 1.7e9, ObjectState(0.0, 0.0))
 
 
+def test_a_ball_that_was_on_its_way_when_time_was_reset_is_ignored() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    both.robot(35.0, robot)
+    with pytest.raises(ClockJumpError):
+        both.robot(0.05, robot)
+    assert both.object(BALL, 35.0, ObjectState(1.0, 0.0)) is None
+    world = both.robot(0.1, robot)
+    assert world is not None
+    assert ball_of(world) is None
+    both.robot(1.2, robot)
+    with pytest.raises(StampError, match=r"expected at most .* odometry's 1\.20 s, got 35\.00 s"):
+        both.object(BALL, 35.0, ObjectState(1.0, 0.0))
+
+
 def test_time_that_stands_is_no_news_and_time_that_goes_back_an_error() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     assert both.robot(1.0, robot) is not None

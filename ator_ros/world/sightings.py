@@ -14,7 +14,7 @@ _ROUNDING = 1e-6
 JUMP = 20.0
 """Difference in s of two stamps that means different clocks, unless as much time has passed."""
 _STALE = 1.0
-"""Time in s for which all stamps must be old to mean another clock; after a reset some are old."""
+"""Time in s for which all stamps must be wrong to mean another clock; after a reset some are of before."""
 
 
 class StampError(ValueError):
@@ -39,10 +39,16 @@ class Sightings:
         self._name, self.timeout, self._tracker = name, timeout, tracker
         self._velocity = VelocityCheck(name, tracker.noise, tracker.velocity_noise)
         self._sights: deque[tuple[float, ObjectState]] = deque(maxlen=_KEPT)
-        self.forget()
+        self._reset: float | None = -math.inf
+        """Odometry's first stamp after time was reset; None: not known yet."""
+        self._clear()
 
     def forget(self) -> None:
         """Forget the object because time was reset."""
+        self._reset = None
+        self._clear()
+
+    def _clear(self) -> None:
         self._sights.clear()
         self._heard, self._stale_since = -math.inf, math.inf
         self._tracker.reset()
@@ -73,17 +79,25 @@ class Sightings:
         ------
         StampError
             The stamp is ahead of odometry by more than twice the timeout, or stamps have been far behind for
-            a while. A stamp less far ahead is accepted: odometry may have paused, and will catch up.
+            a while. A stamp less far ahead is accepted: odometry may have paused, and will catch up. What was
+            on its way when time was reset is not used, and is no error.
         """
         if now is not None:
+            self._reset = now if self._reset is None else self._reset
+            if time > now + self._most_ahead and now - self._reset <= _STALE:
+                return None
             self._check_stamp(time, now)
             self._heard = now
         checked, remark = self._velocity.check(time, there)
         self._sights.append((time, self._tracker.update(time, checked)))
         return remark
 
+    @property
+    def _most_ahead(self) -> float:
+        return 2.0 * self.timeout
+
     def _check_stamp(self, time: float, odometry: float) -> None:
-        most = 2.0 * self.timeout
+        most = self._most_ahead
         if time > odometry + most:
             raise StampError(
                 f"{self._name}.header.stamp: expected at most {most:g} s more than odometry's "
