@@ -6,6 +6,7 @@ tools start a process for each core instead. A node that answers requests one by
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -25,14 +26,20 @@ class _Helpers:
 
     def become(self, count: int) -> None:
         """End the present threads, and have `count` new ones, which start when they are needed."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=False)
-        self.count = count
+        former, self.count = self._pool, count
         self._pool = ThreadPoolExecutor(count, thread_name_prefix="cores") if count else None
+        if former is not None:
+            former.shutdown(wait=False)
 
     def start(self, work: Callable[[], None]) -> list[Future[None]]:
-        """Let all threads do `work`."""
-        return [self._pool.submit(work) for _ in range(self.count)] if self._pool is not None else []
+        """Let all threads do `work`; those that are being replaced need not."""
+        pool = self._pool
+        if pool is None:
+            return []
+        started: list[Future[None]] = []
+        with contextlib.suppress(RuntimeError):  # of a pool that was shut down meanwhile
+            started.extend(pool.submit(work) for _ in range(self.count))
+        return started
 
     def forget(self) -> None:
         """Have no threads: a forked process has none of its parent's."""

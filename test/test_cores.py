@@ -101,6 +101,25 @@ def test_of_several_errors_that_of_the_first_call_is_raised(most: int) -> None:
         together([partial(call, number) for number in range(8)])
 
 
+def test_cores_may_be_changed_while_they_compute() -> None:
+    use_cores(2)
+    ended = threading.Event()
+
+    def change() -> None:
+        while not ended.is_set():
+            use_cores(2)
+            use_cores(3)
+
+    changing = threading.Thread(target=change)
+    changing.start()
+    try:
+        for _ in range(300):
+            assert together([partial(abs, -number) for number in range(4)]) == [0, 1, 2, 3]
+    finally:
+        ended.set()
+        changing.join()
+
+
 def test_no_more_cores_are_used_than_there_are() -> None:
     assert use_cores(64) == 4
     assert use_cores(1) == 1

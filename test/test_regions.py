@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pytest
-from refinement_fakes import ALL, BOTH, LIBRARY, ROBOT, FakeModel, call, models, turning_time, world
+from refinement_fakes import (
+    ALL,
+    ANGLE,
+    BOTH,
+    LIBRARY,
+    ROBOT,
+    USED,
+    FakeModel,
+    call,
+    models,
+    turning_time,
+    world,
+)
 
 from ator_ros.domains.soccer.tops import SHOOT
+from ator_ros.refinement import sampled
 from ator_ros.refinement.bounds import names_of
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.regions import Regions
@@ -245,3 +260,28 @@ def test_points_are_spread_evenly() -> None:
     assert counts.min() >= 28
     cells = {tuple((row * 2).astype(int)) for row in points}
     assert len(cells) == 16
+
+
+@pytest.mark.parametrize("placeholders", [False, True])
+def test_a_region_in_which_no_candidate_is_found_leaves_what_is_given(
+    placeholders: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # All first candidates lie at one place outside the region, as where that is tiny.
+    monkeypatch.setattr(sampled, "spread_points", lambda dimensions, _, count: np.zeros((count, dimensions)))
+    answer = Refiner(ROBOT, models()).refine(world(), shot(), placeholders=placeholders)
+    assert answer.original.calls[1].goal.pose == shot().calls[1].goal.pose
+    assert math.isfinite(answer.after.cost)
+
+
+class ConstantModel(FakeModel):
+    """Predicts one value for all candidates, as an array of that length."""
+
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
+        return super().predict(dict.fromkeys(direct, 0.0), measures)
+
+
+@pytest.mark.parametrize("opened", [ANGLE, ALL])
+def test_a_model_may_predict_one_value_for_all_candidates(opened: frozenset[str]) -> None:
+    known = models() | {"dribbleBall": ConstantModel(lambda _: 2.0, USED)}
+    answer = Refiner(ROBOT, known).refine(world(), shot(opened))
+    assert answer.after.actions[1]["duration"] == 2.0

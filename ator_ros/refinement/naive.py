@@ -13,6 +13,7 @@ from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import FreeVariable, PredictsPerformance
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.regions import Regions
+from ator_ros.refinement.sampled import NoCandidateError
 from ator_ros.refinement.search import searching
 from ator_ros.refinement.slices import Slices
 from ator_ros.robot.description import Robot
@@ -33,7 +34,8 @@ def fastest_alone(
     """Return `chain` with naive values of its free variables, in slices.
 
     Those with a rest value (arrival speed: 0) take it; the others those at which the action that leads to
-    their subgoal is predicted to be fastest. What changes only the action after it keeps its value.
+    their subgoal is predicted to be fastest. What changes only the action after it keeps its value, and so
+    does what is bounded by a region in which no candidate is found.
 
     Raises
     ------
@@ -53,7 +55,10 @@ def fastest_alone(
         model = ChainModel(world, part, robot, models=models, free=alone, objective=objective, memory=memory)
         cost = functools.partial(_cost_of_step, model, index)
         allowed = regions.of_subgoal(index, model.names[index])
-        optimum = yield from searching(cost, [[variable.domain for variable in alone]], allowed=allowed)
+        try:
+            optimum = yield from searching(cost, [[variable.domain for variable in alone]], allowed=allowed)
+        except NoCandidateError:  # the region is tiny: what is given is the only candidate
+            continue
         if not math.isfinite(optimum.cost):
             raise RefinementError(f"subgoal {index + 1}: expected a finite prediction, got none")
         chain = replaced(chain, index, dict(zip(model.names[index], optimum.values[0], strict=True)))

@@ -203,6 +203,6 @@ def _block(step_cost: StepCost, index: int, before: FloatArray, after: FloatArra
     """Compute the cost of a step, shape (n, m), for every pair of n candidates before and m after it."""
     n, m = len(before), len(after)
     if n > 1 and m > 1:
-        return step_cost(index, np.repeat(before, m, axis=0), np.tile(after, (n, 1))).reshape(n, m)
+        before, after = np.repeat(before, m, axis=0), np.tile(after, (n, 1))
     costs = step_cost(index, before, after)
-    return costs.reshape(n, m) if len(costs) == n * m else np.full((n, m), costs[0])
+    return np.full((n, m), costs[0]) if len(costs) == 1 else costs.reshape(n, m)

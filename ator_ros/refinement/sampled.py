@@ -29,13 +29,18 @@ ALONE = 400
 """The same where the neighbours are fixed."""
 MOST_BESIDE = 48
 """First candidates of a subgoal with more than two free variables beside another such one."""
-ROUNDS = 14
+LEAST_ROUNDS, MOST_ROUNDS = 14, 20
+"""Rounds for up to six free variables in all, and for twelve or more."""
 SHRINKS = 0.75
 """What is left of the width of a box after a round, at least."""
 REACH = 2.0
 """Half the width of a box, at least, in distances that the best has moved in the round before."""
 _TRIES = 40  # points that are looked at for each candidate wanted
 _POINTS = 1 << 13
+
+
+class NoCandidateError(ValueError):
+    """None of the points that are looked at lies within what is allowed, and nothing is given."""
 
 
 def sampling(
@@ -47,12 +52,14 @@ def sampling(
     """Search in slices, as `ator_ros.refinement.search.searching` does."""
     boxes = [_Box(index, domains, allowed) for index, domains in enumerate(axes)]
     firsts = [box.spread(_count(axes, box.index)) for box in boxes]
+    if given is None and not all(map(len, firsts)):
+        raise NoCandidateError("expected candidates of every subgoal, got none")
     known = [] if given is None else list(given)
     offered = [_joined(v, first) for v, first in zip(known, firsts, strict=True)] if known else firsts
     path = yield from least_path(step_cost, offered, known)
     curves = tuple(map(SearchCurve, path.candidates, path.totals))
     radii = [box.reach(len(first)) for box, first in zip(boxes, firsts, strict=True)]
-    for number in range(ROUNDS):
+    for number in range(_rounds(axes)):
         if not path.complete:
             break
         yield
@@ -67,6 +74,12 @@ def sampling(
             for box, radius, centre, value in zip(boxes, radii, centres, path.values, strict=True)
         ]
     return Optimum(tuple(path.values), path.cost, curves, path.complete)
+
+
+def _rounds(axes: Sequence[Sequence[Range]]) -> int:
+    """Return in how many rounds a search ends: what has more variables takes longer to arrive."""
+    free = sum(map(len, axes))
+    return min(max(LEAST_ROUNDS, free + 8), MOST_ROUNDS)
 
 
 def _count(axes: Sequence[Sequence[Range]], index: int) -> int:
@@ -91,8 +104,7 @@ class _Box:
         self.index, self._domains, self._allowed = index, domains, allowed
         self._low = np.array([domain.low for domain in domains])
         self._span = np.array([domain.high for domain in domains]) - self._low
-        periodic = np.array([domain.periodic for domain in domains], dtype=bool)
-        self._period = np.where(periodic, self._span, np.inf)
+        self._period = np.array([_period(domain) for domain in domains])
 
     def reach(self, count: int) -> FloatArray:
         """Return half the distance between `count` evenly spread candidates in each variable, shape (k,)."""
@@ -132,10 +144,16 @@ def into_domains(points: FloatArray, domains: Sequence[Range]) -> None:
     """Bring values (n, k) into their domains: angles by whole turns, others to the bound."""
     for column, domain in enumerate(domains):
         values = points[:, column]
-        if domain.periodic:
-            points[:, column] = (values - domain.low) % (domain.high - domain.low) + domain.low
+        if np.isfinite(_period(domain)):
+            points[:, column] = (values - domain.low) % _period(domain) + domain.low
         else:
             points[:, column] = np.clip(values, domain.low, domain.high)
+
+
+def _period(domain: Range) -> float:
+    """Return after what the values of a domain repeat; infinite where they do not, or there is but one."""
+    width = domain.high - domain.low
+    return width if domain.periodic and width > 0.0 else np.inf
 
 
 def spread_points(dimensions: int, first: int, count: int) -> FloatArray:
