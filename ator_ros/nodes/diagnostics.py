@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -21,6 +23,7 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 _PERIOD = 1.0
 _LONGEST = 500
+_REMEMBERED = 1000
 
 
 class Lateness:
@@ -42,22 +45,26 @@ class Lateness:
 
 
 class Ticks(Lateness):
-    """The longest gap between ticks, and the longest tick, since they were last read."""
+    """How long ticks take, and the longest gap between them."""
 
     def __init__(self) -> None:
         super().__init__()
         self._slowest = 0.0
+        self._newest: deque[float] = deque(maxlen=_REMEMBERED)
 
     def took(self, duration: float) -> None:
         """Record how long a tick took, in s."""
         self._slowest = max(self._slowest, duration)
+        self._newest.append(duration)
 
     def told(self) -> dict[str, object]:
-        """Return both as values of diagnostics, and reset."""
+        """Return values of diagnostics: the longest gap and tick since then, and how long the newest take."""
         slowest, self._slowest = self._slowest, 0.0
+        most = f"{1000.0 * np.quantile(self._newest, 0.99):.1f}" if self._newest else "none yet"
         return {
             "longest time between ticks (ms)": self.take(),
             "longest tick (ms)": f"{1000.0 * slowest:.1f}",
+            f"99 % of the last {_REMEMBERED} ticks within (ms)": most,
         }
 
 

@@ -19,6 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
 from rclpy.task import Future
@@ -39,7 +40,7 @@ from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.learning.sets import RECORDS
 from ator_ros.nodes.network import free_domain, stay_on_this_machine
-from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
+from ator_ros.nodes.qos import COMMANDS, RESULTS, SENSOR_DATA
 
 _NODES = ("simulation", "refinement", "executor", "learning", "goal_pose")
 _START = Pose(-2.0, 0.0, 0.0)
@@ -81,8 +82,15 @@ class Reactions:
 
     def __init__(self, client: Client) -> None:
         self.heard: list[tuple[float, bool]] = []
+        self.told: dict[str, str] = {}
         client.node.create_subscription(Odometry, "odom", lambda _: self._hear(command=False), SENSOR_DATA)
         client.node.create_subscription(Twist, "cmd_vel", lambda _: self._hear(command=True), COMMANDS)
+        client.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_diagnostics, RESULTS)
+
+    def _hear_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "/executor":
+                self.told = {value.key: value.value for value in status.values}
 
     def _hear(self, *, command: bool) -> None:
         self.heard.append((time.monotonic(), command))
@@ -136,10 +144,13 @@ def learning(client: Client) -> Iterator[None]:
         asking.join()
 
 
-def tell(name: str, times: np.ndarray) -> None:
-    """Print quantiles of reaction times."""
+def tell(name: str, reactions: Reactions, chains: ChainClient, count: int) -> None:
+    """Execute chains; print quantiles of the reaction times, and what the executor says of its ticks."""
+    times = reactions.of(chains, count)
+    time.sleep(_SETTLED)  # until the executor has told of the last tick
     middle, late = 1e3 * np.quantile(times, [0.5, 0.99])
-    print(f"{name}: {middle:.1f} ms, 99 % within {late:.1f} ms ({len(times)} ticks)", flush=True)
+    inside = "; ".join(f"{key}: {value}" for key, value in reactions.told.items() if key.startswith("99 %"))
+    print(f"{name}: {middle:.1f} ms, 99 % within {late:.1f} ms ({len(times)} ticks); {inside}", flush=True)
 
 
 def main() -> None:
@@ -167,13 +178,13 @@ def main() -> None:
                 print(f"{name}, idle: {share(process.pid, options.seconds):.1f} % of a core", flush=True)
             reactions, chains = Reactions(client), ChainClient(client)
             reactions.of(chains, 1)
-            tell("odom to cmd_vel", reactions.of(chains, options.chains))
+            tell("odom to cmd_vel", reactions, chains, options.chains)
             with watched(domain):
-                tell("with a view   ", reactions.of(chains, options.chains))
-            tell("without again ", reactions.of(chains, options.chains))
+                tell("with a view   ", reactions, chains, options.chains)
+            tell("without again ", reactions, chains, options.chains)
             with learning(client):
-                tell("while it learns", reactions.of(chains, options.chains))
-            tell("without again ", reactions.of(chains, options.chains))
+                tell("while it learns", reactions, chains, options.chains)
+            tell("without again ", reactions, chains, options.chains)
         finally:
             client.close()
             processes.kill()
