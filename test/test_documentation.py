@@ -174,7 +174,8 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("workshop")
     shutil.copytree(ROOT / "models", folder / "models")
     shutil.copytree(ROOT / "docs" / "ruler", folder / "ruler")
-    shutil.copytree(ROOT / "config", folder / "my_config")
+    for name in ("config", "my_config"):
+        shutil.copytree(ROOT / "config", folder / name)
     for seed, name in (("101", "experience"), ("211", "fresh")):
         run(["collect", "--seed", seed, "--episodes", "50", "--out", f"{name}.parquet"], folder)
     run(["train", "experience.parquet", "--models", "my_models"], folder)
