@@ -292,3 +292,13 @@ def test_ramp_changes_no_faster_than_the_limits(robot: Robot) -> None:
     command = driver.command(5.0, -9.0)
     assert command.v == pytest.approx(0.5 + robot.limits.a * CONTROL_PERIOD)
     assert command.w == pytest.approx(-robot.limits.aw * CONTROL_PERIOD)
+
+
+def test_without_goals_nothing_can_be_shot() -> None:
+    robot = load_robot()
+    robot = dataclasses.replace(robot, scene=dataclasses.replace(robot.scene, bays=()))
+    held = robot.hold_point(Pose(0.0, 0.0, 0.0))
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(held.x, held.y)})
+    for actions in ("default", "bezier"):
+        with pytest.raises(ActionError, match="shoot: expected"):
+            SOCCER.actions(actions)["shoot"].factory(robot).start(world, Goal(Pose(0.0, 0.0, 0.0)))

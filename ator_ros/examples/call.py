@@ -12,11 +12,13 @@ from __future__ import annotations
 import argparse
 import array
 import importlib
+import re
 import sys
 from typing import Any
 
 import rclpy
 import yaml
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 
@@ -63,7 +65,20 @@ def _value(present: Any, kind: Any, value: Any, where: str) -> Any:
         return float(value)
     if type(value) is not wanted:
         raise CallError(f"{where}: expected a {wanted.__name__}, got {value!r}")
+    if isinstance(value, int) and wanted is int:
+        _check_range(kind.typename, int(value), where)
     return value
+
+
+def _check_range(typename: str, value: int, where: str) -> None:
+    """Refuse a whole number that a field of this type, such as int32 or uint8, cannot hold."""
+    size = re.fullmatch(r"(u?)int(\d+)", typename)
+    if size is None:
+        return
+    bits = int(size[2])
+    low, high = (0, 2**bits - 1) if size[1] else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    if not low <= value <= high:
+        raise CallError(f"{where}: expected {low} to {high}, got {value}")
 
 
 def _new(kind: Any) -> Any:
@@ -81,7 +96,10 @@ def _plain(kind: Any) -> type:
 
 def called(node: Node, service: str, kind: Any, request: Any) -> Any:
     """Call a service and return its response."""
-    client = node.create_client(kind, service)
+    try:
+        client = node.create_client(kind, service)
+    except NameValidationException as error:
+        raise CallError(f"service: expected a name such as /reset, got {service!r}") from error
     if not client.wait_for_service(timeout_sec=_PATIENCE):
         raise CallError(f"expected the service {client.srv_name} within {_PATIENCE:g} s, found none")
     future = client.call_async(request)

@@ -119,8 +119,10 @@ def _slot(kind: Any, path: str, where: str) -> Any:
             {} if kind is None else dict(zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True))
         )
         if name not in fields:
-            known = ", ".join(fields) or f"nothing within {_told(slot)}"
-            raise RemoteError(f"{where}.field: expected one of {known}, got {quoted(name)} in {quoted(path)}")
+            known = f"one of {', '.join(fields)}" if fields else f"nothing within {_told(slot)}"
+            if isinstance(slot, definition.AbstractNestedType):
+                known = f"{path.partition('.' + name)[0]}[0].{name}, as it is a list"
+            raise RemoteError(f"{where}.field: expected {known}, got {quoted(name)} in {quoted(path)}")
         slot = fields[name]
         if indexed:
             _require(isinstance(slot, definition.AbstractSequence), where, f"a sequence for {name}[0]", slot)

@@ -33,6 +33,15 @@ def test_a_service_is_called_and_its_answer_printed(host: Host, client: Client, 
     assert "success=True, message='ball at x 1.000 m, y -0.500 m'" in done.stdout
 
 
+@pytest.mark.parametrize("name", ["", "place ball!"])
+def test_a_name_that_no_service_can_have_is_refused(name: str) -> None:
+    done = call(name, PLACE)
+    assert (done.returncode, done.stderr) == (
+        1,
+        f"call: service: expected a name such as /reset, got {name!r}\n",
+    )
+
+
 def test_lists_of_messages_are_filled() -> None:
     request = RefineSubgoal.Request()
     calls = [
@@ -52,6 +61,14 @@ def test_lists_of_messages_are_filled() -> None:
         ({"position": {"point": {"x": "far"}}}, r"request\.position\.point\.x: expected a float, got 'far'$"),
         ({"remove": 1}, r"request\.remove: expected a bool, got 1$"),
         ({"place": 1}, r"request: expected fields among .*position.*, got 'place'$"),
+        (
+            {"position": {"header": {"stamp": {"nanosec": -1}}}},
+            r"request\.position\.header\.stamp\.nanosec: expected 0 to 4294967295, got -1$",
+        ),
+        (
+            {"position": {"header": {"stamp": {"sec": 99999999999}}}},
+            r"stamp\.sec: expected -2147483648 to 2147483647, got 99999999999$",
+        ),
         ({"position": 3}, r"request\.position: expected fields with values, got 3$"),
         ([], r"request: expected fields with values, got \[\]$"),
     ],

@@ -52,7 +52,11 @@ def test_each_goal_is_a_message_of_its_own() -> None:
     [
         (Filling("pose", source="goal"), r"goal\[0\].field: expected one of chain, refine, .*got 'pose'"),
         (Filling("chain", source="goal"), r"goal\[0\]: expected a field of type geometry_msgs/Pose or"),
-        (Filling("refine.x", constant=1), r"goal\[0\].field: expected one of nothing within boolean"),
+        (
+            Filling("chain.calls.speed", source="goal.speed"),
+            r"goal\[0\].field: expected chain\.calls\[0\]\.speed, as it is a list, got 'speed'",
+        ),
+        (Filling("refine.x", constant=1), r"goal\[0\].field: expected nothing within boolean"),
         (Filling("refine[0]", constant=1), r"goal\[0\]: expected a sequence for refine\[0\], got boolean"),
         (Filling("fetches", source="goal.speed"), r"goal\[0\]: expected a field for a float, got uint8"),
         (Filling("fetches", source="frame"), r"goal\[0\]: expected a field for a text, got uint8"),

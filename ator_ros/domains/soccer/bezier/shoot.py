@@ -48,6 +48,8 @@ class BezierShoot(Action):
         check_held(world, self.robot, self.name)
         field = field_of(self.robot)
         x, y = goal.pose.x, goal.pose.y
+        if field.goal_width <= 0.0:
+            raise ActionError("shoot: expected a scene with goals, it has no bays")
         if abs(abs(x) - field.length / 2) > 0.5 * field.goal_depth or abs(y) > field.goal_width / 2:
             raise ActionError(f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m")
         self._side = 1 if x > 0.0 else -1
