@@ -101,7 +101,9 @@ def called(node: Node, service: str, kind: Any, request: Any) -> Any:
     except NameValidationException as error:
         raise CallError(f"service: expected a name such as /reset, got {service!r}") from error
     if not client.wait_for_service(timeout_sec=_PATIENCE):
-        raise CallError(f"expected the service {client.srv_name} within {_PATIENCE:g} s, found none")
+        others = dict(node.get_service_names_and_types()).get(node.resolve_service_name(service), [])
+        found = f"found it with the type {', '.join(others)}" if others else "found none"
+        raise CallError(f"expected the service {client.srv_name} within {_PATIENCE:g} s, {found}")
     future = client.call_async(request)
     rclpy.spin_until_future_complete(node, future, timeout_sec=_PATIENCE)
     if not future.done():

@@ -33,6 +33,14 @@ def test_a_service_is_called_and_its_answer_printed(host: Host, client: Client, 
     assert "success=True, message='ball at x 1.000 m, y -0.500 m'" in done.stdout
 
 
+def test_a_service_of_another_type_is_named(host: Host, client: Client, domain: int) -> None:
+    host("simulation")
+    client.robot()
+    done = call("place_ball", "std_srvs/srv/Trigger", domain=domain)
+    assert done.returncode == 1
+    assert f"found it with the type {PLACE}" in done.stderr
+
+
 @pytest.mark.parametrize("name", ["", "place ball!"])
 def test_a_name_that_no_service_can_have_is_refused(name: str) -> None:
     done = call(name, PLACE)
