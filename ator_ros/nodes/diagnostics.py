@@ -58,7 +58,10 @@ class Ticks(Lateness):
         self._newest.append(duration)
 
     def told(self) -> dict[str, object]:
-        """Return values of diagnostics: the longest gap and tick since then, and how long the newest take."""
+        """Return values of diagnostics.
+
+        The longest gap and tick are those since they were last told.
+        """
         slowest, self._slowest = self._slowest, 0.0
         most = f"{1000.0 * np.quantile(self._newest, 0.99):.1f}" if self._newest else "none yet"
         return {

@@ -174,7 +174,7 @@ class SimulationNode(FrugalNode):
         except MessageError as error:
             self._reject(str(error))
             return
-        if len(self._topics) > 1 and not (number in self._awaited or self._world.told_to_move(number)):
+        if not (number in self._awaited or self._world.told_to_move(number)):
             return  # who only stands hastens nobody
         self._awaited.discard(number)
         if not (self._paused or self._awaited):

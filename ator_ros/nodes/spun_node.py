@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from ator_ros.nodes.spinning import Spinning
 from ator_ros.viewing.stage import StageError
 
 _POLL = 0.002
+_LONG = 20.0  # s
 _CHECK_PERIOD = 0.1
 _AGAIN = 3.0
 """Real s after which a service that has not answered is asked again: see `ator_ros.nodes.meeting`."""
@@ -134,10 +136,14 @@ class SpunNode:
         return True
 
     def until(self, happened: Callable[[], bool], what: str) -> None:
-        """Wait until something has happened; raise if it does not."""
-        end = time.monotonic() + self.patience
+        """Wait until something has happened, and say so where that takes long; raise if it does not."""
+        began = time.monotonic()
+        told = began + _LONG
         while not happened():
-            self._checked(end, what)
+            self._checked(began + self.patience, what)
+            if time.monotonic() > told:
+                told = math.inf
+                self.node.get_logger().warning(f"waiting for {what}")
             time.sleep(_POLL)
 
     def _checked(self, end: float, what: str) -> None:

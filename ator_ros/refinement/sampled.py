@@ -143,9 +143,9 @@ class _Box:
 def into_domains(points: FloatArray, domains: Sequence[Range]) -> None:
     """Bring values (n, k) into their domains: angles by whole turns, others to the bound."""
     for column, domain in enumerate(domains):
-        values = points[:, column]
-        if np.isfinite(_period(domain)):
-            points[:, column] = (values - domain.low) % _period(domain) + domain.low
+        values, period = points[:, column], _period(domain)
+        if np.isfinite(period):
+            points[:, column] = (values - domain.low) % period + domain.low
         else:
             points[:, column] = np.clip(values, domain.low, domain.high)
 

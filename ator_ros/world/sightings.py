@@ -94,6 +94,7 @@ class Sightings:
 
     @property
     def _most_ahead(self) -> float:
+        """By how much in s a stamp may be ahead of odometry."""
         return 2.0 * self.timeout
 
     def _check_stamp(self, time: float, odometry: float) -> None:

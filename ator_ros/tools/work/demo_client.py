@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import math
-import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self
@@ -26,7 +26,6 @@ from ator_ros.world.state import World
 
 _FRAME = "odom"
 _NEAR = 0.02
-_STARTING = 20.0  # real s after which it is told what is waited for
 _OUR_LISTENERS = 2
 """Of odom: the executor, and this client."""
 
@@ -75,26 +74,12 @@ class DemoClient:
         self._own.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
         self._own.until(self._server.server_is_ready, "the action execute_chain")
         self._own.meet("execute_chain")
+        where = f"on ROS_DOMAIN_ID {self._domain}, where only our nodes and those under `servers` are started"
         for name in servers:
-            self._own.until(self._there(name), f"the action {name} on ROS_DOMAIN_ID {self._domain}")
+            there = functools.partial(self._own.node.count_services, f"{name}/_action/send_goal")
+            self._own.until(lambda there=there: there() > 0, f"the action {name} {where}")  # type: ignore[misc]
         listening = _OUR_LISTENERS + programs
         self._own.until(lambda: self._own.node.count_subscribers("odom") >= listening, "listeners of odom")
-
-    def _there(self, server: str) -> Callable[[], bool]:
-        """Return what tells whether an action server is there, and says once that it is waited for."""
-        late = time.monotonic() + _STARTING
-
-        def there() -> bool:
-            nonlocal late
-            if time.monotonic() > late:
-                late = math.inf
-                self._own.node.get_logger().warning(
-                    f"waiting for the action {server} on ROS_DOMAIN_ID {self._domain}, where only our nodes "
-                    "and the programs under `servers` of the domain's file are started"
-                )
-            return bool(self._own.node.count_services(f"{server}/_action/send_goal"))
-
-        return there
 
     def place(self, start: World) -> None:
         """Place robot and objects at rest where a situation starts; time is paused until a chain runs."""
