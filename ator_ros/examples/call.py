@@ -38,8 +38,8 @@ def service_type(name: str) -> Any:
         raise CallError(f"type: expected an installed PACKAGE/srv/NAME, got {name}") from error
 
 
-def fill(message: Any, values: Any, where: str) -> None:
-    """Write values, as YAML gives them, into the fields of a message."""
+def filled(message: Any, values: Any, where: str = "request") -> Any:
+    """Write values, as YAML gives them, into the fields of a message, and return it."""
     if not isinstance(values, dict):
         raise CallError(f"{where}: expected fields with values, got {values!r}")
     kinds = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
@@ -47,13 +47,13 @@ def fill(message: Any, values: Any, where: str) -> None:
         if name not in kinds:
             raise CallError(f"{where}: expected fields among {', '.join(kinds)}, got {name!r}")
         setattr(message, name, _value(getattr(message, name), kinds[name], value, f"{where}.{name}"))
+    return message
 
 
 def _value(present: Any, kind: Any, value: Any, where: str) -> Any:
     """Return the value of a field, in the type that the field has."""
     if isinstance(kind, NamespacedType):
-        fill(present, value, where)
-        return present
+        return filled(present, value, where)
     if isinstance(kind, AbstractNestedType):
         if not isinstance(value, list):
             raise CallError(f"{where}: expected a list, got {value!r}")
@@ -120,8 +120,7 @@ def main(words: list[str] | None = None) -> int:
     options = parser.parse_args(words)
     try:
         kind = service_type(options.type)
-        request = kind.Request()
-        fill(request, yaml.safe_load(options.values), "request")
+        request = filled(kind.Request(), yaml.safe_load(options.values))
     except (CallError, yaml.YAMLError) as error:
         print(f"call: {error}", file=sys.stderr)
         return 2

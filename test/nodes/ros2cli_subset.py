@@ -24,28 +24,13 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 
-_SEQUENCE = re.compile(r"sequence<(\w+)/(\w+)(?:, \d+)?>")
+from ator_ros.examples.call import filled
 
 
 def kind_of(name: str) -> Any:
     """Return the type that is written as package/srv/Name."""
     package, folder, kind = name.split("/")
     return getattr(importlib.import_module(f"{package}.{folder}"), kind)
-
-
-def filled(message: Any, values: dict[str, Any]) -> Any:
-    """Fill a message with values as YAML has them, nested messages and lists of them, too."""
-    for name, value in values.items():
-        listed = _SEQUENCE.fullmatch(message.get_fields_and_field_types()[name])
-        current = getattr(message, name)
-        if isinstance(value, dict):
-            filled(current, value)
-        elif listed:
-            made = kind_of(f"{listed[1]}/msg/{listed[2]}")
-            setattr(message, name, [filled(made(), entry) for entry in value])
-        else:
-            setattr(message, name, type(current)(value))
-    return message
 
 
 def echo_options() -> ArgumentParser:

@@ -11,7 +11,7 @@ from conftest import Host
 from ros_client import Client
 
 from ator_interfaces.srv import PlaceObject, RefineSubgoal
-from ator_ros.examples.call import CallError, fill
+from ator_ros.examples.call import CallError, filled
 
 pytestmark = pytest.mark.node
 
@@ -56,7 +56,7 @@ def test_lists_of_messages_are_filled() -> None:
         {"top": "goToBall", "open": ["yaw"]},
         {"top": "dribbleBall", "goal": {"pose": {"position": {"y": 2}}}},
     ]
-    fill(request, {"chain": {"calls": calls}, "situation": {"robot": {"position": {"x": -2.0}}}}, "request")
+    filled(request, {"chain": {"calls": calls}, "situation": {"robot": {"position": {"x": -2.0}}}})
     assert [each.top for each in request.chain.calls] == ["goToBall", "dribbleBall"]
     assert request.chain.calls[0].open == ["yaw"]
     assert request.chain.calls[1].goal.pose.position.y == 2.0
@@ -83,7 +83,7 @@ def test_lists_of_messages_are_filled() -> None:
 )
 def test_values_that_do_not_fit_are_refused(values: object, message: str) -> None:
     with pytest.raises(CallError, match=message):
-        fill(PlaceObject.Request(), values, "request")
+        filled(PlaceObject.Request(), values)
 
 
 @pytest.mark.parametrize(

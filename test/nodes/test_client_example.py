@@ -9,10 +9,10 @@ import sys
 
 import pytest
 from conftest import Start
-from ros2cli_subset import filled
 from test_readme import README, answered, printed
 
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.examples.call import filled
 from ator_ros.examples.refine_and_execute import request
 
 

@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 import yaml
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, qos_check_compatible
-from ros2cli_subset import echo_options, echo_profile, filled, kind_of
+from ros2cli_subset import echo_options, echo_profile, kind_of
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.examples.call import filled
 from ator_ros.nodes.conversions import chain_from
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement import refining_of
