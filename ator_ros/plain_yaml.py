@@ -1,4 +1,4 @@
-"""YAML files from outside: of limited size, with plain values only, without aliases."""
+"""YAML files from outside: of limited size, with plain values only, without aliases, each key once."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def read_yaml(path: Path, *, largest: int) -> Any:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Reads YAML without aliases, with which a few lines name billions of values."""
+    """Reads YAML with each key once, without aliases, with which a few lines name billions of values."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Refuse an alias."""
@@ -48,3 +48,13 @@ class _PlainLoader(yaml.SafeLoader):
             event = self.get_event()  # type: ignore[no-untyped-call]
             raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
         return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Refuse a key that stands twice: PyYAML would take the later value without a word."""
+        seen: set[tuple[str, str]] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if (key.tag, key.value) in seen:
+                line = key.start_mark.line + 1
+                raise yaml.YAMLError(f"line {line}: expected each key once, got {key.value} again")
+            seen.add((key.tag, key.value))
+        return super().construct_mapping(node, deep)

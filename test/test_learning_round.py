@@ -116,6 +116,16 @@ def test_what_was_learned_from_is_not_tested_on(tmp_path: Path, shipped: Path) -
     assert "too few new records: 0" in again["actions"][NAME]["reason"]
 
 
+def test_a_round_without_enough_records_says_how_many_it_needs(tmp_path: Path) -> None:
+    for count, reason in (
+        (5, "too few new records: 5, expected 12 that succeeded"),
+        (25, "too few records: 25, expected 30 to learn a model from"),
+    ):
+        stored(tmp_path / str(count) / RECORDS, episodes(count)).close()
+        told = round_of(tmp_path / str(count), tmp_path / "no models")
+        assert told["actions"][NAME]["reason"] == reason
+
+
 def test_a_set_that_turns_out_worse_is_rolled_back(tmp_path: Path, shipped: Path) -> None:
     stored(tmp_path / RECORDS, episodes(60, slower=1.3)).close()
     round_of(tmp_path, shipped)

@@ -145,6 +145,10 @@ def test_a_robot_that_slides_early_turns_slowly_when_it_is_fast() -> None:
             {"mass_behind": 0.3},
             r"own\.yaml: robot\.build\.mass_behind: expected less than 0\.24, .* got 0\.3$",
         ),
+        (
+            {"caster_behind": 0.25},
+            r"own\.yaml: robot\.build\.caster_behind: expected at most 0\.24, .* got 0\.25$",
+        ),
         ({"mass_behind": "far"}, r"own\.yaml: robot\.build\.mass_behind: expected .*; got 'far'$"),
         ({"wheel_mass": -1.0}, r"own\.yaml: robot\.build\.wheel_mass: expected .*; got -1\.0$"),
         ({"weight": 1.0}, r"own\.yaml: robot\.build.*weight"),
@@ -162,6 +166,9 @@ def test_a_build_that_no_body_has_is_refused(build: dict[str, Any], message: str
     [
         ("robot", "track", 0.4, r"own\.yaml: robot\.track: expected at most 0\.38, the width .* got 0\.4$"),
         ("holder", "gap", 0.2, r"robot\.holder\.gap: expected at least 0\.22, the width .* got 0\.2$"),
+        ("holder", "gap", 0.45, r"robot\.holder\.gap: expected at most 0\.44, .* got 0\.45$"),
+        ("holder", "radius", 0.123, r"robot\.holder\.radius: expected .* \(ball 0\.11\), got 0\.123$"),
+        ("robot", "wheel_torque", 0.3, r"robot\.wheel_torque: expected at least 0\.351.*9 kg .* got 0\.3$"),
     ],
 )
 def test_sizes_that_do_not_fit_each_other_are_refused(

@@ -19,8 +19,10 @@ BACK = "back to "
 """How the name of a candidate begins that was in use before."""
 _RECENT = (30, 100)
 """Newest records from which corrections are estimated."""
-_FEWEST, _FEWEST_LEARNED = 12, 20
-"""Records from which a tree can be corrected, and learned."""
+FEWEST_LEARNED = 20
+"""Records from which a tree can be learned."""
+_FEWEST = 12
+"""Records from which one can be corrected."""
 _LEAST_LEAF = 8
 """Records in a leaf."""
 _LARGE = 2000
@@ -99,7 +101,7 @@ def _rate(lessons: Lessons, size: int, which: IntArray) -> ModelTree:
 
 def _learned(lessons: Lessons, names: list[str], size: int, which: IntArray) -> ModelTree | None:
     which = which[-size:]
-    if len(which) < _FEWEST_LEARNED:
+    if len(which) < FEWEST_LEARNED:
         return None
     table, values = lessons.table[names].iloc[which], lessons.values[which]
     if lessons.measure == "duration":

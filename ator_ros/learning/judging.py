@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.learning.candidates import BACK, TreeCandidate, candidates
+from ator_ros.learning.candidates import BACK, FEWEST_LEARNED, TreeCandidate, candidates
 from ator_ros.learning.comparison import Comparison, compare
 from ator_ros.learning.lessons import Lessons
 from ator_ros.performance.model import MEASURES
@@ -96,10 +97,15 @@ def judge(
         )
     known = {"the present model": now} if now is not None else {}
     tried = _predictions(lessons, list(candidates(lessons, names, known, former)), test)
+    if not tried:
+        least = math.ceil(FEWEST_LEARNED * _FOLDS / (_FOLDS - 1))
+        return RoundVerdict(
+            count, len(test), f"too few records: {count}, expected {least} to learn a model from"
+        )
     if lessons.measure == "success" and now is not None:
         tried = [item for item in tried if _remembers(lessons, item[0], now, test)]
-    if not tried:
-        return RoundVerdict(count, len(test), "no model can be learned yet")
+        if not tried:
+            return RoundVerdict(count, len(test), "no better: what was learned forgets earlier failures")
     before = lessons.losses(_usual(lessons, now, test), test)
     sizes = sorted({min(size, len(test)) for size in TESTED})
     for size in sizes:

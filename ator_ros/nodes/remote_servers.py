@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
+from itertools import chain
 
 from rclpy.node import Node
 
@@ -36,17 +37,24 @@ class RemoteServers:
         self, node: Node, domain: Domain, frame: str, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._domain = domain
-        calls = {
-            spec.remote for specs in domain.action_sets.values() for spec in specs if spec.remote is not None
-        }
+        callers: dict[RemoteCall, set[str]] = {}
+        for spec in chain.from_iterable(domain.action_sets.values()):
+            if spec.remote is not None:
+                callers.setdefault(spec.remote, set()).add(spec.name)
+        self._callers = callers
         self._servers: dict[RemoteCall, RemoteServer] = {
-            call: RemoteServer(node, call, frame, clock) for call in sorted(calls, key=repr)
+            call: RemoteServer(node, call, frame, clock) for call in sorted(callers, key=repr)
         }
         for fault in self._faults():
             node.get_logger().warning(fault)
 
     def _faults(self) -> list[str]:
-        return [server.fault for server in self._servers.values() if server.fault]
+        """Return which servers cannot be used as declared, and the actions that are lost with them."""
+        return [
+            f"{server.fault}; without it {', '.join(sorted(self._callers[call]))} cannot be executed"
+            for call, server in self._servers.items()
+            if server.fault
+        ]
 
     @property
     def problem(self) -> str:

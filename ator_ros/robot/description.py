@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
+from ator_ros.robot.body_checks import impossible
 from ator_ros.robot.description_file import ConfigError, read_description
 from ator_ros.robot.former_form import former_forms
 from ator_ros.schema import Within
@@ -155,21 +156,8 @@ class Robot:
 
     def __post_init__(self) -> None:
         """Refuse what no body can be; raises ConfigError."""
-        wheel, behind, caster = self.build.wheel_mass, self.build.mass_behind, self.build.caster_behind
-        if wheel is not None and 2.0 * wheel >= self.mass:
-            half = self.mass / 2.0
-            raise ConfigError(f"robot.build.wheel_mass: expected less than {half:g}, got {wheel:g}")
-        rear = self.rear if caster is None else caster
-        if behind is not None and behind >= rear:
-            support = f"less than {rear:g}, where the robot is supported"
-            raise ConfigError(f"robot.build.mass_behind: expected {support}, got {behind:g}")
-        if self.track > 2.0 * self.half_width:
-            width = f"at most {2.0 * self.half_width:g}, the width of the robot with its wheels"
-            raise ConfigError(f"robot.track: expected {width}, got {self.track:g}")
-        if self.holder is not None and self.holder.gap < self.holder.held_width:
-            least = math.ceil(1e4 * self.holder.held_width) / 1e4
-            expected = f"at least {least:g}, the width of what is held"
-            raise ConfigError(f"robot.holder.gap: expected {expected}, got {self.holder.gap:g}")
+        for wrong in impossible(self):
+            raise ConfigError(wrong)
 
     def __hash__(self) -> int:
         """Hash the name alone, as tables are looked up by the robot in every search."""

@@ -217,7 +217,11 @@ def test_an_action_whose_type_is_not_installed_leaves_the_others_alone(hall: Hal
     assert outcome.code == Outcome.FAILED
     assert "flying_msgs/action/Fly to be installed" in outcome.reason
     hall.client.eventually(
-        lambda: any("flying_msgs" in status.message for message in heard for status in message.status),
+        lambda: any(
+            "; without it fly cannot be executed" in status.message
+            for message in heard
+            for status in message.status
+        ),
         "diagnostics",
     )
     server = hall.serve()
