@@ -40,6 +40,7 @@ from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
 
 _WARNING_PERIOD = 2.0
+_SILENCE = 1.0  # real s without odometry after which the base may be another one
 _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
 _HURRIED = 2.0  # times real time
 
@@ -141,6 +142,8 @@ class ExecutorNode(FrugalNode):
             return
         if world is None:
             return
+        if now - self._heard > _SILENCE:
+            self._driving.appeared(now)
         world = self._driving.ahead(world, None if self._run is None else self._run.execution, now)
         self._world, self._heard = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
@@ -171,6 +174,7 @@ class ExecutorNode(FrugalNode):
             self._note(str(jump))
         self._jumped = now
         self._driving.reset()
+        self._driving.appeared(now)
         # A goal that waits for its first state has nothing to lose, as after a restart of the simulation.
         if self._run is not None and self._run.execution.phase is not Phase.WAITING:
             self._end(Ending.INPUT_LOST, str(jump))

@@ -1,0 +1,69 @@
+"""Which descriptions no body can have: sizes, masses and motors that do not go with each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ator_ros.robot.description import Robot
+
+_LOOSE = 2.0
+"""Fingers farther apart than so many widths of what they hold do not hold it."""
+_SAME_RADIUS = 0.1
+"""Share by which the radius of an object may differ from the one that the holder is made for."""
+
+
+def impossible(robot: Robot) -> Iterator[str]:
+    """Yield what is wrong with a description, each as field, expectation and value."""
+    yield from _wrong_build(robot)
+    yield from _wrong_motors(robot)
+    if robot.track > 2.0 * robot.half_width:
+        width = f"at most {2.0 * robot.half_width:g}, the width of the robot with its wheels"
+        yield f"robot.track: expected {width}, got {robot.track:g}"
+    yield from _wrong_holder(robot)
+
+
+def _wrong_build(robot: Robot) -> Iterator[str]:
+    wheel, behind, caster = robot.build.wheel_mass, robot.build.mass_behind, robot.build.caster_behind
+    if wheel is not None and 2.0 * wheel >= robot.mass:
+        yield f"robot.build.wheel_mass: expected less than {robot.mass / 2.0:g}, got {wheel:g}"
+    if caster is not None and caster > robot.rear:
+        end = f"at most {robot.rear:g}, where the robot ends"
+        yield f"robot.build.caster_behind: expected {end}, got {caster:g}"
+    rear = robot.rear if caster is None else caster
+    if behind is not None and behind >= rear:
+        support = f"less than {rear:g}, where the robot is supported"
+        yield f"robot.build.mass_behind: expected {support}, got {behind:g}"
+
+
+def _wrong_motors(robot: Robot) -> Iterator[str]:
+    """Yield that the motors cannot do what the limits say: F = m a with a wheel on each side."""
+    fastest = max(robot.limits.a, robot.limits.brake)
+    least = 0.5 * robot.mass * fastest * robot.wheel_radius
+    if robot.wheel_torque < least:
+        needed = f"at least {_rounded_up(least):g}, which {robot.mass:g} kg need for {fastest:g} m/s^2"
+        yield f"robot.wheel_torque: expected {needed}, got {robot.wheel_torque:g}"
+
+
+def _wrong_holder(robot: Robot) -> Iterator[str]:
+    holder, objects = robot.holder, robot.scene.objects
+    if holder is None:
+        return
+    least, most = holder.held_width, _LOOSE * holder.held_width
+    if holder.gap < least:
+        expected = f"at least {_rounded_up(least):g}, the width of what is held"
+        yield f"robot.holder.gap: expected {expected}, got {holder.gap:g}"
+    elif holder.gap > most:
+        expected = f"at most {math.floor(1e4 * most) / 1e4:g}, beyond which fingers hold nothing"
+        yield f"robot.holder.gap: expected {expected}, got {holder.gap:g}"
+    fits = (abs(each.radius - holder.radius) <= _SAME_RADIUS * holder.radius for each in objects.values())
+    if objects and not any(fits):
+        radii = ", ".join(f"{name} {each.radius:g}" for name, each in objects.items())
+        yield f"robot.holder.radius: expected that of an object of the scene ({radii}), got {holder.radius:g}"
+
+
+def _rounded_up(value: float) -> float:
+    """Return `value` to four digits after the point, none less: what is asked for is accepted then."""
+    return math.ceil(1e4 * value) / 1e4
