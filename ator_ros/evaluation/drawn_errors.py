@@ -1,4 +1,4 @@
-"""Learning a gate from errors that are drawn for each chain from those of chains about as uncertain.
+"""Learning a gate from errors that are drawn for each chain from those of chains like it.
 
 Of some hundred executed chains a handful become slower, and which ones is chance. By how much all of them
 missed their predicted gain tells more about how often one becomes slower.
@@ -16,24 +16,24 @@ from ator_ros.refinement.gate import FEATURES, ThresholdGate
 
 DRAWS = 100
 """Errors that are drawn of each chain: with few, chance decides between thresholds from 0.02 to 0.4 s."""
-HARM = 2.0
-"""As `ator_ros.evaluation.gate_learning.HARM`; less, as more chains become slower by drawn errors than do."""
-_ALIKE = 0.1
-"""Share of all chains, to either side by their predicted spread, among whose errors they are drawn.
+_ALIKE = 0.2
+"""Share of all chains among whose errors those of one are drawn: those with the most similar ranks of
+predicted spread and predicted gain.
 
-In units of the spread errors are not alike: where little is predicted they exceed it, and were drawn far too
-large for the others (on one robot 50 of 600 chains became slower so, where 6 did).
+Errors grow with both. In units of the spread they are not alike: where little is predicted they exceed it.
+And a chain that gains little has hardly changed, so its error is small: drawn without regard to the gain,
+errors make two to three times as many chains slower as become so.
 """
-_FEWEST = 5
+_FEWEST = 10
 
 
 def fit_to_drawn_errors(examples: GateExamples) -> ThresholdGate:
     """Return the most useful threshold for errors that are drawn, see `with_drawn_errors`."""
-    return most_useful_threshold(with_drawn_errors(examples), harm=HARM)
+    return most_useful_threshold(with_drawn_errors(examples))
 
 
 def with_drawn_errors(examples: GateExamples) -> GateExamples:
-    """Return each example `DRAWS` times, with errors drawn from those that are about as uncertain.
+    """Return each example `DRAWS` times, with errors drawn from those of chains like it.
 
     An error is by how much a chain of the same kind missed its predicted gain, in s. They are drawn evenly,
     from the least to the greatest, not at random.
@@ -46,22 +46,22 @@ def with_drawn_errors(examples: GateExamples) -> GateExamples:
         if examples.succeeded is not None:
             changed &= examples.succeeded
         rows = np.flatnonzero(changed)
-        rows = rows[np.argsort(spread[rows], kind="stable")]
-        errors = actual[rows] - gain[rows]
+        errors, ranks = actual[rows] - gain[rows], np.array([_ranks(gain[rows]), _ranks(spread[rows])])
+        count = max(_FEWEST, round(_ALIKE * len(rows)))
         for place, row in enumerate(rows):
-            saved[:, row] = gain[row] + _evenly(np.sort(_around(errors, place)))
+            apart = np.abs(ranks - ranks[:, place, None]).sum(axis=0)
+            alike = np.argsort(apart, kind="stable")[:count]
+            saved[:, row] = gain[row] + _evenly(np.sort(errors[alike]))
     many = examples.part(np.tile(np.arange(len(gain)), DRAWS))
     return dataclasses.replace(many, refined=many.naive - saved.ravel())
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """Return how many of the values are less than each, or equal and before it."""
+    return np.argsort(np.argsort(values, kind="stable"), kind="stable").astype(float)
 
 
 def _evenly(errors: FloatArray) -> FloatArray:
     """Return `DRAWS` of sorted errors, evenly spaced by rank."""
     ranks = (np.arange(DRAWS) + 0.5) * (len(errors) / DRAWS)
     return errors[ranks.astype(np.intp)]
-
-
-def _around(errors: FloatArray, place: int) -> FloatArray:
-    """Return the errors to both sides of one, as many also at the ends."""
-    beside = max(_FEWEST, round(_ALIKE * len(errors)))
-    low = min(max(place - beside, 0), max(len(errors) - 2 * beside - 1, 0))
-    return errors[low : low + 2 * beside + 1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,11 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.tree import DecisionTreeClassifier
 
+from ator_ros.evaluation.policies import POLICIES, Toolset
 from ator_ros.evaluation.statistics import labels
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import FEATURES, ThresholdGate, TreeGate
+from ator_ros.tops.library import TopLibrary
 
 LearnedGate = ThresholdGate | TreeGate
+KINDS = (("refined", "features"), ("refined_speed", "features_speed"))
+"""Policies whose chains are examples, and where a record has what the gate saw of them."""
 GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
 HARM = 3.0
@@ -66,7 +71,7 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
     """Return the examples in records of `evaluate_trial`, with and without refined arrival speed."""
     rows, naive, refined, situation, kinds, succeeded = [], [], [], [], [], []
     for record in records:
-        for kind, (policy, key) in enumerate((("refined", "features"), ("refined_speed", "features_speed"))):
+        for kind, (policy, key) in enumerate(KINDS):
             if record.get(key):
                 rows.append([record[key][name] for name in FEATURES])
                 naive.append(record["policies"]["naive"]["duration"])
@@ -78,6 +83,31 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
     return GateExamples(
         np.array(rows, dtype=float), *durations, np.array(situation), np.array(kinds), np.array(succeeded)
     )
+
+
+def with_corrected_gains(
+    records: Iterable[Mapping[str, Any]], *, seed: int, chain: str, tools: Toolset, library: TopLibrary
+) -> list[dict[str, Any]]:
+    """Return records of `evaluate_trial` with the features that the toolset's gate sees now.
+
+    Parameters
+    ----------
+    records : iterable
+        Of the `chain` in situations of this `seed`, which the same models have chosen.
+    tools : Toolset
+        With a calibration, which the records may have taught, and a gate that wants corrected predictions.
+    library : TopLibrary
+        Robot, and TOPs of the chain.
+    """
+    seen = []
+    for record in records:
+        trial = random_trial(tools.domain, chain, library, seed=seed, index=record["index"])
+        seen.append(dict(record))
+        for policy, key in KINDS:
+            refinement = POLICIES[policy](tools, trial).refinement if record.get(key) else None
+            if refinement is not None:
+                seen[-1][key] = dict(refinement.features)
+    return seen
 
 
 Fit = Callable[[GateExamples], ThresholdGate]
@@ -112,10 +142,10 @@ def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGat
     return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
 
 
-def most_useful_threshold(examples: GateExamples, *, harm: float = HARM) -> ThresholdGate:
-    """Return the threshold that gains most, less a penalty of `harm` s for each run that becomes slower."""
+def most_useful_threshold(examples: GateExamples) -> ThresholdGate:
+    """Return the threshold that gains most, less a penalty of `HARM` for each run that becomes slower."""
     gates, refine = _thresholds(examples)
-    return gates[max(range(len(gates)), key=lambda index: _utility(examples, refine[index], harm))]
+    return gates[max(range(len(gates)), key=lambda index: _utility(examples, refine[index]))]
 
 
 def _thresholds(examples: GateExamples) -> tuple[list[ThresholdGate], list[NDArray[np.bool_]]]:
@@ -171,8 +201,8 @@ def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> list[float]:
     return shares
 
 
-def _utility(examples: GateExamples, refine: NDArray[np.bool_], harm: float = HARM) -> float:
-    return _gain(examples, refine) - harm * _worse(examples, refine)
+def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
+    return _gain(examples, refine) - HARM * _worse(examples, refine)
 
 
 def compare_gates(examples: GateExamples, fit: Fit = fit_threshold) -> dict[str, dict[str, float]]:

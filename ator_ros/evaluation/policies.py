@@ -18,7 +18,7 @@ from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
 from ator_ros.refinement.free_variables import PredictsPerformance
-from ator_ros.refinement.gate import Gate, OpenGate
+from ator_ros.refinement.gate import Gate, OpenGate, opened
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -59,7 +59,7 @@ class Toolset:
     def refiner(self, models: str = "learned", *, gated: bool = False) -> Refiner:
         """Return a refiner with one of the sets of models."""
         own = self.gate if models == "learned" else self.gates.get(models, OpenGate())
-        gate = own if gated else OpenGate(own.widths, own.room)
+        gate = own if gated else opened(own)
         return Refiner(
             self.robot,
             self.models[models],

@@ -16,7 +16,7 @@ from ator_ros.nodes.learned_sets import LearnedSets
 from ator_ros.nodes.model_sets import ModelSet, read_models
 from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate import Gate, OpenGate
+from ator_ros.refinement.gate import Gate, OpenGate, opened
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.library import TopLibrary
@@ -102,4 +102,4 @@ def _gate(node: Node, read: ModelSet, action_set: str, *, gated: bool) -> Gate:
     except RefinementError as error:
         node.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
         return OpenGate()
-    return gate if gated else OpenGate(gate.widths, gate.room)
+    return gate if gated else opened(gate)

@@ -73,6 +73,10 @@ class Gate(Protocol):
     def room(self) -> float:
         """Multiple of the way to stop that arrivals must leave free; see `ator_ros.refinement.room`."""
 
+    @property
+    def corrected(self) -> bool:
+        """Whether it decides from corrected predictions; see `ator_ros.refinement.calibration`."""
+
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
         """Return whether to refine, and the reason in words."""
 
@@ -87,10 +91,13 @@ class OpenGate:
         As in `Gate`.
     room : float
         As in `Gate`.
+    corrected : bool
+        As in `Gate`.
     """
 
     widths: Widths = field(default_factory=dict)
     room: float = 0.0
+    corrected: bool = False
     kind: ClassVar[str] = "open"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -113,12 +120,15 @@ class ThresholdGate:
         As in `Gate`.
     room : float
         As in `Gate`.
+    corrected : bool
+        As in `Gate`.
     """
 
     gain: float
     spread_factor: float = 0.0
     widths: Widths = field(default_factory=dict)
     room: float = 0.0
+    corrected: bool = False
     kind: ClassVar[str] = "threshold"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -148,6 +158,8 @@ class TreeGate:
         As in `Gate`.
     room : float
         As in `Gate`.
+    corrected : bool
+        As in `Gate`.
     """
 
     feature: Sequence[str]
@@ -157,6 +169,7 @@ class TreeGate:
     label: Sequence[str]
     widths: Widths = field(default_factory=dict)
     room: float = 0.0
+    corrected: bool = False
     kind: ClassVar[str] = "tree"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -191,3 +204,8 @@ class TreeGate:
             stack.append((self.right[node], (*path, f"{name} > {bound:.3g}")))
             stack.append((self.left[node], (*path, f"{name} <= {bound:.3g}")))
         return rules
+
+
+def opened(gate: Gate) -> OpenGate:
+    """Return the open gate with which the same chains are found as with `gate`."""
+    return OpenGate(gate.widths, gate.room, gate.corrected)

@@ -21,17 +21,20 @@ from ator_ros.schema import OneOf, SchemaError, Within, structured
 FORMAT = Format("ator_ros gate", 1, "gate")
 GATE = "gate.json"
 """Name of the file beside the models."""
+_SHARED = ("widths", "room", "corrected")
+"""What all kinds of gate have; a file states what is not as usual."""
 
 
 @dataclass(frozen=True)
 class _GateFile:
-    """The fields of a gate's file; gate: those of the gate of this kind, but widths and room."""
+    """The fields of a gate's file; gate: those of the gate of this kind, but what all kinds have."""
 
     action_set: str
     kind: Annotated[str, OneOf((OpenGate.kind, ThresholdGate.kind, TreeGate.kind))]
     gate: dict[str, Any]
     widths: dict[str, Annotated[float, Within(0.0, math.inf)]] = field(default_factory=dict)
     room: Annotated[float, Within(0.0, 10.0)] = 0.0
+    corrected: bool = False
     training: dict[str, Any] = field(default_factory=dict)
 
 
@@ -92,13 +95,12 @@ def save_gate(
 ) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
     fields = asdict(gate)
-    widths, room = fields.pop("widths"), fields.pop("room")
+    shared = {name: fields.pop(name) for name in _SHARED}
     data = {
         "action_set": action_set,
         "kind": gate.kind,
         "gate": fields,
-        **({"widths": widths} if widths else {}),
-        **({"room": room} if room else {}),
+        **{name: value for name, value in shared.items() if value},
         "training": dict(training),
     }
     write_text(path, FORMAT.text(data))
@@ -120,7 +122,7 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
                 f"action_set: expected {action_set!r}, got {short(file.action_set)}: "
                 "learn the gate of these actions with the tool gate"
             )
-        return dataclasses.replace(_gate(file), widths=file.widths, room=file.room)
+        return dataclasses.replace(_gate(file), **{name: getattr(file, name) for name in _SHARED})
 
 
 def gate_in(folder: Path, action_set: str, *, otherwise: Gate | None = None) -> Gate:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
@@ -46,7 +45,8 @@ class Refiner:
     ranges : mapping, optional
         Goal variable to its range: those of a domain are `TopLibrary.ranges`; by default the usual ones.
     calibration : Calibration, optional
-        What the models' predictions miss; it is added to what is reported, after everything is decided.
+        What the models' predictions miss. It is added to what is reported, and to what a gate judges that
+        wants it; the search does without.
     failure_cost : float
         Time in s that one failure costs where a request has no objective of its own, see `expected_time`.
     """
@@ -120,9 +120,10 @@ class Refiner:
             models=self.models, free=analysis.free, objective=objective, memory=memory,
         )  # fmt: skip
         if not analysis.free:
-            answer = self._left_alone(chain, analysis, (yield from model.predicting(model.given)))
+            prediction = yield from model.predicting(model.given)
             yield
-            return self._calibrated(world, answer, objective)
+            told = self._corrected(world, (chain,), (prediction,), (), objective)
+            return self._left_alone(chain, analysis, *told)
         if late:
             before = after = yield from model.predicting(model.given)
             optimum = unsearched(model.given, before.cost)
@@ -137,23 +138,23 @@ class Refiner:
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        answer = self._answer(world, chain, analysis, model, optimum, before, after)
-        yield
-        return self._calibrated(world, answer, objective)
+        return self._answer(world, chain, analysis, model, optimum, objective, (before, after))
 
-    def _calibrated(self, world: World, answer: Refinement, objective: Objective) -> Refinement:
-        """Return the answer with what its predictions are expected to miss added."""
-        predicted = [(answer.original, answer.before), (answer.best, answer.after)]
-        turned = {variable.subgoal for variable in answer.free if variable.name == "yaw"}
-        before, after = self._calibration.corrected(
-            predicted,
-            world,
-            self.models,
-            self.robot,
-            objective,
-            chosen=[index in turned for index in range(len(answer.original.calls))],
+    def _corrected(
+        self,
+        world: World,
+        chains: Sequence[TopChain],
+        predictions: Sequence[ChainPrediction],
+        free: Sequence[FreeVariable],
+        objective: Objective,
+    ) -> list[ChainPrediction]:
+        """Return the predictions of chains of the same TOPs with what they are expected to miss added."""
+        predicted = list(zip(chains, predictions, strict=True))
+        turned = {variable.subgoal for variable in free if variable.name == "yaw"}
+        chosen = [index in turned for index in range(len(chains[0].calls))]
+        return self._calibration.corrected(
+            predicted, world, self.models, self.robot, objective, chosen=chosen
         )
-        return dataclasses.replace(answer, before=before, after=after)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Return the chain that the paper compares with: each subgoal suits the action leading to it alone.
@@ -222,15 +223,17 @@ class Refiner:
         analysis: Analysis,
         model: ChainModel,
         optimum: Optimum,
-        before: ChainPrediction,
-        after: ChainPrediction,
+        objective: Objective,
+        predicted: tuple[ChainPrediction, ChainPrediction],
     ) -> Refinement:
         best = chain
         for index, names in enumerate(model.names):
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
+        told = self._corrected(world, (chain, best), predicted, analysis.free, objective)
+        judged = told if self.gate.corrected else predicted
         averaged = math.inf if optimum.given is None else optimum.given - optimum.cost
-        features = gate_features(world, chain, best, before, after, averaged=averaged)
+        features = gate_features(world, chain, best, *judged, averaged=averaged)
         pays, reason = self.gate.decide(features)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
@@ -248,8 +251,8 @@ class Refiner:
             reason + remarks(chain, analysis.not_free, lacking),
             original=chain,
             best=best,
-            before=before,
-            after=after,
+            before=told[0],
+            after=told[1],
             free=analysis.free,
             not_free=analysis.not_free,
             without_model=lacking,

@@ -47,7 +47,8 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--calibrate",
         action="store_true",
-        help="also learn from the same chains what predictions miss, as calibrate_predictions does",
+        help="also learn from the same chains what predictions miss, as calibrate_predictions does; "
+        "the gate then judges corrected predictions",
     )
     parser.add_argument(
         "--work",

@@ -18,13 +18,14 @@ from ator_ros.evaluation.gate_learning import (
     LearnedGates,
     gate_examples,
     learn_gates,
+    with_corrected_gains,
 )
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import BASELINES, ToolsetSource, make_library, read_rows, tools_of
 from ator_ros.files import reserved, write_text
-from ator_ros.refinement.gate import OpenGate
+from ator_ros.refinement.gate import OpenGate, opened
 from ator_ros.refinement.gate_file import GATE, gate_in, save_gate
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.work.calibrate_predictions import save_learned
@@ -55,10 +56,16 @@ def run(options: argparse.Namespace, command: str) -> int:
     gate = tools_of(settings.source)[0].gate
     with reserved(source.folder(), _GATE_BYTES), results_in(options.work, options.situations):
         records = executed(settings, options, options.work)
-    learned, better = _learned(gate_examples(records), options)
-    better = dataclasses.replace(better, widths=gate.widths, room=gate.room)
+    gate = dataclasses.replace(opened(gate), corrected=options.calibrate)
     if options.calibrate:  # first: the command that is interrupted here goes on as long as there is no gate
         save_learned(records, dataclasses.replace(settings, source=source), command)
+        tools, library = tools_of(source)
+        tools = dataclasses.replace(tools, gate=gate)
+        records = with_corrected_gains(
+            records, seed=settings.seed, chain=settings.chain, tools=tools, library=library
+        )
+    learned, better = _learned(gate_examples(records), options)
+    better = dataclasses.replace(better, widths=gate.widths, room=gate.room, corrected=gate.corrected)
     _save(better, learned, source.folder() / GATE, options, command)
     return 0
 

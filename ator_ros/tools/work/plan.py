@@ -13,7 +13,7 @@ from ator_ros.planning.planner import chains_for
 from ator_ros.planning.search import search
 from ator_ros.planning.wanted import Wish, wish_from
 from ator_ros.refinement.alternatives import Judged, choosing
-from ator_ros.refinement.gate import OpenGate
+from ator_ros.refinement.gate import opened
 from ator_ros.refinement.gate_file import gate_in
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
     folder = Path(options.models) if options.models else domain.shipped_models
     models = load_models(robot, domain.known_features, action_set=options.action_set, folder=folder)
     gate = gate_in(folder / model_path("gate", options.action_set).parent, options.action_set)
-    refiner = Refiner(robot, models, OpenGate(gate.widths, gate.room), ranges=library.ranges)
+    refiner = Refiner(robot, models, opened(gate), ranges=library.ranges)
     judged = completed(choosing(refiner, world, chains, placeholders=True)).judged
     for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: pair[0].rank):
         print(_line(each, chain))
