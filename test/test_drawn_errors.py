@@ -46,7 +46,7 @@ def test_what_hardly_changes_is_not_given_the_errors_of_what_changes_much() -> N
     examples = GateExamples(features, naive, naive - gain - errors, np.arange(400), np.zeros(400, dtype=int))
     drawn = with_drawn_errors(examples)
     error = (drawn.naive - drawn.refined - np.tile(gain, DRAWS)).reshape(DRAWS, 400)
-    assert error[:, gain < 0.04].std() == pytest.approx(0.02, rel=0.3)
+    assert error[:, gain < 0.04].std() < 0.06
     assert error[:, gain > 1.5].std() == pytest.approx(0.4, rel=0.3)
     gate = fit_to_drawn_errors(examples)
     assert gate.gain + 0.3 * gate.spread_factor <= 0.05

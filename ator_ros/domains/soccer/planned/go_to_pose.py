@@ -21,6 +21,7 @@ from ator_ros.world.state import ObjectState, World
 
 _BALL_MARGIN = 0.04  # m
 _MOVED = 0.04  # m
+_LAGGING = 0.05  # s: motors with which a robot that catches up brakes too late, and has to come back for 3 s
 _SLOWER = (1.0, 0.75, 0.5)  # of the goal's speed; where there is no way to arrive so fast, the next, and rest
 
 
@@ -36,6 +37,8 @@ class GoToPose(PlannedAction):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot, robot.limits)
+        if robot.motor_time_constant > _LAGGING:
+            self.reserve = max(0.0, robot.limits.brake - self.plan_limits.brake)
 
     def setup(self) -> None:
         """Compute the tables of drives and approaches from rest to rest; see `Action.setup`."""
