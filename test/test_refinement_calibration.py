@@ -117,6 +117,25 @@ def test_it_is_reported_and_decides_nothing(opened: frozenset[str], gate: Any) -
         assert told.spread == raw.spread
 
 
+def test_a_gate_may_decide_from_it() -> None:
+    """A shortfall of the arrival's speed makes a chain that stands still the better one."""
+    chain = two_steps(BOTH)
+    speed = dataclasses.replace(constant("goToPose", 0.0), slopes={"speedg": 20.0}, high=20.0)
+    calibration = Calibration({"goToPose": speed})
+    plain, corrected = (
+        Refiner(ROBOT, LEARNED, OpenGate(corrected=it), calibration=calibration).refine(world(), chain)
+        for it in (False, True)
+    )
+    assert plain.best == corrected.best != chain
+    assert (plain.refined, corrected.refined) == (True, False)
+    assert plain.before == corrected.before
+    assert plain.after == corrected.after
+    assert corrected.before is not None
+    assert corrected.after is not None
+    assert corrected.features["gain"] == corrected.before.cost - corrected.after.cost < 0.0
+    assert plain.features["gain"] > 0.0
+
+
 def test_the_cost_counts_it_as_the_objective_weighs_durations() -> None:
     objective = Objective({"duration": 2.0, "success": 10.0})
     plain = Refiner(ROBOT, LEARNED).refine(world(), two_steps(), objective)

@@ -53,6 +53,7 @@ def test_rules_name_every_leaf() -> None:
         TREE,
         ThresholdGate(0.15, 0.5, {"yaw": 0.14}),
         replace(TREE, widths={"yaw": 0.14, "speed": 0.06}),
+        ThresholdGate(0.05, room=1.5, corrected=True),
     ],
 )
 def test_file_gives_back_the_same_gate(gate: Any, tmp_path: Path) -> None:
