@@ -1,10 +1,12 @@
-"""Call a service as `ros2 service call` does, where that command is not installed.
+"""Call a service or an action as `ros2` does, where that command is not installed.
 
     python3 -m ator_ros.examples.call /reset std_srvs/srv/Trigger
     python3 -m ator_ros.examples.call /pause std_srvs/srv/SetBool "{data: true}"
+    python3 -m ator_ros.examples.call /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
 
-The values are YAML; fields that are not named keep their defaults. The program needs rclpy, PyYAML and the
-interfaces, and nothing else of ator_ros.
+The values are YAML; fields that are not named keep their defaults. Feedback of an action is printed as it
+comes, and Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the interfaces, and nothing else of
+ator_ros.
 """
 
 from __future__ import annotations
@@ -14,28 +16,37 @@ import array
 import importlib
 import re
 import sys
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import rclpy
 import yaml
+from rclpy.action import ActionClient
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 
 _PATIENCE = 10.0  # s
+_LOOK = 0.1  # s after which Ctrl-C is noticed
 
 
 class CallError(ValueError):
     """A call that cannot be made; the message says what was expected and what came."""
 
 
-def service_type(name: str) -> Any:
-    """Import a service type, such as std_srvs/srv/Trigger."""
-    package, _, kind = name.partition("/srv/")
+def interface(name: str) -> Any:
+    """Import the type of a service or an action, such as std_srvs/srv/Trigger."""
+    parts = name.split("/")
     try:
-        return getattr(importlib.import_module(f"{package}.srv"), kind)
+        package, place, kind = parts
+        if place not in ("srv", "action"):
+            raise ValueError(place)
+        return getattr(importlib.import_module(f"{package}.{place}"), kind)
     except (ImportError, AttributeError, ValueError) as error:
-        raise CallError(f"type: expected an installed PACKAGE/srv/NAME, got {name}") from error
+        expected = "an installed PACKAGE/srv/NAME or PACKAGE/action/NAME"
+        raise CallError(f"type: expected {expected}, got {name}") from error
 
 
 def filled(message: Any, values: Any, where: str = "request") -> Any:
@@ -96,41 +107,70 @@ def _plain(kind: Any) -> type:
 
 def called(node: Node, service: str, kind: Any, request: Any) -> Any:
     """Call a service and return its response."""
-    try:
-        client = node.create_client(kind, service)
-    except NameValidationException as error:
-        raise CallError(f"service: expected a name such as /reset, got {service!r}") from error
+    client = _client(node.create_client, "service", kind, service)
     if not client.wait_for_service(timeout_sec=_PATIENCE):
         others = dict(node.get_service_names_and_types()).get(node.resolve_service_name(service), [])
         found = f"found it with the type {', '.join(others)}" if others else "found none"
         raise CallError(f"expected the service {client.srv_name} within {_PATIENCE:g} s, {found}")
-    future = client.call_async(request)
+    return _answer(node, client.call_async(request), client.srv_name)
+
+
+def performed(node: Node, action: str, kind: Any, goal: Any) -> Any:
+    """Send a goal to an action, print its feedback, and return its result; Ctrl-C cancels the goal."""
+    client = _client(partial(ActionClient, node), "action", kind, action)
+    if not client.wait_for_server(timeout_sec=_PATIENCE):
+        raise CallError(f"expected the action {action} within {_PATIENCE:g} s, found none")
+    sent = client.send_goal_async(goal, feedback_callback=lambda heard: print(heard.feedback, flush=True))
+    handle = _answer(node, sent, action)
+    if not handle.accepted:
+        raise CallError(f"{action}: expected the goal to be accepted, it was rejected")
+    result = handle.get_result_async()
+    try:
+        while not result.done():
+            rclpy.spin_once(node, timeout_sec=_LOOK)
+    except KeyboardInterrupt:
+        handle.cancel_goal_async()
+        return _answer(node, result, action).result
+    return result.result().result
+
+
+def _client(create: Callable[[Any, str], Any], what: str, kind: Any, name: str) -> Any:
+    try:
+        return create(kind, name)
+    except NameValidationException as error:
+        raise CallError(f"{what}: expected a name such as /reset, got {name!r}") from error
+
+
+def _answer(node: Node, future: Any, name: str) -> Any:
     rclpy.spin_until_future_complete(node, future, timeout_sec=_PATIENCE)
     if not future.done():
-        raise CallError(f"{client.srv_name}: expected an answer within {_PATIENCE:g} s, got none")
+        raise CallError(f"{name}: expected an answer within {_PATIENCE:g} s, got none")
     return future.result()
 
 
 def main(words: list[str] | None = None) -> int:
-    """Call the service and print its response; return the exit code."""
-    parser = argparse.ArgumentParser(prog="call", description="Call a service, as `ros2 service call` does.")
-    parser.add_argument("service", help="its name, such as /reset")
-    parser.add_argument("type", help="such as std_srvs/srv/Trigger")
-    parser.add_argument("values", nargs="?", default="{}", help="of the request's fields, as YAML")
+    """Call the service, or send the goal, and print what comes back; return the exit code."""
+    parser = argparse.ArgumentParser(prog="call", description="Call a service or an action as `ros2` does.")
+    parser.add_argument("name", help="of the service or action, such as /reset")
+    parser.add_argument("type", help="such as std_srvs/srv/Trigger or ator_interfaces/action/ExecuteChain")
+    parser.add_argument("values", nargs="?", default="{}", help="of the request's or goal's fields, as YAML")
     options = parser.parse_args(words)
     try:
-        kind = service_type(options.type)
-        request = filled(kind.Request(), yaml.safe_load(options.values))
+        kind = interface(options.type)
+        is_action = hasattr(kind, "Goal")
+        request = filled(kind.Goal() if is_action else kind.Request(), yaml.safe_load(options.values))
     except (CallError, yaml.YAMLError) as error:
         print(f"call: {error}", file=sys.stderr)
         return 2
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C shall cancel a goal, which needs ROS
     node = rclpy.create_node("call")
     try:
-        print(called(node, options.service, kind, request))
+        print((performed if is_action else called)(node, options.name, kind, request))
     except CallError as error:
         print(f"call: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        return 130
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
 import pytest
-from conftest import Host
+from conftest import Host, Start
 from ros_client import Client
 
 from ator_interfaces.srv import PlaceObject, RefineSubgoal
@@ -19,10 +20,18 @@ REFINE = "ator_interfaces/srv/RefineSubgoal"
 PLACE = "ator_interfaces/srv/PlaceObject"
 
 
-def call(*words: str, domain: int = 0) -> subprocess.CompletedProcess[str]:
+def started(*words: str, domain: int = 0) -> subprocess.Popen[str]:
     program = [sys.executable, "-m", "ator_ros.examples.call", *words]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-    return subprocess.run(program, capture_output=True, text=True, timeout=60.0, check=False, env=environment)
+    return subprocess.Popen(
+        program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    )
+
+
+def call(*words: str, domain: int = 0) -> subprocess.CompletedProcess[str]:
+    with started(*words, domain=domain) as program:
+        output, errors = program.communicate(timeout=60.0)
+    return subprocess.CompletedProcess(words, program.returncode, output, errors)
 
 
 def test_a_service_is_called_and_its_answer_printed(host: Host, client: Client, domain: int) -> None:
@@ -31,6 +40,39 @@ def test_a_service_is_called_and_its_answer_printed(host: Host, client: Client, 
     done = call("place_ball", PLACE, "{position: {point: {x: 1, y: -0.5}}}", domain=domain)
     assert (done.returncode, done.stderr) == (0, "")
     assert "success=True, message='ball at x 1.000 m, y -0.500 m'" in done.stdout
+
+
+INSTALLED = "an installed PACKAGE/srv/NAME or PACKAGE/action/NAME"
+CHAIN = """{chain: {calls: [{top: goToPose, goal: {pose: {position: {x: -1.5, y: 1.0}}}}]}}"""
+
+
+def test_a_goal_is_sent_its_feedback_and_result_are_printed(
+    start: Start, host: Host, client: Client, domain: int
+) -> None:
+    start("simulation", real_time_factor=5.0)
+    host("executor")
+    client.robot()
+    done = call("execute_chain", "ator_interfaces/action/ExecuteChain", CHAIN, domain=domain)
+    assert (done.returncode, done.stderr) == (0, "")
+    *feedback, result = done.stdout.splitlines()
+    assert feedback
+    assert all("ExecuteChain_Feedback" in line for line in feedback)
+    assert "ExecuteChain_Result" in result
+    assert "arrived" in result
+
+
+def test_an_interrupt_cancels_the_goal(start: Start, host: Host, client: Client, domain: int) -> None:
+    start("simulation")
+    executor = host("executor")
+    client.robot()
+    words = ["execute_chain", "ator_interfaces/action/ExecuteChain", CHAIN]
+    with started(*words, domain=domain) as sent:
+        client.eventually(lambda: client.robot().v > 0.1, "the robot drives")
+        sent.send_signal(signal.SIGINT)
+        output, _ = sent.communicate(timeout=20.0)
+    assert sent.returncode == 0
+    assert "canceled by the client" in output
+    assert "goal ended: canceled" in executor.output
 
 
 def test_a_service_of_another_type_is_named(host: Host, client: Client, domain: int) -> None:
@@ -91,11 +133,11 @@ def test_values_that_do_not_fit_are_refused(values: object, message: str) -> Non
     [
         (
             ("reset", "std_srvs/Trigger"),
-            "call: type: expected an installed PACKAGE/srv/NAME, got std_srvs/Trigger\n",
+            f"call: type: expected {INSTALLED}, got std_srvs/Trigger\n",
         ),
         (
             ("reset", "std_srvs/srv/Tri"),
-            "call: type: expected an installed PACKAGE/srv/NAME, got std_srvs/srv/Tri\n",
+            f"call: type: expected {INSTALLED}, got std_srvs/srv/Tri\n",
         ),
         (
             ("refine_subgoal", REFINE, "{chain: {calls: 1}}"),
