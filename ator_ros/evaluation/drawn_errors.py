@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from scipy.stats import rankdata
 
 from ator_ros.evaluation.gate_learning import GateExamples, most_useful_threshold
 from ator_ros.geometry import FloatArray
@@ -46,7 +47,7 @@ def with_drawn_errors(examples: GateExamples) -> GateExamples:
         if examples.succeeded is not None:
             changed &= examples.succeeded
         rows = np.flatnonzero(changed)
-        errors, ranks = actual[rows] - gain[rows], np.array([_ranks(gain[rows]), _ranks(spread[rows])])
+        errors, ranks = actual[rows] - gain[rows], rankdata([gain[rows], spread[rows]], axis=1)
         count = max(_FEWEST, round(_ALIKE * len(rows)))
         for place, row in enumerate(rows):
             apart = np.abs(ranks - ranks[:, place, None]).sum(axis=0)
@@ -54,11 +55,6 @@ def with_drawn_errors(examples: GateExamples) -> GateExamples:
             saved[:, row] = gain[row] + _evenly(np.sort(errors[alike]))
     many = examples.part(np.tile(np.arange(len(gain)), DRAWS))
     return dataclasses.replace(many, refined=many.naive - saved.ravel())
-
-
-def _ranks(values: FloatArray) -> FloatArray:
-    """Return how many of the values are less than each, or equal and before it."""
-    return np.argsort(np.argsort(values, kind="stable"), kind="stable").astype(float)
 
 
 def _evenly(errors: FloatArray) -> FloatArray:

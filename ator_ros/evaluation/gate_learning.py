@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,12 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.tree import DecisionTreeClassifier
 
-from ator_ros.evaluation.policies import POLICIES, Toolset
 from ator_ros.evaluation.statistics import labels
-from ator_ros.evaluation.trials import random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import FEATURES, ThresholdGate, TreeGate
-from ator_ros.tops.library import TopLibrary
 
 LearnedGate = ThresholdGate | TreeGate
 KINDS = (("refined", "features"), ("refined_speed", "features_speed"))
@@ -83,31 +80,6 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
     return GateExamples(
         np.array(rows, dtype=float), *durations, np.array(situation), np.array(kinds), np.array(succeeded)
     )
-
-
-def with_corrected_gains(
-    records: Iterable[Mapping[str, Any]], *, seed: int, chain: str, tools: Toolset, library: TopLibrary
-) -> list[dict[str, Any]]:
-    """Return records of `evaluate_trial` with the features that the toolset's gate sees now.
-
-    Parameters
-    ----------
-    records : iterable
-        Of the `chain` in situations of this `seed`, which the same models have chosen.
-    tools : Toolset
-        With a calibration, which the records may have taught, and a gate that wants corrected predictions.
-    library : TopLibrary
-        Robot, and TOPs of the chain.
-    """
-    seen = []
-    for record in records:
-        trial = random_trial(tools.domain, chain, library, seed=seed, index=record["index"])
-        seen.append(dict(record))
-        for policy, key in KINDS:
-            refinement = POLICIES[policy](tools, trial).refinement if record.get(key) else None
-            if refinement is not None:
-                seen[-1][key] = dict(refinement.features)
-    return seen
 
 
 Fit = Callable[[GateExamples], ThresholdGate]

@@ -69,15 +69,18 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 
 
 def save_learned(records: Sequence[Mapping[str, Any]], settings: Settings, command: str) -> None:
-    """Learn what predictions miss from records of executed situations, and write it beside the models."""
+    """Learn what predictions miss from records of executed situations, and write it beside the models.
+
+    Raises
+    ------
+    EvaluationError
+        There are too few.
+    """
     tools, library = tools_of(settings.source)
     examples = step_examples(records, seed=settings.seed, chain=settings.chain, tools=tools, library=library)
     chains = [{"seed": settings.seed, "chain": settings.chain, "situations": len(records)}]
     path = settings.source.folder() / CALIBRATION
-    try:
-        _learn(examples, tools.models["learned"], path, {"command": command, "chains": chains})
-    except EvaluationError as error:
-        print(f"without a calibration: {error}")
+    _learn(examples, tools.models["learned"], path, {"command": command, "chains": chains})
 
 
 def _learn(

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.calibration_learning import step_examples
+from ator_ros.evaluation.corrected_gains import with_corrected_gains
 from ator_ros.evaluation.drawn_errors import fit_to_drawn_errors
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
@@ -18,14 +20,13 @@ from ator_ros.evaluation.gate_learning import (
     LearnedGates,
     gate_examples,
     learn_gates,
-    with_corrected_gains,
 )
 from ator_ros.evaluation.heuristics import save_baselines
 from ator_ros.evaluation.running import results_in
-from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.evaluation.toolset import BASELINES, ToolsetSource, make_library, read_rows, tools_of
 from ator_ros.files import reserved, write_text
-from ator_ros.refinement.gate import OpenGate, opened
+from ator_ros.refinement.gate import Gate, OpenGate, opened
 from ator_ros.refinement.gate_file import GATE, gate_in, save_gate
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.work.calibrate_predictions import save_learned
@@ -56,18 +57,29 @@ def run(options: argparse.Namespace, command: str) -> int:
     gate = tools_of(settings.source)[0].gate
     with reserved(source.folder(), _GATE_BYTES), results_in(options.work, options.situations):
         records = executed(settings, options, options.work)
-    gate = dataclasses.replace(opened(gate), corrected=options.calibrate)
-    if options.calibrate:  # first: the command that is interrupted here goes on as long as there is no gate
-        save_learned(records, dataclasses.replace(settings, source=source), command)
-        tools, library = tools_of(source)
-        tools = dataclasses.replace(tools, gate=gate)
-        records = with_corrected_gains(
-            records, seed=settings.seed, chain=settings.chain, tools=tools, library=library
-        )
+    settings, corrected = dataclasses.replace(settings, source=source), gate.corrected
+    if options.calibrate:
+        corrected, records = _corrected(records, settings, gate)
     learned, better = _learned(gate_examples(records), options)
-    better = dataclasses.replace(better, widths=gate.widths, room=gate.room, corrected=gate.corrected)
+    better = dataclasses.replace(better, widths=gate.widths, room=gate.room, corrected=corrected)
+    if corrected and options.calibrate:
+        save_learned(records, settings, command)
     _save(better, learned, source.folder() / GATE, options, command)
     return 0
+
+
+def _corrected(records: list[Record], settings: Settings, gate: Gate) -> tuple[bool, list[Record]]:
+    """Return whether the records teach a correction, and them as a gate sees them with it."""
+    tools, library = tools_of(settings.source)
+    tools = dataclasses.replace(tools, gate=dataclasses.replace(opened(gate), corrected=True))
+    seed, chain = settings.seed, settings.chain
+    try:
+        examples = step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
+        seen = with_corrected_gains(records, examples, seed=seed, chain=chain, tools=tools, library=library)
+    except EvaluationError as error:
+        print(f"without a calibration: {error}")
+        return False, records
+    return True, seen
 
 
 def _learned(examples: GateExamples, options: argparse.Namespace) -> tuple[LearnedGates, LearnedGate]:

@@ -185,7 +185,7 @@ class Tracker:
         error = self.deviation(world)
         ahead = self.trajectory.at(self.elapsed(world) + self._rate * self._preview)
         planned_v, planned_w = self._rate * ahead.v, self._rate * ahead.w
-        v = planned_v * math.cos(error.heading) + self._catching_up(error.along)
+        v = planned_v * math.cos(error.heading) + self._catching_up(error.along, forward=planned_v >= 0.0)
         turning = self._pace * self.GAIN_HEADING * math.sin(error.heading)
         w = planned_w + self._across(planned_v) * error.across + turning
         bound = self._limits
@@ -193,10 +193,12 @@ class Tracker:
         self._reactions.sent(command)
         return command
 
-    def _catching_up(self, along: float) -> float:
+    def _catching_up(self, along: float, *, forward: bool) -> float:
         """Return the speed in m/s that is added to catch up: the reserve loses it again on the way."""
         speed = self.GAIN_ALONG * along
-        return min(speed, math.sqrt(2.0 * self._reserve * along)) if along > 0.0 else speed
+        if (along > 0.0) is not forward or along == 0.0:  # it is too far, not behind
+            return speed
+        return math.copysign(min(abs(speed), math.sqrt(2.0 * self._reserve * abs(along))), speed)
 
     def _across(self, v: float) -> float:
         speed = max(abs(v), self.SLOW)
