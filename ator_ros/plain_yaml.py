@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from ator_ros.files import read_text
+from ator_ros.printable import printable
 
 # What PyYAML raises on malformed dates, tagged values and deep nesting.
 _UNREADABLE = (
@@ -55,6 +56,6 @@ class _PlainLoader(yaml.SafeLoader):
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
             if (key.tag, key.value) in seen:
                 line = key.start_mark.line + 1
-                raise yaml.YAMLError(f"line {line}: expected each key once, got {key.value} again")
+                raise yaml.YAMLError(f"line {line}: expected each key once, got {printable(key.value)} again")
             seen.add((key.tag, key.value))
         return super().construct_mapping(node, deep)

@@ -48,6 +48,7 @@ def laughs() -> str:
     [
         (laughs(), "line 2: expected no alias, got *a0"),
         ("robot:\n  v: 1\n  w: 2\n  v: 3\n", "line 4: expected each key once, got v again"),
+        ('"a\\e[31mX": 1\n"a\\e[31mX": 2\n', "line 2: expected each key once, got a\\x1b[31mX again"),
         ("robot: &r {v: 1}\nball: *r\nfield: *r\n", "expected no alias"),
         ("# " + "x" * 200_000, "expected at most 0.1 MB"),
         ("robot: [" + "1," * 5_000 + "]\nball: 1\nfield: 1\n", "robot: expected a table with"),

@@ -119,7 +119,7 @@ def test_what_was_learned_from_is_not_tested_on(tmp_path: Path, shipped: Path) -
 def test_a_round_without_enough_records_says_how_many_it_needs(tmp_path: Path) -> None:
     for count, reason in (
         (5, "too few new records: 5, expected 12 that succeeded"),
-        (25, "too few records: 25, expected 30 to learn a model from"),
+        (25, "too few records: 16 without those that are predicted, expected 20"),
     ):
         stored(tmp_path / str(count) / RECORDS, episodes(count)).close()
         told = round_of(tmp_path / str(count), tmp_path / "no models")

@@ -134,20 +134,6 @@ def test_commands_on_their_way_count_when_another_goal_takes_over(preempts: bool
     assert bool(ended) is not preempts
 
 
-def test_a_base_that_has_just_appeared_may_stand_for_a_while() -> None:
-    """As after its restart, when it has not found the publisher of commands yet."""
-    driving, faults = Driving(ROBOT, 0.0), []
-    driving.appeared(0.0)
-    for tick in range(60):
-        time = tick * TICK
-        goal: Any = SimpleNamespace(misbehaved=lambda fault, time=time: faults.append((time, fault)))
-        driving.ahead(World(time, RobotState(Pose(0.0, 0.0, 0.0))), goal, time)
-        driving.sent(time, Command(0.8, 0.0))
-    time, fault = faults[0]
-    assert 1.5 < time <= 2.0
-    assert "the base does not move" in fault
-
-
 def test_another_latency_counts_from_the_next_goal_on_unless_it_takes_over() -> None:
     driving = Driving(ROBOT, 0.0)
     there = World(0.0, RobotState(Pose(0.0, 0.0, 0.0), 0.5))

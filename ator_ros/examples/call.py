@@ -14,15 +14,18 @@ from __future__ import annotations
 import argparse
 import array
 import importlib
+import math
 import re
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import rclpy
 import yaml
-from rclpy.action import ActionClient
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -30,6 +33,7 @@ from rosidl_parser.definition import AbstractNestedType, NamespacedType
 
 _PATIENCE = 10.0  # s
 _LOOK = 0.1  # s after which Ctrl-C is noticed
+_ENDS = {GoalStatus.STATUS_CANCELED: "canceled"}
 
 
 class CallError(ValueError):
@@ -41,12 +45,13 @@ def interface(name: str) -> Any:
     parts = name.split("/")
     try:
         package, place, kind = parts
-        if place not in ("srv", "action"):
-            raise ValueError(place)
-        return getattr(importlib.import_module(f"{package}.{place}"), kind)
-    except (ImportError, AttributeError, ValueError) as error:
+        found = getattr(importlib.import_module(f"{package}.{place}"), kind)
+        if not hasattr(found, {"srv": "Request", "action": "Goal"}[place]):
+            raise AttributeError(kind)
+    except (ImportError, AttributeError, ValueError, TypeError, KeyError) as error:
         expected = "an installed PACKAGE/srv/NAME or PACKAGE/action/NAME"
         raise CallError(f"type: expected {expected}, got {name}") from error
+    return found
 
 
 def filled(message: Any, values: Any, where: str = "request") -> Any:
@@ -109,42 +114,61 @@ def called(node: Node, service: str, kind: Any, request: Any) -> Any:
     """Call a service and return its response."""
     client = _client(node.create_client, "service", kind, service)
     if not client.wait_for_service(timeout_sec=_PATIENCE):
-        others = dict(node.get_service_names_and_types()).get(node.resolve_service_name(service), [])
-        found = f"found it with the type {', '.join(others)}" if others else "found none"
-        raise CallError(f"expected the service {client.srv_name} within {_PATIENCE:g} s, {found}")
+        types = dict(node.get_service_names_and_types()).get(node.resolve_service_name(service), [])
+        raise CallError(f"expected the service {client.srv_name} within {_PATIENCE:g} s, {_found(types)}")
     return _answer(node, client.call_async(request), client.srv_name)
 
 
 def performed(node: Node, action: str, kind: Any, goal: Any) -> Any:
-    """Send a goal to an action, print its feedback, and return its result; Ctrl-C cancels the goal."""
+    """Send a goal to an action, print its feedback, and return its result; Ctrl-C cancels the goal.
+
+    Raises
+    ------
+    CallError
+        There is no such action, or the goal did not succeed.
+    """
     client = _client(partial(ActionClient, node), "action", kind, action)
     if not client.wait_for_server(timeout_sec=_PATIENCE):
-        raise CallError(f"expected the action {action} within {_PATIENCE:g} s, found none")
+        types = dict(get_action_names_and_types(node)).get(node.resolve_service_name(action), [])
+        raise CallError(f"expected the action {action} within {_PATIENCE:g} s, {_found(types)}")
     sent = client.send_goal_async(goal, feedback_callback=lambda heard: print(heard.feedback, flush=True))
-    handle = _answer(node, sent, action)
+    try:
+        handle = _answer(node, sent, action)
+        result = handle.get_result_async()
+        if handle.accepted:
+            _answer(node, result, action, patience=math.inf)
+    except KeyboardInterrupt:
+        handle = _answer(node, sent, action)
+        result = handle.get_result_async()
+        _answer(node, handle.cancel_goal_async(), action)
+        _answer(node, result, action)
     if not handle.accepted:
         raise CallError(f"{action}: expected the goal to be accepted, it was rejected")
-    result = handle.get_result_async()
-    try:
-        while not result.done():
-            rclpy.spin_once(node, timeout_sec=_LOOK)
-    except KeyboardInterrupt:
-        handle.cancel_goal_async()
-        return _answer(node, result, action).result
-    return result.result().result
+    ended = result.result()
+    if ended.status != GoalStatus.STATUS_SUCCEEDED:
+        print(ended.result)
+        raise CallError(f"{action}: the goal was {_ENDS.get(ended.status, 'aborted')}")
+    return ended.result
 
 
 def _client(create: Callable[[Any, str], Any], what: str, kind: Any, name: str) -> Any:
     try:
         return create(kind, name)
-    except NameValidationException as error:
+    except (NameValidationException, ValueError) as error:
         raise CallError(f"{what}: expected a name such as /reset, got {name!r}") from error
 
 
-def _answer(node: Node, future: Any, name: str) -> Any:
-    rclpy.spin_until_future_complete(node, future, timeout_sec=_PATIENCE)
+def _found(types: Sequence[str]) -> str:
+    return f"found it with the type {', '.join(types)}" if types else "found none"
+
+
+def _answer(node: Node, future: Any, name: str, *, patience: float = _PATIENCE) -> Any:
+    """Wait for an answer in slices, between which Ctrl-C is noticed."""
+    end = time.monotonic() + patience
+    while not future.done() and time.monotonic() < end:
+        rclpy.spin_until_future_complete(node, future, timeout_sec=_LOOK)
     if not future.done():
-        raise CallError(f"{name}: expected an answer within {_PATIENCE:g} s, got none")
+        raise CallError(f"{name}: expected an answer within {patience:g} s, got none")
     return future.result()
 
 

@@ -10,9 +10,6 @@ from ator_ros.robot.description import Robot
 from ator_ros.robot.foresight import Foresight
 from ator_ros.world.state import Command, RobotState, World
 
-_DEAF = 1.5
-"""Real s in which a base that has appeared need not have found our publisher of commands."""
-
 
 class Driving:
     """Predicts late states forward, and ends a goal if the base does not move as commanded.
@@ -27,7 +24,6 @@ class Driving:
 
     def __init__(self, robot: Robot, latency: float) -> None:
         self._robot = robot
-        self._appeared = -math.inf
         self._use(latency)
 
     def _use(self, latency: float) -> None:
@@ -39,14 +35,6 @@ class Driving:
         """Forget all states and commands because time was reset."""
         self._foresight.reset()
         self._watch.reset()
-
-    def appeared(self, now: float) -> None:
-        """Note that odometry has begun at `now`, in real s: the base may have been started just then.
-
-        Discovery of our commands may take it a second longer than its odometry took to us. Until then it is
-        no fault that it stands.
-        """
-        self._appeared = now
 
     def begin(self, latency: float, *, preempts: bool) -> None:
         """Begin to watch the base for a new goal, with a latency that may be another one.
@@ -87,10 +75,7 @@ class Driving:
         now : float
             Real time in s.
         """
-        listens = now - self._appeared >= _DEAF
-        fault = (
-            None if execution is None else self._watch.fault(world.time, world.robot, now, listens=listens)
-        )
+        fault = None if execution is None else self._watch.fault(world.time, world.robot, now)
         if execution is not None and fault is not None:
             execution.misbehaved(fault)
         return self._foresight.ahead(world)

@@ -113,10 +113,8 @@ class MotionWatch:
             self._sent.pop()
         self._sent.append((acts, command))
 
-    def fault(self, time: float, robot: RobotState, now: float, *, listens: bool = True) -> str | None:
+    def fault(self, time: float, robot: RobotState, now: float) -> str | None:
         """Take a state of the robot as odometry tells it, at `time` s by its stamp and `now` s of real time.
-
-        The base may stand still where it need not listen to commands yet.
 
         Returns
         -------
@@ -132,10 +130,9 @@ class MotionWatch:
         before, elapsed = last[1], time - last[0]
         dt = min(elapsed, LONGEST_GAP)
         command = self._weakest(last[0], time)
-        whole = Span(elapsed, heard, now).since(answered)
         return (
             self._contradiction(time, robot, Span(dt, heard, now))
-            or (self._silence(before, robot, command, whole) if listens else None)
+            or self._silence(before, robot, command, Span(elapsed, heard, now).since(answered))
             or self._excess(time, robot, elapsed, Span(dt, heard, now))
         )
 

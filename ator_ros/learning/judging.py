@@ -98,10 +98,11 @@ def judge(
     known = {"the present model": now} if now is not None else {}
     tried = _predictions(lessons, list(candidates(lessons, names, known, former)), test)
     if not tried:
-        least = math.ceil(FEWEST_LEARNED * _FOLDS / (_FOLDS - 1))
-        return RoundVerdict(
-            count, len(test), f"too few records: {count}, expected {least} to learn a model from"
-        )
+        rest = count - math.ceil(len(test) / _FOLDS)
+        why = "what was learned predicts no numbers"
+        if rest < FEWEST_LEARNED:
+            why = f"too few records: {rest} without those that are predicted, expected {FEWEST_LEARNED}"
+        return RoundVerdict(count, len(test), why)
     if lessons.measure == "success" and now is not None:
         tried = [item for item in tried if _remembers(lessons, item[0], now, test)]
         if not tried:

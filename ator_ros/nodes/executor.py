@@ -40,7 +40,8 @@ from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
 
 _WARNING_PERIOD = 2.0
-_SILENCE = 1.0  # real s without odometry after which the base may be another one
+_SILENCE = 1.0  # real s without odometry after which the base may have been started anew
+_DEAF = 1.0  # real s that such a base may need to find our publisher of commands, after its odometry has come
 _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
 _HURRIED = 2.0  # times real time
 
@@ -86,7 +87,7 @@ class ExecutorNode(FrugalNode):
         self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._heard, self._jumped = 0.0, -math.inf
+        self._heard, self._appeared, self._jumped = 0.0, -math.inf, -math.inf
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
         self._offer(robot)
@@ -143,12 +144,12 @@ class ExecutorNode(FrugalNode):
         if world is None:
             return
         if now - self._heard > _SILENCE:
-            self._driving.appeared(now)
+            self._appeared = now
         world = self._driving.ahead(world, None if self._run is None else self._run.execution, now)
         self._world, self._heard = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.came(now)
-        if self._run is not None and self._remotes.ending():
+        if self._run is not None and (self._remotes.ending() or self._is_new(self._run, now)):
             self._stand_by(self._run)
         elif self._run is not None:
             command = self._run.execution.tick(world, now, overdue=self._inputs.overdue)
@@ -159,8 +160,12 @@ class ExecutorNode(FrugalNode):
             self._follow(self._run)
         self._drawing.objects(world)
 
+    def _is_new(self, run: GoalRun, now: float) -> bool:
+        """Return whether a goal would begin on a base that may not hear commands yet, as if blocked."""
+        return run.execution.phase is Phase.WAITING and now - self._appeared < _DEAF
+
     def _stand_by(self, run: GoalRun) -> None:
-        """Send stop commands while a canceled server may still drive."""
+        """Send stop commands, while a canceled server may still drive or before a new base listens."""
         self._send(STOP)
         self._driving.reset()  # its motion is not ours
         run.execution.listening(time.monotonic())
@@ -174,7 +179,6 @@ class ExecutorNode(FrugalNode):
             self._note(str(jump))
         self._jumped = now
         self._driving.reset()
-        self._driving.appeared(now)
         # A goal that waits for its first state has nothing to lose, as after a restart of the simulation.
         if self._run is not None and self._run.execution.phase is not Phase.WAITING:
             self._end(Ending.INPUT_LOST, str(jump))

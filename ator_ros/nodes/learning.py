@@ -23,7 +23,7 @@ from ator_ros.learning.sets import LearnedSetError, locked
 from ator_ros.nodes.bounded import bounded
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.frugal_node import FrugalNode
-from ator_ros.nodes.model_sets import problems_of, read_models
+from ator_ros.nodes.model_sets import read_models
 from ator_ros.nodes.parameters import (
     DOMAIN,
     ROBOT,
@@ -92,11 +92,9 @@ class LearningNode(FrugalNode):
         except (LearnedSetError, ExperienceError, OSError) as error:
             self._open.close()
             raise SetupError(f"parameter learned: {error}") from error
-        begun_with = {
-            name: read_models(self, robot, name, settings["models"], self._domain)
-            for name in self._domain.action_sets
-        }
-        self._problem = problems_of(begun_with)
+        for action_set in self._domain.action_sets:
+            # Which logs if they are of another robot.
+            read_models(self, robot, action_set, settings["models"], self._domain)
         kind = bounded(ActionPerformance, _MOST_ITEMS)
         for topic in settings["records"]:
             self.create_subscription(kind, topic, self._take, RESULTS)
@@ -141,9 +139,7 @@ class LearningNode(FrugalNode):
         return response
 
     def _health(self) -> Health:
-        return Health(
-            "; ".join(filter(None, (self._learner.problem, self._problem))), values=self._learner.told()
-        )
+        return Health(self._learner.problem, values=self._learner.told())
 
     def stop(self) -> None:
         """End a round under way, and close the files."""

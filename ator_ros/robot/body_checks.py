@@ -15,8 +15,12 @@ _SAME_RADIUS = 0.1
 """Share by which the radius of an object may differ from the one that the holder is made for."""
 
 
-def impossible(robot: Robot) -> Iterator[str]:
-    """Yield what is wrong with a description, each as field, expectation and value."""
+def impossible(robot: Robot) -> str | None:
+    """Return what is wrong first with a body, as field, expectation and value; None if it is sound."""
+    return next(_wrong(robot), None)
+
+
+def _wrong(robot: Robot) -> Iterator[str]:
     yield from _wrong_build(robot)
     yield from _wrong_motors(robot)
     if robot.track > 2.0 * robot.half_width:
@@ -48,7 +52,7 @@ def _wrong_motors(robot: Robot) -> Iterator[str]:
 
 
 def _wrong_holder(robot: Robot) -> Iterator[str]:
-    holder, objects = robot.holder, robot.scene.objects
+    holder = robot.holder
     if holder is None:
         return
     least, most = holder.held_width, _LOOSE * holder.held_width
@@ -58,10 +62,20 @@ def _wrong_holder(robot: Robot) -> Iterator[str]:
     elif holder.gap > most:
         expected = f"at most {math.floor(1e4 * most) / 1e4:g}, beyond which fingers hold nothing"
         yield f"robot.holder.gap: expected {expected}, got {holder.gap:g}"
-    fits = (abs(each.radius - holder.radius) <= _SAME_RADIUS * holder.radius for each in objects.values())
-    if objects and not any(fits):
-        radii = ", ".join(f"{name} {each.radius:g}" for name, each in objects.items())
-        yield f"robot.holder.radius: expected that of an object of the scene ({radii}), got {holder.radius:g}"
+
+
+def held_by_none(robot: Robot) -> str | None:
+    """Return that no object of the scene has the size that the holder is for; None if one has.
+
+    A description says both. The scene of a domain may have other objects, which nobody holds.
+    """
+    holder, objects = robot.holder, robot.scene.objects
+    if holder is None or not objects:
+        return None
+    if any(abs(each.radius - holder.radius) <= _SAME_RADIUS * holder.radius for each in objects.values()):
+        return None
+    radii = ", ".join(f"{name} {each.radius:g}" for name, each in objects.items())
+    return f"robot.holder.radius: expected that of an object of the scene ({radii}), got {holder.radius:g}"
 
 
 def _rounded_up(value: float) -> float:

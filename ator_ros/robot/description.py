@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
-from ator_ros.robot.body_checks import impossible
+from ator_ros.robot.body_checks import held_by_none, impossible
 from ator_ros.robot.description_file import ConfigError, read_description
 from ator_ros.robot.former_form import former_forms
 from ator_ros.schema import Within
@@ -156,7 +156,8 @@ class Robot:
 
     def __post_init__(self) -> None:
         """Refuse what no body can be; raises ConfigError."""
-        for wrong in impossible(self):
+        wrong = impossible(self)
+        if wrong is not None:
             raise ConfigError(wrong)
 
     def __hash__(self) -> int:
@@ -253,4 +254,7 @@ def load_robot(path: Path | str | None = None) -> Robot:
     """
     file = Path(path) if path is not None else resource_path(*SHIPPED)
     robot: Robot = read_description(file, Robot)
+    unheld = held_by_none(robot)
+    if unheld is not None:
+        raise ConfigError(f"{file}: {unheld}")
     return robot

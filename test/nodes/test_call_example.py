@@ -18,6 +18,7 @@ pytestmark = pytest.mark.node
 
 REFINE = "ator_interfaces/srv/RefineSubgoal"
 PLACE = "ator_interfaces/srv/PlaceObject"
+EXECUTE = "ator_interfaces/action/ExecuteChain"
 
 
 def started(*words: str, domain: int = 0) -> subprocess.Popen[str]:
@@ -52,7 +53,7 @@ def test_a_goal_is_sent_its_feedback_and_result_are_printed(
     start("simulation", real_time_factor=5.0)
     host("executor")
     client.robot()
-    done = call("execute_chain", "ator_interfaces/action/ExecuteChain", CHAIN, domain=domain)
+    done = call("execute_chain", EXECUTE, CHAIN, domain=domain)
     assert (done.returncode, done.stderr) == (0, "")
     *feedback, result = done.stdout.splitlines()
     assert feedback
@@ -65,13 +66,14 @@ def test_an_interrupt_cancels_the_goal(start: Start, host: Host, client: Client,
     start("simulation")
     executor = host("executor")
     client.robot()
-    words = ["execute_chain", "ator_interfaces/action/ExecuteChain", CHAIN]
+    words = ["execute_chain", EXECUTE, CHAIN]
     with started(*words, domain=domain) as sent:
         client.eventually(lambda: client.robot().v > 0.1, "the robot drives")
         sent.send_signal(signal.SIGINT)
-        output, _ = sent.communicate(timeout=20.0)
-    assert sent.returncode == 0
+        output, errors = sent.communicate(timeout=20.0)
+    assert sent.returncode == 1
     assert "canceled by the client" in output
+    assert errors == "call: execute_chain: the goal was canceled\n"
     assert "goal ended: canceled" in executor.output
 
 
@@ -84,12 +86,11 @@ def test_a_service_of_another_type_is_named(host: Host, client: Client, domain: 
 
 
 @pytest.mark.parametrize("name", ["", "place ball!"])
-def test_a_name_that_no_service_can_have_is_refused(name: str) -> None:
-    done = call(name, PLACE)
-    assert (done.returncode, done.stderr) == (
-        1,
-        f"call: service: expected a name such as /reset, got {name!r}\n",
-    )
+@pytest.mark.parametrize(("kind", "what"), [(PLACE, "service"), (EXECUTE, "action")])
+def test_a_name_that_nothing_can_have_is_refused(name: str, kind: str, what: str) -> None:
+    done = call(name, kind)
+    assert done.returncode == 1
+    assert done.stderr.endswith(f"call: {what}: expected a name such as /reset, got {name!r}\n")
 
 
 def test_lists_of_messages_are_filled() -> None:
@@ -138,6 +139,11 @@ def test_values_that_do_not_fit_are_refused(values: object, message: str) -> Non
         (
             ("reset", "std_srvs/srv/Tri"),
             f"call: type: expected {INSTALLED}, got std_srvs/srv/Tri\n",
+        ),
+        (("reset", "/srv/Trigger"), f"call: type: expected {INSTALLED}, got /srv/Trigger\n"),
+        (
+            ("reset", "std_srvs/srv/_trigger"),
+            f"call: type: expected {INSTALLED}, got std_srvs/srv/_trigger\n",
         ),
         (
             ("refine_subgoal", REFINE, "{chain: {calls: 1}}"),
