@@ -62,7 +62,7 @@ class Refinement:
         What was searched.
     features : mapping
         What the gate decided from, see `ator_ros.refinement.gate.FEATURES`: of the predictions before their
-        calibration. Empty where nothing was free.
+        calibration, unless the gate wants it. Empty where nothing was free.
     complete : bool
         Whether everything was searched before time was up; otherwise `best` is the best found until then.
     """

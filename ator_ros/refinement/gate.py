@@ -37,7 +37,8 @@ def gate_features(
 ) -> dict[str, float]:
     """Return the values of `FEATURES` for a chain and the best one found.
 
-    The gain is the difference of both predictions, or that of `averaged` costs where it is less.
+    The gain is the difference of both predictions, or that of `averaged` costs, which are not corrected, where it
+    is less.
     """
     robot, first = world.robot.pose, chain.calls[0].goal.pose
     following = chain.calls[min(1, len(chain.calls) - 1)].goal.pose
@@ -207,5 +208,5 @@ class TreeGate:
 
 
 def opened(gate: Gate) -> OpenGate:
-    """Return the open gate with which the same chains are found as with `gate`."""
+    """Return the open gate that has chains searched, and judges predictions, as `gate` does."""
     return OpenGate(gate.widths, gate.room, gate.corrected)

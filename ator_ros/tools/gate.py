@@ -36,7 +36,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--draw-errors",
         action="store_true",
-        help="learn a threshold from errors drawn from those of chains about as uncertain: "
+        help="learn a threshold from errors drawn from those of chains that gain about as much: "
         "of some hundred chains only a handful become slower",
     )
     parser.add_argument(
