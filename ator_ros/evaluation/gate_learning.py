@@ -107,23 +107,30 @@ def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGat
     keep : float
         The share of the ungated gain, of both kinds of refinement.
     """
-    gates, refine = _thresholds(examples)
+    gates, refine = _thresholds(examples, ThresholdGate(0.0))
     kept = [min(_kept(examples, rows)) for rows in refine]
     allowed = [index for index, share in enumerate(kept) if share >= min(keep, max(kept))]
     harm = [_worse(examples, rows) for rows in refine]
     return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
 
 
-def most_useful_threshold(examples: GateExamples) -> ThresholdGate:
-    """Return the threshold that gains most, less a penalty of `HARM` for each run that becomes slower."""
-    gates, refine = _thresholds(examples)
+def most_useful_threshold(examples: GateExamples, least: ThresholdGate) -> ThresholdGate:
+    """Return the threshold that gains most, less a penalty of `HARM` for each run that becomes slower.
+
+    Neither of its numbers is below that of `least`.
+    """
+    gates, refine = _thresholds(examples, least)
     return gates[max(range(len(gates)), key=lambda index: _utility(examples, refine[index]))]
 
 
-def _thresholds(examples: GateExamples) -> tuple[list[ThresholdGate], list[NDArray[np.bool_]]]:
+def _thresholds(
+    examples: GateExamples, least: ThresholdGate
+) -> tuple[list[ThresholdGate], list[NDArray[np.bool_]]]:
     """Return all thresholds that are tried, and which examples each of them refines."""
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
-    gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
+    gains = [each for each in GAINS if each >= least.gain]
+    factors = [each for each in SPREAD_FACTORS if each >= least.spread_factor]
+    gates = [ThresholdGate(each, factor) for each in gains for factor in factors]
     return gates, [gain > gate.gain + gate.spread_factor * spread for gate in gates]
 
 

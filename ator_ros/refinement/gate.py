@@ -37,8 +37,8 @@ def gate_features(
 ) -> dict[str, float]:
     """Return the values of `FEATURES` for a chain and the best one found.
 
-    The gain is the difference of both predictions, or that of `averaged` costs, which are not corrected, where it
-    is less.
+    The gain is the difference of both predictions, or that of `averaged` costs, which are not corrected,
+    where it is less.
     """
     robot, first = world.robot.pose, chain.calls[0].goal.pose
     following = chain.calls[min(1, len(chain.calls) - 1)].goal.pose
