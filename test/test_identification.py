@@ -17,6 +17,7 @@ from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, Probe
 from ator_ros.robot.ramp import ramped
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.tools.work.calibrate import described
 from ator_ros.world.state import STOP, Command, RobotState
 
 PIONEER = load_robot()
@@ -129,3 +130,13 @@ def test_the_response_is_that_of_fine_steps() -> None:
         speed += (setpoint.v - speed) * dt / 0.1
     errors = np.abs(found - np.array(expected[: len(found)]))
     assert errors[commands >= 0.3].max() < 0.003
+
+
+def test_motors_are_as_strong_as_what_the_base_has_shown() -> None:
+    estimate = identify(driven(base(QUICK, 0.03)))
+    weak = dataclasses.replace(PIONEER, wheel_torque=0.5)
+    found = described(weak, estimate)
+    assert found.wheel_torque == pytest.approx(
+        0.5 * 9.0 * 0.0975 * max(found.limits.a, found.limits.brake), abs=1e-4
+    )
+    assert described(PIONEER, estimate).wheel_torque == PIONEER.wheel_torque

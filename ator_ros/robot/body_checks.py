@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ator_ros.robot.description import Robot
+    from ator_ros.robot.description import Limits, Robot
 
 _LOOSE = 2.0
 """Fingers farther apart than so many widths of what they hold do not hold it."""
@@ -43,12 +43,16 @@ def _wrong_build(robot: Robot) -> Iterator[str]:
 
 
 def _wrong_motors(robot: Robot) -> Iterator[str]:
-    """Yield that the motors cannot do what the limits say: F = m a with a wheel on each side."""
-    fastest = max(robot.limits.a, robot.limits.brake)
-    least = 0.5 * robot.mass * fastest * robot.wheel_radius
+    least = least_torque(robot.mass, robot.wheel_radius, robot.limits)
     if robot.wheel_torque < least:
-        needed = f"at least {_rounded_up(least):g}, which {robot.mass:g} kg need for {fastest:g} m/s^2"
+        fastest = max(robot.limits.a, robot.limits.brake)
+        needed = f"at least {least:g}, which {robot.mass:g} kg need for {fastest:g} m/s^2"
         yield f"robot.wheel_torque: expected {needed}, got {robot.wheel_torque:g}"
+
+
+def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
+    """Return the torque in N m of each of two wheels with which a mass (kg) reaches the limits: F = m a."""
+    return _rounded_up(0.5 * mass * max(limits.a, limits.brake) * wheel_radius)
 
 
 def _wrong_holder(robot: Robot) -> Iterator[str]:

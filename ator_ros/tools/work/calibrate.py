@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import yaml
 
 from ator_ros.files import portable_command, write_text
+from ator_ros.robot.body_checks import least_torque
 from ator_ros.robot.description import Limits, Robot, load_robot
 from ator_ros.robot.description_file import FORMAT
 from ator_ros.robot.identification import BaseEstimate, identify
@@ -29,6 +30,10 @@ def run(options: argparse.Namespace, words: Sequence[str]) -> int:
     estimate = identify(samples)
     found = described(dataclasses.replace(robot, name=options.name or robot.name), estimate)
     told = report(estimate)
+    if found.wheel_torque != robot.wheel_torque:
+        told.append(
+            f"wheel_torque {found.wheel_torque:g} N m: the least that {found.mass:g} kg need for that"
+        )
     lines = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *told)]
     write_text(
         options.out,
@@ -40,12 +45,18 @@ def run(options: argparse.Namespace, words: Sequence[str]) -> int:
 
 
 def described(template: Robot, estimate: BaseEstimate) -> Robot:
-    """Return a description with the estimated limits and lag, and everything else of the template."""
+    """Return a description with the estimated limits and lag, and everything else of the template.
+
+    Motors that the template has too weak for the estimated accelerations are as strong as they must be.
+    """
     limits = Limits(*(round(value, 3) for value in dataclasses.astuple(estimate.limits)))
     lag, holder = round(max(estimate.lag, 0.002), 3), template.holder
     if holder is not None:
         holder = dataclasses.replace(holder, limits=holder.limits.within(limits))
-    return dataclasses.replace(template, limits=limits, motor_time_constant=lag, holder=holder)
+    torque = max(template.wheel_torque, least_torque(template.mass, template.wheel_radius, limits))
+    return dataclasses.replace(
+        template, limits=limits, motor_time_constant=lag, holder=holder, wheel_torque=torque
+    )
 
 
 def report(estimate: BaseEstimate) -> list[str]:
