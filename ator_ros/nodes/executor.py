@@ -162,7 +162,8 @@ class ExecutorNode(FrugalNode):
 
     def _is_new(self, run: GoalRun, now: float) -> bool:
         """Return whether a goal would begin on a base that may not hear commands yet, as if blocked."""
-        return run.execution.phase is Phase.WAITING and now - self._appeared < _DEAF
+        deaf = min(_DEAF, 0.5 * self._settings["start_timeout"])
+        return run.execution.phase is Phase.WAITING and now - self._appeared < deaf
 
     def _stand_by(self, run: GoalRun) -> None:
         """Send stop commands, while a canceled server may still drive or before a new base listens."""
