@@ -189,7 +189,7 @@ def test_a_process_plans_as_this_one_does_and_is_ended_when_it_takes_too_long() 
         process._limit = 0.2
         assert process._process is not None
         os.kill(process._process.pid, signal.SIGSTOP)
-        with pytest.raises(PlanningError, match="no plan was found within 0.2 s"):
+        with pytest.raises(PlanningError, match=r"no plan was found within 0\.2 s"):
             process.chains(IN_GOAL, situation(), library)
         assert process._process is None
     finally:
