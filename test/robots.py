@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Limits, load_robot
+from ator_ros.robot.description import Limits, Robot, load_robot
 
 PIONEER = SOCCER.robot()
 SHIPPED = tuple(resource_path("config", f"{name}.yaml") for name in ("turtlebot4", "pioneer_lx", "patrolbot"))
@@ -22,3 +25,10 @@ SLOW = dataclasses.replace(
     ),
 )
 OTHERS = (SLOW, HEAVY, QUICK, FIFTH)
+
+
+def loaded(data: dict[str, Any], folder: Path) -> Robot:
+    """Return the robot that a file with this content describes."""
+    file = folder / "own.yaml"
+    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return load_robot(file)

@@ -87,41 +87,6 @@ def test_who_cannot_arrive_so_fast_arrives_slower() -> None:
         assert 0.2 < done.command.v < 0.75
 
 
-WEAK = dataclasses.replace(
-    FIFTH,
-    name="weak",
-    mass=50.0,
-    track=0.4,
-    front=0.26,
-    rear=0.3,
-    half_width=0.24,
-    wheel_torque=25.0,
-    limits=Limits(v=1.4, w=1.3, a=0.35, brake=0.5, aw=1.8),
-)
-"""Its motors lag by 0.08 s, and it brakes harder than it gains speed."""
-
-
-def test_a_robot_whose_motors_lag_does_not_run_past_the_ball() -> None:
-    """It caught up with its plan until it had to brake, came at 0.25 m/s, and went back for three seconds."""
-    world = World(0.0, RobotState(Pose(0.530, 0.720, 2.259)), {BALL: ObjectState(-2.024, -0.034)})
-    goal = Goal(Pose(-2.024, -0.034, -2.827), 0.0, Point.HOLD)
-    with Simulation(WEAK) as simulation:
-        place(simulation, world)
-        done = run_action(simulation, GoToPose(WEAK), goal)
-        assert done.status is Status.SUCCEEDED
-        assert simulation.time < 6.0
-
-
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_it_drives_backward_as_exactly_as_forward(direction: float) -> None:
-    with Simulation(WEAK) as simulation:
-        place(simulation, World(0.0, RobotState(Pose(0.0, 0.0, 0.0))))
-        done = run_action(simulation, GoToPose(WEAK), Goal(Pose(direction * 2.0, 0.0, 0.0)))
-        assert done.status is Status.SUCCEEDED
-        assert simulation.world().robot.pose.x == pytest.approx(direction * 2.0, abs=0.02)
-        assert simulation.time < 5.5
-
-
 @pytest.mark.parametrize("robot", [PIONEER, PLAIN, HEAVY, QUICK, FIFTH], ids=lambda robot: robot.name)
 def test_the_simulated_base_lags_as_it_is_described(robot: Robot) -> None:
     gain, ticks = 0.9 * robot.limits.a, 10

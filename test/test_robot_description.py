@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from robots import loaded
 
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.soccer.domain import SOCCER
@@ -94,16 +95,16 @@ def test_what_a_file_need_not_state_counts_where_it_does(field: str, value: Any,
     data = ROBOT.sections()
     assert field not in data["robot"]
     data["robot"][field] = value
-    robot = _loaded(data, tmp_path)
+    robot = loaded(data, tmp_path)
     assert robot.digest() != DIGEST
-    assert _loaded(robot.sections(), tmp_path) == robot
+    assert loaded(robot.sections(), tmp_path) == robot
 
 
 def test_stated_defaults_describe_the_same_robot(tmp_path: Path) -> None:
     data = ROBOT.sections()
     data["robot"] |= {"grip": 4.0, "stop": {"forward": 4.0, "backward": 5.0, "turning": 12.0}}
     data["robot"]["build"] = {"front_friction": 0.15}
-    robot = _loaded(data, tmp_path)
+    robot = loaded(data, tmp_path)
     assert robot == ROBOT
     assert robot.digest() == DIGEST
 
@@ -112,7 +113,7 @@ def test_a_described_build_is_simulated(tmp_path: Path) -> None:
     data = ROBOT.sections()
     numbers = {"mass_behind": 0.05, "mass_height": 0.11, "caster_behind": 0.19}
     data["robot"]["build"] = {**numbers, "wheel_mass": 0.5, "wheel_inertia": 0.007}
-    urdf = robot_urdf(_loaded(data, tmp_path))
+    urdf = robot_urdf(loaded(data, tmp_path))
     assert 'xyz="-0.05 0 0.11"' in urdf
     assert 'xyz="-0.19 0 0.0375"' in urdf
     assert '<mass value="0.5"/><inertia ixx="0.007"' in urdf
@@ -122,7 +123,7 @@ def test_a_described_build_is_simulated(tmp_path: Path) -> None:
 def test_a_weaker_stop_takes_longer(tmp_path: Path) -> None:
     data = ROBOT.sections()
     data["robot"]["stop"] = {"forward": 1.0, "backward": 2.0, "turning": 6.0}
-    robot, dt = _loaded(data, tmp_path), 0.1
+    robot, dt = loaded(data, tmp_path), 0.1
     assert ramped(Command(1.0, 2.0), STOP, dt, robot.limits, robot.stop) == Command(0.9, 1.4)
     assert ramped(Command(-1.0, 0.0), STOP, dt, robot.limits, robot.stop) == Command(-0.8, 0.0)
     assert stopping_way(1.0, robot.stop) == pytest.approx(0.5)
@@ -135,73 +136,6 @@ def test_a_robot_that_slides_early_turns_slowly_when_it_is_fast() -> None:
         1.2 / planned_limits(ROBOT, ROBOT.limits).v
     )
     assert planned_limits(ROBOT, ROBOT.limits).w == pytest.approx(PLAN_SHARE * ROBOT.limits.w)
-
-
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        ({"wheel_mass": 4.5}, r"own\.yaml: robot\.build\.wheel_mass: expected less than 4\.5, got 4\.5$"),
-        (
-            {"mass_behind": 0.3},
-            r"own\.yaml: robot\.build\.mass_behind: expected less than 0\.24, .* got 0\.3$",
-        ),
-        (
-            {"caster_behind": 0.25},
-            r"own\.yaml: robot\.build\.caster_behind: expected at most 0\.24, .* got 0\.25$",
-        ),
-        ({"mass_behind": "far"}, r"own\.yaml: robot\.build\.mass_behind: expected .*; got 'far'$"),
-        ({"wheel_mass": -1.0}, r"own\.yaml: robot\.build\.wheel_mass: expected .*; got -1\.0$"),
-        ({"weight": 1.0}, r"own\.yaml: robot\.build.*weight"),
-    ],
-)
-def test_a_build_that_no_body_has_is_refused(build: dict[str, Any], message: str, tmp_path: Path) -> None:
-    data = ROBOT.sections()
-    data["robot"]["build"] = build
-    with pytest.raises(ConfigError, match=message):
-        _loaded(data, tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("part", "name", "value", "message"),
-    [
-        ("robot", "track", 0.4, r"own\.yaml: robot\.track: expected at most 0\.38, the width .* got 0\.4$"),
-        ("holder", "gap", 0.2, r"robot\.holder\.gap: expected at least 0\.22, the width .* got 0\.2$"),
-        ("holder", "gap", 0.45, r"robot\.holder\.gap: expected at most 0\.44, .* got 0\.45$"),
-        ("holder", "radius", 0.123, r"robot\.holder\.radius: expected .* \(ball 0\.11\), got 0\.123$"),
-        ("robot", "wheel_torque", 0.3, r"robot\.wheel_torque: expected at least 0\.351.*9 kg .* got 0\.3$"),
-    ],
-)
-def test_sizes_that_do_not_fit_each_other_are_refused(
-    part: str, name: str, value: float, message: str, tmp_path: Path
-) -> None:
-    data = ROBOT.sections()
-    (data["robot"] if part == "robot" else data["robot"]["holder"])[name] = value
-    with pytest.raises(ConfigError, match=message):
-        _loaded(data, tmp_path)
-
-
-@pytest.mark.parametrize("length", [0.015, 0.033, 0.047])
-def test_a_gap_that_is_asked_for_is_accepted(length: float, tmp_path: Path) -> None:
-    data = ROBOT.sections()
-    data["robot"]["holder"] |= {"length": length, "gap": 0.05}
-    with pytest.raises(ConfigError) as refused:
-        _loaded(data, tmp_path)
-    found = re.search(r"expected at least ([\d.]+)", str(refused.value))
-    assert found is not None
-    data["robot"]["holder"]["gap"] = float(found[1])
-    assert _loaded(data, tmp_path).holder is not None
-
-
-def test_short_fingers_need_not_be_as_far_apart_as_a_ball_is_wide() -> None:
-    assert ROBOT.holder is not None
-    short = dataclasses.replace(ROBOT.holder, length=0.02)
-    assert short.held_width == pytest.approx(2.0 * math.sqrt(0.11**2 - 0.09**2))
-
-
-def _loaded(data: dict[str, Any], folder: Path) -> Robot:
-    file = folder / "own.yaml"
-    file.write_text(yaml.safe_dump(data), encoding="utf-8")
-    return load_robot(file)
 
 
 def test_soccer_reads_its_field_from_the_scene() -> None:

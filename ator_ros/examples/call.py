@@ -42,9 +42,8 @@ class CallError(ValueError):
 
 def interface(name: str) -> Any:
     """Import the type of a service or an action, such as std_srvs/srv/Trigger."""
-    parts = name.split("/")
     try:
-        package, place, kind = parts
+        package, place, kind = name.split("/")
         found = getattr(importlib.import_module(f"{package}.{place}"), kind)
         if not hasattr(found, {"srv": "Request", "action": "Goal"}[place]):
             raise AttributeError(kind)
@@ -133,22 +132,27 @@ def performed(node: Node, action: str, kind: Any, goal: Any) -> Any:
         raise CallError(f"expected the action {action} within {_PATIENCE:g} s, {_found(types)}")
     sent = client.send_goal_async(goal, feedback_callback=lambda heard: print(heard.feedback, flush=True))
     try:
-        handle = _answer(node, sent, action)
-        result = handle.get_result_async()
-        if handle.accepted:
-            _answer(node, result, action, patience=math.inf)
+        ended = _end(node, sent, action, patience=math.inf)
     except KeyboardInterrupt:
-        handle = _answer(node, sent, action)
-        result = handle.get_result_async()
-        _answer(node, handle.cancel_goal_async(), action)
-        _answer(node, result, action)
-    if not handle.accepted:
-        raise CallError(f"{action}: expected the goal to be accepted, it was rejected")
-    ended = result.result()
+        _answer(node, _accepted(node, sent, action).cancel_goal_async(), action)
+        ended = _end(node, sent, action, patience=_PATIENCE)
     if ended.status != GoalStatus.STATUS_SUCCEEDED:
         print(ended.result)
         raise CallError(f"{action}: the goal was {_ENDS.get(ended.status, 'aborted')}")
     return ended.result
+
+
+def _accepted(node: Node, sent: Any, action: str) -> Any:
+    """Return the handle of a goal that was sent."""
+    handle = _answer(node, sent, action)
+    if not handle.accepted:
+        raise CallError(f"{action}: expected the goal to be accepted, it was rejected")
+    return handle
+
+
+def _end(node: Node, sent: Any, action: str, *, patience: float) -> Any:
+    """Return status and result of a goal that was sent."""
+    return _answer(node, _accepted(node, sent, action).get_result_async(), action, patience=patience)
 
 
 def _client(create: Callable[[Any, str], Any], what: str, kind: Any, name: str) -> Any:

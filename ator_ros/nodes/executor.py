@@ -40,8 +40,7 @@ from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, World
 
 _WARNING_PERIOD = 2.0
-_SILENCE = 1.0  # real s without odometry after which the base may have been started anew
-_DEAF = 1.0  # real s that such a base may need to find our publisher of commands, after its odometry has come
+_DEAF = 1.0  # real s in which a base whose odometry has begun may not have found our publisher of commands
 _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
 _HURRIED = 2.0  # times real time
 
@@ -53,9 +52,10 @@ class ExecutorNode(FrugalNode):
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
-        Results are kept for a minute. A goal ends when the robot stands (predicted with `latency`), or 2 s
-        after it was commanded to stop. If a newer goal preempts it, odometry is lost or the node ends, the
-        goal ends with the stop command. Goals outside the fence are refused. A goal is aborted when the
+        Results are kept for a minute. A goal begins when odometry has come for a second: a base that was
+        started just then hears no commands yet. It ends when the robot stands (predicted with `latency`),
+        or 2 s after it was commanded to stop. If a newer goal preempts it, odometry is lost or the node ends,
+        the goal ends with the stop command. Goals outside the fence are refused. A goal is aborted when the
         base does not follow its commands, or when its path leads out of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
@@ -87,7 +87,7 @@ class ExecutorNode(FrugalNode):
         self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._heard, self._appeared, self._jumped = 0.0, -math.inf, -math.inf
+        self._heard, self._jumped = 0.0, -math.inf
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
         self._offer(robot)
@@ -143,8 +143,6 @@ class ExecutorNode(FrugalNode):
             return
         if world is None:
             return
-        if now - self._heard > _SILENCE:
-            self._appeared = now
         world = self._driving.ahead(world, None if self._run is None else self._run.execution, now)
         self._world, self._heard = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
@@ -163,7 +161,7 @@ class ExecutorNode(FrugalNode):
     def _is_new(self, run: GoalRun, now: float) -> bool:
         """Return whether a goal would begin on a base that may not hear commands yet, as if blocked."""
         deaf = min(_DEAF, 0.5 * self._settings["start_timeout"])
-        return run.execution.phase is Phase.WAITING and now - self._appeared < deaf
+        return run.execution.phase is Phase.WAITING and now - self._inputs.since < deaf
 
     def _stand_by(self, run: GoalRun) -> None:
         """Send stop commands, while a canceled server may still drive or before a new base listens."""

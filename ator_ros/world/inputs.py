@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from ator_ros.world.sightings import JUMP, Sightings, StampError
@@ -11,6 +12,8 @@ _FASTEST = 1000.0
 """Greatest plausible ratio of simulated to real time; simulations run at a few hundred."""
 _LONGEST = 1.0
 """Longest real time in s without odometry to which that ratio applies."""
+GAP = 1.0
+"""Real time in s without odometry after which the base may have been started anew."""
 
 
 class ClockJumpError(ValueError):
@@ -41,6 +44,8 @@ class Inputs:
         self._time: float | None = None
         self._ahead: float | None = None
         self._came = 0.0
+        self.since = -math.inf
+        """Real time in s since which odometry has come without a gap of more than `GAP`."""
         self.pace = 1.0
         """Seconds by which the last two stamps of odometry differ, over the real time between them."""
 
@@ -90,6 +95,8 @@ class Inputs:
             the new clock counts.
         """
         last, most = self._time, JUMP + _FASTEST * min(now - self._came, _LONGEST)
+        if now - self._came > GAP:
+            self.since = now
         if last is not None and now > self._came:
             self.pace = (time - last) / (now - self._came)
         self._came = now

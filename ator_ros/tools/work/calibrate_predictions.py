@@ -68,19 +68,19 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     return 0
 
 
-def save_learned(records: Sequence[Mapping[str, Any]], settings: Settings, command: str) -> None:
-    """Learn what predictions miss from records of executed situations, and write it beside the models.
+def save_learned(
+    examples: Sequence[StepExample], settings: Settings, *, situations: int, command: str
+) -> None:
+    """Learn what predictions miss from executed actions of so many situations; write it beside the models.
 
     Raises
     ------
     EvaluationError
         There are too few.
     """
-    tools, library = tools_of(settings.source)
-    examples = step_examples(records, seed=settings.seed, chain=settings.chain, tools=tools, library=library)
-    chains = [{"seed": settings.seed, "chain": settings.chain, "situations": len(records)}]
-    path = settings.source.folder() / CALIBRATION
-    _learn(examples, tools.models["learned"], path, {"command": command, "chains": chains})
+    chains = [{"seed": settings.seed, "chain": settings.chain, "situations": situations}]
+    models, path = tools_of(settings.source)[0].models["learned"], settings.source.folder() / CALIBRATION
+    _learn(examples, models, path, {"command": command, "chains": chains})
 
 
 def _learn(

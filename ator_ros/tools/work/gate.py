@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.calibration_learning import step_examples
+from ator_ros.evaluation.calibration_learning import StepExample, step_examples
 from ator_ros.evaluation.corrected_gains import with_corrected_gains
 from ator_ros.evaluation.drawn_errors import fit_to_drawn_errors
 from ator_ros.evaluation.errors import EvaluationError
@@ -57,29 +57,34 @@ def run(options: argparse.Namespace, command: str) -> int:
     gate = tools_of(settings.source)[0].gate
     with reserved(source.folder(), _GATE_BYTES), results_in(options.work, options.situations):
         records = executed(settings, options, options.work)
-    settings, corrected = dataclasses.replace(settings, source=source), gate.corrected
+    settings = dataclasses.replace(settings, source=source)
+    steps: list[StepExample] = []
     if options.calibrate:
-        corrected, records = _corrected(records, settings, gate)
+        steps, records = _corrected(records, settings, gate)
+        gate = dataclasses.replace(opened(gate), corrected=bool(steps))
     learned, better = _learned(gate_examples(records), options)
-    better = dataclasses.replace(better, widths=gate.widths, room=gate.room, corrected=corrected)
-    if corrected and options.calibrate:
-        save_learned(records, settings, command)
+    better = dataclasses.replace(better, widths=gate.widths, room=gate.room, corrected=gate.corrected)
+    if steps:
+        save_learned(steps, settings, situations=len(records), command=command)
     _save(better, learned, source.folder() / GATE, options, command)
     return 0
 
 
-def _corrected(records: list[Record], settings: Settings, gate: Gate) -> tuple[bool, list[Record]]:
-    """Return whether the records teach a correction, and them as a gate sees them with it."""
+def _corrected(
+    records: list[Record], settings: Settings, gate: Gate
+) -> tuple[list[StepExample], list[Record]]:
+    """Return the actions that teach a correction, if they do, and the records as a gate sees them with it."""
     tools, library = tools_of(settings.source)
     tools = dataclasses.replace(tools, gate=dataclasses.replace(opened(gate), corrected=True))
     seed, chain = settings.seed, settings.chain
     try:
-        examples = step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
-        seen = with_corrected_gains(records, examples, seed=seed, chain=chain, tools=tools, library=library)
+        steps = step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
+        return steps, with_corrected_gains(
+            records, steps, seed=seed, chain=chain, tools=tools, library=library
+        )
     except EvaluationError as error:
         print(f"without a calibration: {error}")
-        return False, records
-    return True, seen
+        return [], records
 
 
 def _learned(examples: GateExamples, options: argparse.Namespace) -> tuple[LearnedGates, LearnedGate]:

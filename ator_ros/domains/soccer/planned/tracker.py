@@ -195,10 +195,10 @@ class Tracker:
 
     def _catching_up(self, along: float, *, forward: bool) -> float:
         """Return the speed in m/s that is added to catch up: the reserve loses it again on the way."""
-        speed = self.GAIN_ALONG * along
-        if (along > 0.0) is not forward or along == 0.0:  # it is too far, not behind
+        speed, behind = self.GAIN_ALONG * along, along if forward else -along
+        if behind <= 0.0:
             return speed
-        return math.copysign(min(abs(speed), math.sqrt(2.0 * self._reserve * abs(along))), speed)
+        return math.copysign(min(abs(speed), math.sqrt(2.0 * self._reserve * behind)), speed)
 
     def _across(self, v: float) -> float:
         speed = max(abs(v), self.SLOW)
