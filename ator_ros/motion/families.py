@@ -1,17 +1,14 @@
 """Families of ideal motions, made from a robot's limits: their times are features.
 
 A family is a few kinds of motion, each a turn, a straight drive, a turn and a straight run, of which the
-fastest counts. Kinds are given as shares of the limits, so that every robot has its own. Those of
-`drive_family` were chosen one by one, each as the one that brings the times nearest to those of all
-combinations of a fine grid. `benchmarks/motion_families.py` chooses so for any robot, and compares; a test
-does for small, heavy and quick robots.
+fastest counts. Kinds are given as shares of the limits. `ator_ros.motion.choosing` chooses them for a robot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -34,11 +31,13 @@ class Kind(NamedTuple):
         How the turns are driven; the last as seen from the goal, backward in time.
     share : float
         Speed between last turn and run: between the least (0) and greatest (1) from which the run can end as
-        it shall, or, where the run is as long as that needs, a share of the limit.
+        it shall, or, where the run is as long as that needs, a share of the limit; NaN where there is no run.
     entry : float
         Speed in m/s to reach in a straight lead before the first turn; NaN where that begins at once.
     backward : bool
         Whether the drive between the turns goes backward.
+    least_start, least_arrival : float
+        Least speeds in m/s at the start and at the goal of such motions.
     """
 
     first: Way
@@ -46,6 +45,8 @@ class Kind(NamedTuple):
     share: float = 0.0
     entry: float = np.nan
     backward: bool = False
+    least_start: float = -np.inf
+    least_arrival: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,8 @@ class Family:
                 kind.last.rate,
                 kind.share,
                 kind.entry,
+                kind.least_start,
+                kind.least_arrival,
                 -1.0 if kind.backward else 1.0,
             )
             for kind in self.kinds
@@ -134,43 +137,6 @@ class FreeTurns(NamedTuple):
     last: float
     backward: bool = False
     share: float = 0.0
-
-
-_DRIVES = (
-    FreeTurns(1.0, 1.0),
-    FreeTurns(-0.6, -0.3, backward=True),
-    FreeTurns(-1.0, -1.0, backward=True),
-    FreeTurns(0.6, 0.3),
-    FreeTurns(-0.6, -0.6, backward=True),
-    FreeTurns(0.3, 0.6),
-    FreeTurns(0.6, 0.6),
-    FreeTurns(-0.3, -1.0, backward=True),
-)
-_WEAK, _WIDE = 0.25, 0.6
-"""Speed gained in a turn below which, and radius in m at full speed above which, there are more kinds."""
-_MORE_DRIVES = (FreeTurns(0.0, 0.0), FreeTurns(1.0, 0.3), FreeTurns(0.3, 1.0), FreeTurns(-0.3, -0.3))
-
-
-@lru_cache(maxsize=8)
-def drive_family(limits: Limits) -> Family:
-    """Return the motions to a pose, forward or in reverse, of a robot with these limits."""
-    more = needs_more_kinds(limits)
-    return Family(limits, free_kinds(limits, (*_DRIVES, *_MORE_DRIVES) if more else _DRIVES))
-
-
-def needs_more_kinds(limits: Limits) -> bool:
-    """Return whether a robot that holds nothing needs more kinds of motion: if it is weak or turns widely."""
-    return gained_in_turn(limits) < _WEAK or turning_radius(limits) > _WIDE
-
-
-def gained_in_turn(limits: Limits) -> float:
-    """Return the speed gained in a turn by 1 rad as a share of full speed: weak robots need more kinds."""
-    return limits.a / (limits.v * limits.w)
-
-
-def turning_radius(limits: Limits) -> float:
-    """Return the radius in m of the tightest turn at full speed: where it is wide, robots need more kinds."""
-    return limits.v / limits.w
 
 
 def free_kinds(limits: Limits, rows: Iterable[FreeTurns]) -> tuple[Kind, ...]:

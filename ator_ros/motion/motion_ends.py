@@ -15,7 +15,8 @@ from ator_ros.motion.turn_tables import TurnTables, row_of
 KIND = np.dtype(
     [("first_way", np.intp), ("last_way", np.intp)]
     + [(f"{turn}_{what}", float) for what in ("change", "rate") for turn in ("first", "last")]
-    + [("share", float), ("entry", float), ("direction", np.float32)],
+    + [(name, float) for name in ("share", "entry", "least_start", "least_arrival")]
+    + [("direction", np.float32)],
     align=True,
 )
 """A kind of motion as a row; see `families.Kind`."""
@@ -46,24 +47,25 @@ class Rules(NamedTuple):
 
 @compiled
 def set_speed(entries: Rows, speed: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the begins of all kinds for a speed (m/s) at the start."""
+    """Write the begins of all kinds for a speed (m/s) at the start; those that need more take forever."""
     rates = rules.rates
     for index in range(len(kinds)):
         kind, entry = kinds[index], entries[index]
         reached = speed if math.isnan(kind["entry"]) else kind["entry"]
         entry["speed"], entry["way"] = reached, change_distance(speed, reached, rates)
-        entry["time"] = change_time(speed, reached, rates)
+        entry["time"] = change_time(speed, reached, rates) if speed >= kind["least_start"] else np.inf
         entry["row"] = row_of(tables, kind["first_way"], reached)
 
 
 @compiled
 def set_arrival(leaves: Rows, arrival: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the ends of all kinds for a speed (m/s) at the destination."""
+    """Write the ends of all kinds for a speed (m/s) at the destination, as `set_speed` does."""
     for index in range(len(kinds)):
         kind, leave = kinds[index], leaves[index]
         speed, run = _before_run(kind["share"], arrival, rules)
         leave["speed"], leave["way"] = speed, run
-        leave["time"] = forward_time(run, speed, arrival, rules.rates)
+        time = forward_time(run, speed, arrival, rules.rates)
+        leave["time"] = time if arrival >= kind["least_arrival"] else np.inf
         leave["row"] = row_of(tables, kind["last_way"], speed)
 
 
@@ -71,6 +73,8 @@ def set_arrival(leaves: Rows, arrival: float, kinds: Rows, tables: TurnTables, r
 def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, float]:
     """Return speed (m/s) and distance (m) to the goal where the straight run begins."""
     rates, square = rules.rates, arrival * arrival
+    if math.isnan(share):
+        return arrival, 0.0
     if math.isnan(rules.run):
         speed = share * rates.v
         change = speed * speed - square

@@ -6,12 +6,12 @@ import itertools
 
 import numpy as np
 
-from ator_ros.domains.soccer.families import approach_family, dribble_family, shot_family
+from ator_ros.domains.soccer.families import approach_family, dribble_family, drive_family, shot_family
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.release import usual_release
 from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.motion.families import Family, drive_family
+from ator_ros.motion.families import Family
 from ator_ros.motion.ideal_times import Motions
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, variables

@@ -1,0 +1,76 @@
+"""The kinds of ideal motions that a robot needs, chosen from all combinations of a fine grid.
+
+They are chosen one by one: the next one is that which brings the times nearest to those of the whole grid, in
+motions that are drawn. The choice ends where the rest of the grid would hardly bring them nearer. How many
+kinds that takes depends on the robot: 30 for one that is small and strong, 120 for one that gains speed
+slowly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.motion.families import Family
+from ator_ros.motion.motion_search import search_fastest
+from ator_ros.robot.description import Limits
+
+NEAR = 0.0005
+"""Share of the mean time by which a choice may be slower than the whole grid."""
+MOST = 120
+"""Kinds that are chosen at most: the time that a search takes grows with them."""
+_MOTIONS, _SEED = 2000, 5
+_LATE = 3.0  # how many times the least time counts where no chosen kind leads to the destination
+
+
+def with_chosen_kinds(grid: Family, *, hold: float) -> Family:
+    """Return a family with those kinds of `grid` that are needed; it takes a second.
+
+    Parameters
+    ----------
+    grid : Family
+        With all kinds to choose from.
+    hold : float
+        Distance in m from the destination to the object in front of it.
+    """
+    times = times_of(grid, drawn_ends(grid.limits, _MOTIONS, np.random.default_rng(_SEED)), hold)
+    return dataclasses.replace(grid, kinds=tuple(grid.kinds[kind] for kind in chosen(times, MOST, near=NEAR)))
+
+
+def drawn_ends(limits: Limits, count: int, rng: np.random.Generator) -> FloatArray:
+    """Return ends of motions, (5, 1, count), as `search_fastest` takes them.
+
+    They are up to 5 m apart, half of them nearer than the others. Half begin, and half end, at rest.
+    """
+    x, y, turn = (rng.uniform(-most, most, count) for most in (4.0, 3.0, np.pi))
+    nearer = np.where(rng.random(count) < 0.5, rng.random(count), 1.0)
+    speeds = limits.v * rng.random((2, count)) * rng.integers(0, 2, (2, count))
+    return np.stack((nearer * x, nearer * y, turn, *speeds))[:, None]
+
+
+def times_of(family: Family, ends: FloatArray, hold: float) -> FloatArray:
+    """Return the time in s of each kind in each situation, (kinds, n); infinite where it leads elsewhere."""
+    times = np.empty((len(family.kinds), ends.shape[2]))
+    for kind in range(len(family.kinds)):
+        result = np.empty((2, ends.shape[2]))
+        row = family.rows[kind : kind + 1]
+        search_fastest(ends, row, family.tables, family.rules(hold), (np.inf, 0.0), result, 0, ends.shape[2])
+        times[kind] = result[0]
+    return times
+
+
+def chosen(times: FloatArray, most: int, *, near: float = 0.0) -> list[int]:
+    """Choose up to `most` kinds by the times of each, (kinds, n): the one that saves the most time is next.
+
+    The choice ends early where the mean time is nearer than a share of `near` to that of all kinds.
+    """
+    least = times.min(axis=0)
+    reached = np.isfinite(least)
+    times, least = times[:, reached], least[reached]
+    so_far, picked = _LATE * least, list[int]()
+    while len(picked) < most and so_far.sum() > (1.0 + near) * least.sum():
+        picked.append(int(np.argmin(np.minimum(so_far, times).sum(axis=1))))
+        so_far = np.minimum(so_far, times[picked[-1]])
+    return picked
