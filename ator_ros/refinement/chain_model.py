@@ -11,8 +11,9 @@ import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import DirectTable
+from ator_ros.refinement.candidates import place_of
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.free_variables import FreeVariable, PredictsPerformance
 from ator_ros.refinement.objective import Objective
@@ -116,7 +117,7 @@ class ChainModel:
         self._given = [values.tolist() for values in self.given]
         self._as_given: dict[str, _Alone] = {}
         self._searched: list[list[_Searched]] = [[] for _ in chain.calls]
-        self._memory: Memory = {} if memory is None else memory
+        self._memory = memory
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         """Return the cost of one action, shape (n,), as `ator_ros.refinement.paths.StepCost` says."""
@@ -168,9 +169,8 @@ class ChainModel:
     ) -> tuple[Any, FloatArray, int]:
         """Return what holds one candidate, and its row there: what was searched is not predicted again."""
         for searched in reversed(self._searched[index]):
-            same = _equal_rows(searched.before, before) & _equal_rows(searched.after, after)
-            row = int(same.argmax())
-            if same[row]:
+            row = place_of((searched.before, before), (searched.after, after))
+            if row is not None:
                 return searched.prediction, searched.cost, row
         if self._is_given(index, before, after):
             alone = self._step_as_given(index, model)
@@ -212,7 +212,7 @@ class ChainModel:
 
     def _predict(self, index: int, model: PredictsPerformance, before: FloatArray, after: FloatArray) -> Any:
         direct = self._rows[index].table(before, after)
-        if len(before) > 1:  # no other search has the same pairs
+        if self._memory is None or len(before) > 1:  # no other search has the same pairs
             return self._checked(index, model.predict(direct, self._fields))
         key = (self._calls[index].top.action, self._fields, direct.table.tobytes())
         if key not in self._memory:
@@ -253,14 +253,6 @@ def _values(goal: Goal, names: Sequence[str]) -> FloatArray:
     """Return the goal variables `names` of a subgoal, shape (k,)."""
     values = goal_values(goal)
     return np.array([values[name] for name in names], dtype=float)
-
-
-def _equal_rows(table: FloatArray, row: FloatArray) -> BoolArray:
-    """Return which rows of `table` (n, k) equal `row` (k,), shape (n,); all of them where k is 0."""
-    equal: BoolArray = table[:, 0] == row[0] if len(row) else np.ones(len(table), dtype=bool)
-    for column in range(1, len(row)):
-        equal = equal & (table[:, column] == row[column])
-    return equal
 
 
 def _row(value: Any, row: int) -> float:

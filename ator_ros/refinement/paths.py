@@ -19,6 +19,7 @@ import numpy as np
 from ator_ros.cores import together
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.averaging import Averages, averaged
+from ator_ros.refinement.candidates import place_of
 from ator_ros.refinement.slices import Slices
 
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
@@ -153,7 +154,7 @@ def _cost_of(
     """Return the cost of a chain whose values (k,) are among the candidates (n, k) of each subgoal."""
     row, total = 0, 0.0
     for values, searched, cost in zip(chain, candidates, costs, strict=True):
-        column = int((searched == values).all(axis=1).argmax())
+        column = place_of((searched, values)) or 0
         total += float(cost[row, column])
         row = column
     return total

@@ -109,8 +109,9 @@ class Refiner:
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
-        memory: Memory = {}
+        memory: Memory | None = None  # without placeholders nothing is asked for twice
         if placeholders:
+            memory = {}
             chain = yield from fastest_alone(
                 world, chain, analysis.free, regions, models=self.models, robot=self.robot, memory=memory
             )

@@ -16,6 +16,7 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.averaging import Averages
+from ator_ros.refinement.candidates import with_candidate
 from ator_ros.refinement.paths import Optimum, SearchCurve, StepCost, best_apart, least_path
 from ator_ros.refinement.sampled import Allowed, into_domains, sampling
 from ator_ros.refinement.slices import Slices, completed
@@ -76,7 +77,7 @@ def searching(
         return (yield from sampling(step_cost, axes, given, allowed))
     grids, steps = _first_grids(tuple(map(tuple, axes)))
     known = list(given) if given is not None else []
-    candidates = [_with(g, v) for g, v in zip(grids, known, strict=True)] if known else grids
+    candidates = [with_candidate(*each) for each in zip(grids, known, strict=True)] if known else grids
     first = yield from least_path(step_cost, candidates, known, averages)
     curves = tuple(
         SearchCurve(grid, total[: len(grid)]) if searched is offered else SearchCurve(searched, total)
@@ -127,11 +128,6 @@ def _first_grids(axes: tuple[tuple[Range, ...], ...]) -> tuple[list[FloatArray],
         grids[-1].setflags(write=False)
         steps.append(np.array([line[1] - line[0] for line in lines]))
     return grids, steps
-
-
-def _with(grid: FloatArray, given: FloatArray) -> FloatArray:
-    """Return `grid` (n, k) and, after it, what is `given` (k,), where that is not among it already."""
-    return grid if (grid == given).all(axis=1).any() else np.vstack([grid, given])
 
 
 def _distinct(candidates: FloatArray) -> FloatArray:
