@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,9 +89,8 @@ def look_up(table: FloatArray, low: int, share: float) -> float:
     return result
 
 
-@lru_cache(maxsize=32)
 def turn_tables(limits: Limits, ways: tuple[Way, ...]) -> TurnTables:
-    """Compute the tables of `ways` for a robot's limits; cached."""
+    """Compute the tables of `ways` for a robot's limits."""
     angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, EDGE + 1)
     speeds: FloatArray = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP, dtype=np.float64)
     parts = [_displacements(limits, way, speeds, angles) for way in ways]
