@@ -25,11 +25,10 @@ _THERE = ObjectState(0.0, 0.0)
 
 
 def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
-    """Refine once a chain of two steps with heading and arrival speed between them free."""
+    """Refine chains of two steps, each TOP among them, with heading and arrival speed between them free."""
     for world, chain in _rehearsed(library):
         with contextlib.suppress(RefinementError):  # the first request reports it
             refiner.refine(world, chain)
-            return
 
 
 def rehearse_predictions(library: TopLibrary, predictor: Predictor) -> None:

@@ -16,6 +16,7 @@ from ator_ros.learning.judging import RoundVerdict, judge
 from ator_ros.learning.lessons import Lessons, Records
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS, Feature, declared_by
+from ator_ros.performance.kinds import kinds_of, with_kinds
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.observing import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
@@ -70,11 +71,17 @@ def improved(
     """
     rows = plausible(_complete(rows, features))
     driving = now.driving if now is not None else _driving(rows, robot, features)
-    former = {name: model for name, model in former.items() if model.driving == driving}
+    kinds = kinds_of((now.features if now is not None else {}).values())
+    former = {
+        name: model
+        for name, model in former.items()
+        if model.driving == driving and kinds_of(model.features.values()) == kinds
+    }
     models = [*former.values(), *([now] if now is not None else [])]
     known = {feature.name: feature for feature in features}
     for model in models:
         known |= model.features
+    known = with_kinds(known, kinds) if kinds else known  # also those that no model uses
     records = Records(rows, robot, known, driving)
     names = [feature.name for feature in features]
     verdicts: dict[str, RoundVerdict] = {}

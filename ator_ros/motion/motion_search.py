@@ -158,13 +158,15 @@ def _fastest(
     for number in range(len(kinds)):
         index = (likely + number) % len(kinds)
         kind, entry, leave = kinds[index], entries[index], leaves[index]
+        straight = entry["time"] + leave["time"]
+        if straight == np.inf:
+            continue
         way = _Way(
             x - entry["way"] - leave["way"] * cos,
             y - leave["way"] * sin,
             object_x - entry["way"],
             object_y,
         )
-        straight = entry["time"] + leave["time"]
         rate = max(kind["first_rate"], kind["last_rate"])
         for around in range(3 if rules.forward else 2):
             total = totals[around]

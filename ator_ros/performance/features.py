@@ -6,7 +6,7 @@ function, `feature_table`, serves learning and prediction. A feature is computed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,9 @@ from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.robot.description import Robot
+
+Kinds = Mapping[str, Sequence[Sequence[float | None]]]
+"""By name of a family of ideal motions: the numbers of each kind, None for one that does not apply."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,10 @@ class Feature:
         Whether it is another quantity of such an ideal motion.
     row : int or None
         The row of `Geometry.rows` that holds its values; None where only `compute` has them.
+    motions : MotionFeatures or None
+        How it is made of kinds of ideal motions; None where it is not.
+    kinds : Kinds or None
+        Those that were chosen for a robot; None: the domain's own.
     """
 
     name: str
@@ -51,6 +58,25 @@ class Feature:
     ideal: bool = False
     described: bool = False
     row: int | None = None
+    motions: MotionFeatures | None = None
+    kinds: Kinds | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MotionFeatures:
+    """Features that are made of the same kinds of ideal motions.
+
+    Attributes
+    ----------
+    choose : callable
+        Returns the kinds that a robot needs; it takes seconds.
+    make : callable
+        Returns the features by name, of kinds that may be among others, and none without them; raises
+        ValueError where they are not what was expected.
+    """
+
+    choose: Callable[[Robot], Kinds]
+    make: Callable[[Kinds], Mapping[str, Feature]]
 
 
 def variables(words: str) -> frozenset[str]:

@@ -15,6 +15,7 @@ from ator_ros.files import UnreadableError, is_name, read_json, write_text
 from ator_ros.formats import Format
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
+from ator_ros.performance.kinds import kinds_of, with_kinds
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
 from ator_ros.printable import short, short_path
@@ -106,6 +107,8 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         "accuracy": model.metadata.get("accuracy", {}),
         "trees": {measure: tree_to_dict(tree) for measure, tree in model.trees.items()},
     }
+    if kinds := kinds_of(model.features[name] for name in names):
+        data["kinds"] = kinds
     if model.driving is not None:
         data["driving"] = model.driving.to_dict()
     write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
@@ -153,9 +156,29 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     _check_starts(path, file.training.get("starts", {}))
     if file.robot_digest != robot.digest():
         _warn_of_robot(path, file, robot)
-    metadata = {name: value for name, value in data.items() if name not in ("format", "trees", "driving")}
-    named = {name: features[name] for name in units}
+    apart = ("format", "trees", "kinds", "driving")
+    metadata = {name: value for name, value in data.items() if name not in apart}
+    named = _named(path, {name: features[name] for name in units}, data.get("kinds"))
     return PerformanceModel(file.action, robot, trees, named, metadata, _driving(path, data))
+
+
+def _named(path: Path | str, features: dict[str, Feature], kinds: Any) -> dict[str, Feature]:
+    """Return the features, made of the kinds of motion that the file holds, if it does."""
+    if kinds is None:
+        return features
+    if not isinstance(kinds, dict):
+        raise ModelFileError(f"{path}: kinds: expected kinds of motion by family, got {short(kinds)}")
+    try:
+        made = with_kinds(features, kinds)
+    except ValueError as error:
+        raise ModelFileError(f"{path}: kinds.{error}") from error
+    wanted = kinds_of(made.values())
+    if set(wanted) != set(kinds):
+        told = ", ".join(wanted) or "none"
+        raise ModelFileError(
+            f"{path}: kinds: expected those of the file's features, {told}, got {short(kinds)}"
+        )
+    return made
 
 
 def _check_starts(path: Path | str, starts: Any) -> None:

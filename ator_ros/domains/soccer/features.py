@@ -3,39 +3,87 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import numpy as np
 
-from ator_ros.domains.soccer.families import approach_family, dribble_family, drive_family, shot_family
+from ator_ros.domains.soccer.chosen_motions import (
+    APPROACH,
+    DRIBBLE,
+    DRIVE,
+    chosen_dribbles,
+    chosen_drives,
+    turns_of,
+)
+from ator_ros.domains.soccer.families import (
+    APPROACHES,
+    DRIBBLES,
+    DRIVES,
+    PushedTurns,
+    approach_family,
+    dribble_family,
+    drive_family,
+    shot_family,
+)
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.release import usual_release
 from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.motion.families import Family
+from ator_ros.motion.families import Family, FreeTurns
 from ator_ros.motion.ideal_times import Motions
 from ator_ros.performance.derived import Geometry
-from ator_ros.performance.features import Feature, variables
+from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
 from ator_ros.performance.hold import hold_angle, hold_bearing, hold_dist
+from ator_ros.robot.description import Limits, Robot
 
 # The nine ideal shots to fixed places: share of the mouth's width from its middle, and direction (rad).
 _AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
 
 
-def drive(geometry: Geometry) -> Motions:
-    """Return the fastest ideal motion without the ball, or up to it where the goal is to hold one."""
-    holding = geometry.direct["hold"] > 0.5
-    if holding.all():
-        return _to_goal(geometry, approach_family(geometry.robot))
-    plain = _to_goal(geometry, drive_family(geometry.robot.limits))
-    if not holding.any():
-        return plain
-    approach = _to_goal(geometry, approach_family(geometry.robot))
-    return Motions(np.where(holding, approach.time, plain.time), np.where(holding, approach.turn, plain.turn))
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """The fastest ideal motions without the ball, or up to it where a goal is to hold it, of some kinds."""
+
+    plain: tuple[FreeTurns, ...] = DRIVES
+    approaches: tuple[FreeTurns, ...] = APPROACHES
+
+    def __call__(self, geometry: Geometry) -> Motions:
+        """Return the fastest motion in each situation."""
+        holding = geometry.direct["hold"] > 0.5
+        if holding.all():
+            return _to_goal(geometry, _approaches(self, geometry.robot))
+        plain = _to_goal(geometry, _drives(self, geometry.robot.limits))
+        if not holding.any():
+            return plain
+        held = _to_goal(geometry, _approaches(self, geometry.robot))
+        return Motions(np.where(holding, held.time, plain.time), np.where(holding, held.turn, plain.turn))
 
 
-def dribble(geometry: Geometry) -> Motions:
-    """Return the fastest ideal motion with the ball."""
-    return _to_goal(geometry, dribble_family(geometry.robot))
+@dataclass(frozen=True, eq=False)
+class Dribbles:
+    """The fastest ideal motions with the ball, of some kinds."""
+
+    rows: tuple[PushedTurns, ...] = DRIBBLES
+
+    def __call__(self, geometry: Geometry) -> Motions:
+        """Return the fastest motion in each situation."""
+        return _to_goal(geometry, _dribbles(self, geometry.robot))
+
+
+@lru_cache(maxsize=16)
+def _drives(drives: Drives, limits: Limits) -> Family:
+    return drive_family(limits, drives.plain)
+
+
+@lru_cache(maxsize=16)
+def _approaches(drives: Drives, robot: Robot) -> Family:
+    return approach_family(robot, drives.approaches)
+
+
+@lru_cache(maxsize=16)
+def _dribbles(dribbles: Dribbles, robot: Robot) -> Family:
+    return dribble_family(robot, dribbles.rows)
 
 
 def _to_goal(geometry: Geometry, family: Family) -> Motions:
@@ -77,12 +125,43 @@ def run_up(geometry: Geometry) -> FloatArray:
 _TO_POSE = variables("x y yaw v w xg yg yawg speedg hold")
 _TO_MOUTH = variables("x y yaw xg yg")
 
-MOTIONS = (
-    Feature("drive_time", "s", _TO_POSE, lambda g: g.once(drive).time, ideal=True),
-    Feature("drive_turn", "rad", _TO_POSE, lambda g: g.once(drive).turn, described=True),
-    Feature("dribble_time", "s", _TO_POSE, lambda g: g.once(dribble).time, ideal=True),
-    Feature("dribble_turn", "rad", _TO_POSE, lambda g: g.once(dribble).turn, described=True),
-)
+
+def _drives_of(kinds: Kinds) -> dict[str, Feature]:
+    """Return the features of drives; a robot that holds nothing has no kinds of approaches."""
+    if DRIVE not in kinds:
+        return {}
+    approaches = turns_of(kinds, APPROACH, FreeTurns) if APPROACH in kinds else APPROACHES
+    own = {name: kinds[name] for name in (DRIVE, APPROACH) if name in kinds}
+    return _drive_features(Drives(turns_of(kinds, DRIVE, FreeTurns), approaches), own)
+
+
+def _dribbles_of(kinds: Kinds) -> dict[str, Feature]:
+    if DRIBBLE not in kinds:
+        return {}
+    return _dribble_features(Dribbles(turns_of(kinds, DRIBBLE, PushedTurns)), {DRIBBLE: kinds[DRIBBLE]})
+
+
+_CHOSEN_DRIVES = MotionFeatures(chosen_drives, _drives_of)
+_CHOSEN_DRIBBLES = MotionFeatures(chosen_dribbles, _dribbles_of)
+
+
+def _drive_features(drives: Drives, kinds: Kinds | None = None) -> dict[str, Feature]:
+    made = partial(Feature, derives=_TO_POSE, motions=_CHOSEN_DRIVES, kinds=kinds)
+    return {
+        "drive_time": made("drive_time", "s", compute=lambda g: g.once(drives).time, ideal=True),
+        "drive_turn": made("drive_turn", "rad", compute=lambda g: g.once(drives).turn, described=True),
+    }
+
+
+def _dribble_features(dribbles: Dribbles, kinds: Kinds | None = None) -> dict[str, Feature]:
+    made = partial(Feature, derives=_TO_POSE, motions=_CHOSEN_DRIBBLES, kinds=kinds)
+    return {
+        "dribble_time": made("dribble_time", "s", compute=lambda g: g.once(dribbles).time, ideal=True),
+        "dribble_turn": made("dribble_turn", "rad", compute=lambda g: g.once(dribbles).turn, described=True),
+    }
+
+
+MOTIONS = (*_drive_features(Drives()).values(), *_dribble_features(Dribbles()).values())
 """Ideal times at the robot's limits, and the angles turned on the way."""
 
 SHOT = (

@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.compiled import compiles
 from ator_ros.domains.domain import Domain, installed_domains
 from ator_ros.experience.columns import FARTHEST
 from ator_ros.experience.sources import read_sources
@@ -20,6 +21,8 @@ from ator_ros.experience.table import Experience, library_versions
 from ator_ros.files import portable_command, reserved, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.features import Feature
+from ator_ros.performance.kinds import chosen_for
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
 from ator_ros.performance.training import (
@@ -64,7 +67,7 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     by_action = dict(iter(rows.groupby("action", sort=False)))
     errors: list[str] = []
     for action, examples in by_action.items():
-        features = domain.candidates(action, source["action_set"])
+        features = _suited(domain.candidates(action, source["action_set"]), robot, domain)
         if options.observed:
             features = (*OBSERVED, *domain.goal_features(action, source["action_set"]))
         # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
@@ -101,6 +104,16 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         others = dict(iter(fresh.frame.groupby("action")))
         lines = ablation_table(by_action, others, robot, domain, seed=fresh.seed)
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
+
+
+def _suited(features: tuple[Feature, ...], robot: Robot, domain: Domain) -> tuple[Feature, ...]:
+    """Return the features with kinds of ideal motions that suit a robot other than the domain's own."""
+    if robot.digest() == domain.robot(None).digest() or not any(each.motions for each in features):
+        return features
+    if not compiles():
+        print("train: without numba few kinds of ideal motions are known; models err more", file=sys.stderr)
+        return features
+    return chosen_for(features, robot)
 
 
 def _read(domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:

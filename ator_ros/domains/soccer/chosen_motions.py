@@ -1,0 +1,118 @@
+"""The kinds of ideal motions that are chosen for a robot from a fine grid, and kept with its models."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ator_ros.domains.soccer.families import (
+    AT_ONCE,
+    NO_RUN,
+    PushedTurns,
+    approach_family,
+    dribble_family,
+    drive_family,
+)
+from ator_ros.domains.soccer.planned.holding import MARGIN, keeps_ball, push
+from ator_ros.motion.choosing import MOST, needed_kinds
+from ator_ros.motion.displacements import TurnDriving
+from ator_ros.motion.families import FreeTurns, Kind
+from ator_ros.performance.features import Kinds
+from ator_ros.printable import short
+from ator_ros.robot.description import Robot
+
+DRIVE, APPROACH, DRIBBLE = "drive", "approach", "dribble"
+"""Names of the families."""
+
+# What to choose from; all numbers are shares of the limits.
+_CHANGES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)
+_RUNS = (0.0, 0.35, 0.8, 1.0)
+_LEADS = (0.1, 0.2, 0.35, 0.55, 0.8)
+_LEAST = (0.0, 0.25, 0.5, 0.75)
+_GAINS, _LOSSES = (0.0, 0.25, 0.5, 0.75, 0.96), (0.0, 0.5, 0.9)
+_AFTER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
+_BEGINS = [(AT_ONCE, least) for least in _LEAST] + [(lead, 0.0) for lead in _LEADS]
+_ENDS = [(NO_RUN, least) for least in _LEAST[1:]] + [(after, 0.0) for after in _AFTER]
+
+
+_MAY_LACK = ("entry", "after")
+"""Fields of kinds that are kept as null where they are NaN."""
+Turns = TypeVar("Turns", FreeTurns, PushedTurns)
+
+
+def chosen_drives(robot: Robot) -> Kinds:
+    """Return the kinds of drives, and of approaches if the robot can hold a ball; it takes a second."""
+    places, runs = free_grid((0.0,)), free_grid(_RUNS)
+    kinds = {DRIVE: _stored(places, needed_kinds(drive_family(robot.limits, places), hold=0.0))}
+    if robot.holder is not None:
+        kinds[APPROACH] = _stored(runs, needed_kinds(approach_family(robot, runs), hold=robot.hold))
+    return kinds
+
+
+def chosen_dribbles(robot: Robot) -> Kinds:
+    """Return the kinds of dribbles; it takes two seconds."""
+    grid = pushed_grid(robot)
+    return {DRIBBLE: _stored(grid, needed_kinds(dribble_family(robot, grid), hold=robot.hold))}
+
+
+def free_grid(runs: Iterable[float] = _RUNS) -> list[FreeTurns]:
+    """Return all kinds of motion of a robot that holds nothing, with speeds before the run from `runs`."""
+    return [FreeTurns(*row) for row in itertools.product(_CHANGES, _CHANGES, (False, True), runs)]
+
+
+def pushed_grid(robot: Robot) -> list[PushedTurns]:
+    """Return all kinds of motion in which the robot does not lose the ball; all of them if there is none."""
+    ways = itertools.product(_BEGINS, _GAINS, _LOSSES, _ENDS)
+    rows = [
+        PushedTurns(entry, gain, loss, after, least_start=start, least_arrival=arrival)
+        for (entry, start), gain, loss, (after, arrival) in ways
+    ]
+    kinds = dribble_family(robot, rows).kinds
+    return [row for row, kind in zip(rows, kinds, strict=True) if _holds_ball(robot, kind)] or rows
+
+
+def _holds_ball(robot: Robot, kind: Kind) -> bool:
+    """Return whether the ball stays in front in both turns, as in those that are planned."""
+    fastest = robot.holder_for("pushing a ball").limits.v
+    begin = max(kind.least_start, 0.0) if np.isnan(kind.entry) else kind.entry
+    end = max(kind.least_arrival, 0.0) if np.isnan(kind.share) else kind.share * fastest
+    first = TurnDriving(begin, kind.first.change, kind.first.rate)
+    return keeps_ball(robot, first, fastest) and push(robot, end, kind.last.rate, -kind.last.change) >= MARGIN
+
+
+def _stored(grid: Sequence[FreeTurns | PushedTurns], which: Iterable[int]) -> list[list[float | None]]:
+    return [[None if np.isnan(number) else number for number in grid[at]] for at in which]
+
+
+def turns_of(kinds: Kinds, family: str, kind: type[Turns]) -> tuple[Turns, ...]:
+    """Return the kinds of a family.
+
+    Raises
+    ------
+    ValueError
+        There are none or too many, or they are not shares of the limits as expected.
+    """
+    rows, fields = kinds.get(family), kind._fields
+    if not isinstance(rows, Sequence) or not 1 <= len(rows) <= MOST:
+        raise ValueError(f"{family}: expected 1 to {MOST} kinds of motion, got {short(rows)}")
+    for number, row in enumerate(rows):
+        whole = isinstance(row, Sequence) and len(row) == len(fields)
+        if not whole or not all(map(_is_share, fields, row)):
+            raise ValueError(
+                f"{family}.{number}: expected {len(fields)} numbers from -1 to 1 ({', '.join(fields)}), "
+                f"got {short(row)}"
+            )
+    return tuple(kind(*_filled(row)) for row in rows)
+
+
+def _is_share(field: str, value: object) -> bool:
+    if value is None:
+        return field in _MAY_LACK
+    return isinstance(value, int | float) and abs(value) <= 1.0
+
+
+def _filled(row: Iterable[Any]) -> list[Any]:
+    return [np.nan if value is None else value for value in row]
