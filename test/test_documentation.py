@@ -57,7 +57,7 @@ BY_TEST = {
     r"(scripts/run )?python benchmarks/over_ball_ruler\.py .*": "test_benchmarks.py::test_our_actions_are",
     r"python benchmarks/choice_among_alternatives\.py .*": "test_benchmarks.py::test_the_choice_among_",
     r"python benchmarks/search_quality\.py .*": "test_benchmarks.py::test_the_search_is_measured",
-    r"(scripts/run )?python benchmarks/motion_fam.*": "test_benchmarks.py::test_kinds_of_motion_are",
+    r"(scripts/run )?python benchmarks/motion_fam.*": "test_benchmarks.py::test_chosen_kinds_of_motion",
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
     r".*examples\.call|ros2 service call": "nodes/test_call_example.py::test_a_service_is_called",

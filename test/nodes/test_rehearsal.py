@@ -78,10 +78,12 @@ def test_a_refinement_is_rehearsed_whatever_the_tops(domain: Domain, robot: Robo
             return ended[-1]
 
     models = {name: made_up_model("goToPose", robot) for name in domain.actions()}
-    rehearse_refinement(domain.library(robot), Heard(robot, models, ranges=domain.ranges))
-    [refinement] = ended
-    assert "yaw" in {variable.name for variable in refinement.free}
-    assert refinement.curves
+    library = domain.library(robot)
+    rehearse_refinement(library, Heard(robot, models, ranges=domain.ranges))
+    assert "yaw" in {variable.name for variable in ended[0].free}
+    assert ended[0].curves
+    rehearsed = {call.top.name for refinement in ended for call in refinement.original.calls}
+    assert rehearsed == {top.name for top in library.usable()}
 
 
 class Lift(Action):
