@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import json
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from experience_rows import made_up_experience
-from robots import FIFTH, PIONEER
+from robots import FIFTH, PIONEER, PLAIN
 from stored import episodes, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
@@ -23,11 +25,13 @@ from ator_ros.performance.kinds import chosen_for, kinds_of, with_kinds
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.training import direct_of, train
+from ator_ros.refinement.calibration import model_digest
 from ator_ros.resources import resource_path
 from ator_ros.tools import train as tool
 from ator_ros.tools.work import train as work
 
 FIFTH_FILE = Path(__file__).parent / "fifth.yaml"
+DRIVE = [0.5, 0.5, True, 0.0]
 CHOSEN = chosen_for(SOCCER.candidates("goToPose"), FIFTH)
 
 
@@ -88,14 +92,26 @@ def test_without_its_kinds_it_would_predict_something_else(model: PerformanceMod
     ("kinds", "message"),
     [
         ([], r"kinds: expected kinds of motion by family, got \[\]"),
-        ({"drive": []}, r"kinds.drive: expected 1 to 120 kinds of motion, got \[\]"),
+        (None, "kinds: expected kinds of motion by family, got None"),
+        ({}, r"kinds: expected families of motion, got \{\}"),
+        ({"waltz": [[1.0]]}, "kinds: expected families of motion, got .'waltz'"),
+        ({"drive": [], "approach": []}, r"kinds.drive: expected 1 to 120 kinds of motion, got \[\]"),
         ({"drive": 3}, "kinds.drive: expected 1 to 120 kinds of motion, got 3"),
-        ({"drive": [[0.5, 0.5, True, 0.0]] * 121}, "kinds.drive: expected 1 to 120 kinds"),
-        ({"drive": [[1.0]]}, r"kinds.drive.0: expected 4 numbers .*\(first, last, backward, share\), got"),
-        ({"drive": [[1.0, "a", False, 0.0]]}, "kinds.drive.0: expected 4 numbers from -1 to 1"),
-        ({"drive": [[0.5, 0.5, True, 0.0], [9.0, 0.5, True, 0.0]]}, "kinds.drive.1: expected 4 numbers"),
-        ({"drive": [[None, 0.5, True, 0.0]]}, "kinds.drive.0: expected 4 numbers"),
-        ({"dribble": [[0.1] * 7]}, "kinds: expected those of the file's features, none, got"),
+        ({"drive": "many"}, "kinds.drive: expected 1 to 120 kinds of motion, got 'many'"),
+        ({"drive": [DRIVE] * 121}, "kinds.drive: expected 1 to 120 kinds"),
+        ({"drive": [DRIVE]}, "kinds.approach: expected 0 to 120 kinds of motion, got None"),
+        ({"approach": [DRIVE]}, "kinds.drive: expected 1 to 120 kinds of motion, got None"),
+        ({"drive": [[1.0]]}, r"kinds.drive.0: expected 4 values .*\(first, last, backward, share\), got"),
+        ({"drive": [[1.0, "a", False, 0.0]]}, "kinds.drive.0: expected 4 values from -1 to 1"),
+        ({"drive": [DRIVE, [9.0, 0.5, True, 0.0]]}, "kinds.drive.1: expected 4 values"),
+        ({"drive": [[None, 0.5, True, 0.0]]}, "kinds.drive.0: expected 4 values"),
+        ({"drive": [[0.5, 0.5, 1, 0.0]]}, "kinds.drive.0: expected 4 values"),
+        ({"drive": [[0.5, True, True, 0.0]]}, "kinds.drive.0: expected 4 values"),
+        (
+            {"drive": [[0.01 * n, 0.5, True, 0.0] for n in range(11)]},
+            "kinds.drive: .* at most 10 .* first",
+        ),
+        ({"dribble": [[0.1, 0.5, 0.0, 0.2, 0.0, 0.0, 0.0]]}, "kinds.dribble.0: expected 7 values"),
     ],
 )
 def test_kinds_that_are_none_are_refused(file: Path, kinds: Any, message: str) -> None:
@@ -136,13 +152,50 @@ def test_without_numba_train_says_that_kinds_are_few(
     assert "without numba few kinds of ideal motions are known" in capsys.readouterr().err
 
 
-def test_a_round_of_learning_keeps_the_kinds(model: PerformanceModel, tmp_path: Path) -> None:
+def test_a_file_with_kinds_is_none_for_programs_that_know_no_kinds(file: Path, tmp_path: Path) -> None:
+    assert json.loads(file.read_text())["schema_version"] == 2
+    few = train("goToPose", ROWS, FIFTH, features=SOCCER.candidates("goToPose"))
+    save_model(tmp_path / "few.json", few)
+    assert json.loads((tmp_path / "few.json").read_text())["schema_version"] == 1
+
+
+def test_models_with_other_kinds_have_other_digests(model: PerformanceModel) -> None:
+    others = with_kinds(model.features, {"drive": [DRIVE], "approach": [DRIVE]})
+    changed = dataclasses.replace(model, features=others)
+    assert model_digest(changed) != model_digest(model)
+
+
+def test_families_of_a_model_that_is_gone_are_gone(file: Path) -> None:
+    loaded = load_model(file, FIFTH, SOCCER.known_features)
+    durations(loaded)
+    alive = weakref.ref(loaded.features["drive_time"])
+    del loaded
+    gc.collect()
+    assert alive() is None
+
+
+def test_observed_models_of_a_robot_without_a_holder_need_no_kinds(tmp_path: Path) -> None:
+    rows = pd.concat([made_up_experience("dribbleBall"), made_up_experience("goToPose")], ignore_index=True)
+    metadata = {"seed": 1, "robot_digest": PLAIN.digest(), "action_set": "default"}
+    write_experience(tmp_path / "a.parquet", Experience(rows, metadata))
+    robot = str(resource_path("config", "turtlebot4.yaml"))
+    words = [str(tmp_path / "a.parquet"), "--observed", "--models", str(tmp_path), "--robot", robot]
+    assert tool.main(words) == 0
+    assert "kinds" not in json.loads((tmp_path / "goToPose.json").read_text())
+
+
+def test_rounds_of_learning_keep_the_kinds(model: PerformanceModel, tmp_path: Path) -> None:
+    """Also those that the best tree of a round does not use: a later one may go back to a former tree."""
     stored(tmp_path, episodes(60, seed=4, slower=1.4))
     rows = read_records(tmp_path, "default").rows
     own = SOCCER.candidates("goToPose")
     few = train("goToPose", ROWS, FIFTH, features=own)
     verdict = improved("goToPose", rows, FIFTH, own, now=model, seen={}, former={"shipped": few})
     assert verdict.model is not None
-    assert kinds_of(verdict.model.features.values()) == kinds_of(model.features.values())
-    others = with_kinds({each.name: each for each in own}, {"drive": [[1.0, 1.0, False, 0.0]]})
-    assert set(kinds_of(others.values())) == {"drive"}
+    assert "drive_time" not in verdict.model.used_features
+    save_model(tmp_path / "next.json", verdict.model)
+    following = load_model(tmp_path / "next.json", FIFTH, SOCCER.known_features)
+    assert kinds_of(following.features.values()) == kinds_of(model.features.values())
+    as_before = rows.assign(duration=model.predict(direct_of(rows)).duration, success=True)
+    back = improved("goToPose", as_before, FIFTH, own, now=following, seen={}, former={"start": model})
+    assert back.measures["duration"].kind == "back to start"

@@ -109,10 +109,10 @@ def put(*path: Any) -> Callable[[dict[str, Any]], object]:
     [
         (put("format", "recipe"), "format: expected 'ator_ros performance model'"),
         (
-            put("schema_version", 2),
-            "schema_version: expected 1 to 1, got 2; a newer one needs a newer ator_ros",
+            put("schema_version", 3),
+            "schema_version: expected 1 to 2, got 3; a newer one needs a newer ator_ros",
         ),
-        (put("schema_version", True), "schema_version: expected 1 to 1, got True"),
+        (put("schema_version", True), "schema_version: expected 1 to 2, got True"),
         (without("trees"), "expected the fields .*; missing trees"),
         (put("action", 7), "action: expected a text; got 7"),
         (put("features", "dist", "km"), r"features\.dist: expected a feature in 'm', got unit 'km'"),

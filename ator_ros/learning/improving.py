@@ -15,7 +15,7 @@ from ator_ros.learning.correcting import constant
 from ator_ros.learning.judging import RoundVerdict, judge
 from ator_ros.learning.lessons import Lessons, Records
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import PATHS, Feature, declared_by
+from ator_ros.performance.features import PATHS, Feature, Kinds, declared_by
 from ator_ros.performance.kinds import kinds_of, with_kinds
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.observing import observed_driving
@@ -71,7 +71,7 @@ def improved(
     """
     rows = plausible(_complete(rows, features))
     driving = now.driving if now is not None else _driving(rows, robot, features)
-    kinds = kinds_of((now.features if now is not None else {}).values())
+    kinds = _kinds(now, former)
     former = {
         name: model
         for name, model in former.items()
@@ -108,6 +108,12 @@ def improved(
     trees |= better
     chosen = {measure: trees[measure] for measure in MEASURES if measure in trees}
     return ActionVerdict(verdicts, PerformanceModel(action, robot, chosen, known, driving=driving))
+
+
+def _kinds(now: PerformanceModel | None, former: Mapping[str, PerformanceModel]) -> Kinds:
+    """Return the kinds of motion of the model in use, or of a former one where there is none."""
+    known = [now] if now is not None else list(former.values())
+    return next(filter(None, (kinds_of(model.features.values()) for model in known)), {})
 
 
 def _trees(

@@ -23,7 +23,9 @@ from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, Within, structured
 
-FORMAT = Format("ator_ros performance model", 1, "performance model")
+_WITHOUT_KINDS, _WITH_KINDS = 1, 2
+FORMAT = Format("ator_ros performance model", _WITH_KINDS, "performance model", {_WITHOUT_KINDS: dict})
+"""Files with kinds have a version of their own: older programs would predict something else with them."""
 _BESIDE = {"gate", "baselines", "calibration"}
 """Names of other JSON files in a folder of models."""
 
@@ -96,8 +98,10 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         Its `metadata` gives action_set, training, versions and accuracy.
     """
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
+    kinds = kinds_of(model.features.values())
     data = {
         **FORMAT.head(),
+        "schema_version": _WITH_KINDS if kinds else _WITHOUT_KINDS,
         "action": model.action,
         "action_set": model.metadata.get("action_set", DEFAULT_SET),
         "robot_digest": model.metadata.get("robot_digest", model.robot.digest()),
@@ -107,7 +111,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         "accuracy": model.metadata.get("accuracy", {}),
         "trees": {measure: tree_to_dict(tree) for measure, tree in model.trees.items()},
     }
-    if kinds := kinds_of(model.features[name] for name in names):
+    if kinds:
         data["kinds"] = kinds
     if model.driving is not None:
         data["driving"] = model.driving.to_dict()
@@ -158,26 +162,22 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
         _warn_of_robot(path, file, robot)
     apart = ("format", "trees", "kinds", "driving")
     metadata = {name: value for name, value in data.items() if name not in apart}
-    named = _named(path, {name: features[name] for name in units}, data.get("kinds"))
+    made = _made(path, features, data["kinds"]) if "kinds" in data else {}
+    named = {**{name: features[name] for name in units}, **made}
     return PerformanceModel(file.action, robot, trees, named, metadata, _driving(path, data))
 
 
-def _named(path: Path | str, features: dict[str, Feature], kinds: Any) -> dict[str, Feature]:
-    """Return the features, made of the kinds of motion that the file holds, if it does."""
-    if kinds is None:
-        return features
+def _made(path: Path | str, features: Mapping[str, Feature], kinds: Any) -> dict[str, Feature]:
+    """Return the features that are made of the kinds in a file, also those that no tree of it names."""
     if not isinstance(kinds, dict):
         raise ModelFileError(f"{path}: kinds: expected kinds of motion by family, got {short(kinds)}")
     try:
-        made = with_kinds(features, kinds)
+        made = {name: each for name, each in with_kinds(features, kinds).items() if each.kinds}
     except ValueError as error:
         raise ModelFileError(f"{path}: kinds.{error}") from error
-    wanted = kinds_of(made.values())
-    if set(wanted) != set(kinds):
-        told = ", ".join(wanted) or "none"
-        raise ModelFileError(
-            f"{path}: kinds: expected those of the file's features, {told}, got {short(kinds)}"
-        )
+    known = kinds_of(made.values())
+    if not known or set(known) != set(kinds):
+        raise ModelFileError(f"{path}: kinds: expected families of motion, got {short(kinds)}")
     return made
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ator_ros.performance.kinds import kinds_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.refinement.free_variables import analyse
@@ -239,4 +241,6 @@ def model_digest(model: Any) -> str:
         sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
     for part in (tree.lower, tree.upper, tree.spread):
         sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
+    if kinds := kinds_of(model.features[name] for name in tree.names):
+        sha.update(json.dumps(kinds, sort_keys=True).encode())
     return sha.hexdigest()[:16]

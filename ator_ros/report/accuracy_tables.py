@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import pandas as pd
@@ -15,7 +15,8 @@ from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST
 
-_Row = tuple[Sequence[Feature], Training]
+Features = tuple[Feature, ...]
+_Row = tuple[Features, Training]
 ABLATION: dict[str, _Row] = {
     "the paper's 3, all 10 Hz examples": (PAPER_3, Training(later_weight=1.0)),
     "the paper's 3, starts": (PAPER_3, Training()),
@@ -76,6 +77,7 @@ def ablation_table(
     domain: Domain,
     *,
     seed: int,
+    suited: Callable[[Features], Features] = lambda features: features,
 ) -> Iterator[str]:
     """Yield lines of Markdown: accuracy at starts at rest for several sets of candidate features.
 
@@ -89,6 +91,8 @@ def ablation_table(
         Whose actions choose features.
     seed : int
         Of the fresh episodes.
+    suited : callable
+        Returns features with what is chosen for the robot; by default as they are.
     """
     yield "| action | candidates | leaves | features used | MAE (s) | RMSE (s) |"
     yield "| --- | --- | --- | --- | --- | --- |"
@@ -98,7 +102,7 @@ def ablation_table(
         starts = fresh[action]
         starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST.v)]
         for label, (features, how) in _rows(domain, action).items():
-            model = train(action, rows, robot, features=features, training=how)
+            model = train(action, rows, robot, features=suited(features), training=how)
             result = accuracy(model, starts, seed=seed)
             used, leaves = model.used_features, model.trees["duration"].n_leaves
             yield (
@@ -111,7 +115,7 @@ def _rows(domain: Domain, action: str) -> dict[str, _Row]:
     ideal = [feature for feature in domain.features if _is_ideal(feature) and feature.translation]
     everything = (*PAPER_11, *SIGNED, *IDEAL, *ideal)
     chosen = domain.candidates(action)
-    observed = [feature for feature in chosen if not _is_ideal(feature)]
+    observed = tuple(feature for feature in chosen if not _is_ideal(feature))
     return {
         **ABLATION,
         "all, all 10 Hz examples": (everything, Training(later_weight=1.0)),

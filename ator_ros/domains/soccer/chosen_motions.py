@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -40,18 +41,22 @@ _ENDS = [(NO_RUN, least) for least in _LEAST[1:]] + [(after, 0.0) for after in _
 
 _MAY_LACK = ("entry", "after")
 """Fields of kinds that are kept as null where they are NaN."""
+_TYPES = {"backward": bool, "slower": int}
+"""Of fields that are no shares of the limits."""
+_MOST_DIFFERENT = 10
 Turns = TypeVar("Turns", FreeTurns, PushedTurns)
 
 
+@lru_cache(maxsize=4)
 def chosen_drives(robot: Robot) -> Kinds:
     """Return the kinds of drives, and of approaches if the robot can hold a ball; it takes a second."""
     places, runs = free_grid((0.0,)), free_grid(_RUNS)
-    kinds = {DRIVE: _stored(places, needed_kinds(drive_family(robot.limits, places), hold=0.0))}
-    if robot.holder is not None:
-        kinds[APPROACH] = _stored(runs, needed_kinds(approach_family(robot, runs), hold=robot.hold))
-    return kinds
+    needed = needed_kinds(drive_family(robot.limits, places), hold=0.0)
+    holding = [] if robot.holder is None else needed_kinds(approach_family(robot, runs), hold=robot.hold)
+    return {DRIVE: _stored(places, needed), APPROACH: _stored(runs, holding)}
 
 
+@lru_cache(maxsize=4)
 def chosen_dribbles(robot: Robot) -> Kinds:
     """Return the kinds of dribbles; it takes two seconds."""
     grid = pushed_grid(robot)
@@ -87,31 +92,39 @@ def _stored(grid: Sequence[FreeTurns | PushedTurns], which: Iterable[int]) -> li
     return [[None if np.isnan(number) else number for number in grid[at]] for at in which]
 
 
-def turns_of(kinds: Kinds, family: str, kind: type[Turns]) -> tuple[Turns, ...]:
-    """Return the kinds of a family.
+def turns_of(kinds: Kinds, family: str, kind: type[Turns], *, least: int = 1) -> tuple[Turns, ...]:
+    """Return the kinds of a family, `least` of them or more.
 
     Raises
     ------
     ValueError
-        There are none or too many, or they are not shares of the limits as expected.
+        There are too few or too many, they are not shares of the limits as expected, or more different ones
+        than of a grid: each has tables of its own.
     """
     rows, fields = kinds.get(family), kind._fields
-    if not isinstance(rows, Sequence) or not 1 <= len(rows) <= MOST:
-        raise ValueError(f"{family}: expected 1 to {MOST} kinds of motion, got {short(rows)}")
+    if not isinstance(rows, Sequence) or isinstance(rows, str) or not least <= len(rows) <= MOST:
+        raise ValueError(f"{family}: expected {least} to {MOST} kinds of motion, got {short(rows)}")
     for number, row in enumerate(rows):
         whole = isinstance(row, Sequence) and len(row) == len(fields)
-        if not whole or not all(map(_is_share, fields, row)):
+        if not whole or not all(map(_is_value, fields, row)):
             raise ValueError(
-                f"{family}.{number}: expected {len(fields)} numbers from -1 to 1 ({', '.join(fields)}), "
+                f"{family}.{number}: expected {len(fields)} values from -1 to 1 ({', '.join(fields)}), "
                 f"got {short(row)}"
+            )
+    for field, *values in zip(fields, *rows, strict=True):
+        if (count := len(set(values))) > _MOST_DIFFERENT:
+            raise ValueError(
+                f"{family}: expected at most {_MOST_DIFFERENT} different values of {field}, got {count}"
             )
     return tuple(kind(*_filled(row)) for row in rows)
 
 
-def _is_share(field: str, value: object) -> bool:
+def _is_value(field: str, value: object) -> bool:
     if value is None:
         return field in _MAY_LACK
-    return isinstance(value, int | float) and abs(value) <= 1.0
+    if field in _TYPES:
+        return type(value) is _TYPES[field]
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1.0
 
 
 def _filled(row: Iterable[Any]) -> list[Any]:

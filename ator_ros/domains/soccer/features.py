@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
@@ -35,55 +34,42 @@ from ator_ros.motion.ideal_times import Motions
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
 from ator_ros.performance.hold import hold_angle, hold_bearing, hold_dist
-from ator_ros.robot.description import Limits, Robot
 
 # The nine ideal shots to fixed places: share of the mouth's width from its middle, and direction (rad).
 _AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
 
 
-@dataclass(frozen=True, eq=False)
 class Drives:
     """The fastest ideal motions without the ball, or up to it where a goal is to hold it, of some kinds."""
 
-    plain: tuple[FreeTurns, ...] = DRIVES
-    approaches: tuple[FreeTurns, ...] = APPROACHES
+    def __init__(
+        self, plain: tuple[FreeTurns, ...] = DRIVES, approaches: tuple[FreeTurns, ...] = APPROACHES
+    ) -> None:
+        # What is kept here ends with the model that it belongs to: its tables are large.
+        self._plain = lru_cache(maxsize=8)(partial(drive_family, rows=plain))
+        self._approaches = lru_cache(maxsize=8)(partial(approach_family, rows=approaches))
 
     def __call__(self, geometry: Geometry) -> Motions:
         """Return the fastest motion in each situation."""
         holding = geometry.direct["hold"] > 0.5
         if holding.all():
-            return _to_goal(geometry, _approaches(self, geometry.robot))
-        plain = _to_goal(geometry, _drives(self, geometry.robot.limits))
+            return _to_goal(geometry, self._approaches(geometry.robot))
+        plain = _to_goal(geometry, self._plain(geometry.robot.limits))
         if not holding.any():
             return plain
-        held = _to_goal(geometry, _approaches(self, geometry.robot))
+        held = _to_goal(geometry, self._approaches(geometry.robot))
         return Motions(np.where(holding, held.time, plain.time), np.where(holding, held.turn, plain.turn))
 
 
-@dataclass(frozen=True, eq=False)
 class Dribbles:
     """The fastest ideal motions with the ball, of some kinds."""
 
-    rows: tuple[PushedTurns, ...] = DRIBBLES
+    def __init__(self, rows: tuple[PushedTurns, ...] = DRIBBLES) -> None:
+        self._family = lru_cache(maxsize=8)(partial(dribble_family, rows=rows))
 
     def __call__(self, geometry: Geometry) -> Motions:
         """Return the fastest motion in each situation."""
-        return _to_goal(geometry, _dribbles(self, geometry.robot))
-
-
-@lru_cache(maxsize=16)
-def _drives(drives: Drives, limits: Limits) -> Family:
-    return drive_family(limits, drives.plain)
-
-
-@lru_cache(maxsize=16)
-def _approaches(drives: Drives, robot: Robot) -> Family:
-    return approach_family(robot, drives.approaches)
-
-
-@lru_cache(maxsize=16)
-def _dribbles(dribbles: Dribbles, robot: Robot) -> Family:
-    return dribble_family(robot, dribbles.rows)
+        return _to_goal(geometry, self._family(geometry.robot))
 
 
 def _to_goal(geometry: Geometry, family: Family) -> Motions:
@@ -127,15 +113,15 @@ _TO_MOUTH = variables("x y yaw xg yg")
 
 
 def _drives_of(kinds: Kinds) -> dict[str, Feature]:
-    """Return the features of drives; a robot that holds nothing has no kinds of approaches."""
-    if DRIVE not in kinds:
+    """Return the features of drives; a robot that holds nothing has an empty list of approaches."""
+    if not kinds.keys() & {DRIVE, APPROACH}:
         return {}
-    approaches = turns_of(kinds, APPROACH, FreeTurns) if APPROACH in kinds else APPROACHES
-    own = {name: kinds[name] for name in (DRIVE, APPROACH) if name in kinds}
-    return _drive_features(Drives(turns_of(kinds, DRIVE, FreeTurns), approaches), own)
+    drives = turns_of(kinds, DRIVE, FreeTurns), turns_of(kinds, APPROACH, FreeTurns, least=0)
+    return _drive_features(Drives(*drives), {name: kinds[name] for name in (DRIVE, APPROACH)})
 
 
 def _dribbles_of(kinds: Kinds) -> dict[str, Feature]:
+    """Return the features of dribbles."""
     if DRIBBLE not in kinds:
         return {}
     return _dribble_features(Dribbles(turns_of(kinds, DRIBBLE, PushedTurns)), {DRIBBLE: kinds[DRIBBLE]})

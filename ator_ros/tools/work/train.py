@@ -7,6 +7,7 @@ import dataclasses
 import math
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,9 +68,10 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     by_action = dict(iter(rows.groupby("action", sort=False)))
     errors: list[str] = []
     for action, examples in by_action.items():
-        features = _suited(domain.candidates(action, source["action_set"]), robot, domain)
         if options.observed:
             features = (*OBSERVED, *domain.goal_features(action, source["action_set"]))
+        else:
+            features = _suited(domain.candidates(action, source["action_set"]), robot, domain)
         # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
         try:
             model = train(action, examples, robot, features=features)
@@ -102,7 +104,8 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
     if options.ablation and len(fresh.frame):
         others = dict(iter(fresh.frame.groupby("action")))
-        lines = ablation_table(by_action, others, robot, domain, seed=fresh.seed)
+        suited = partial(_suited, robot=robot, domain=domain)
+        lines = ablation_table(by_action, others, robot, domain, seed=fresh.seed, suited=suited)
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
 
 
