@@ -111,7 +111,8 @@ def test_without_its_kinds_it_would_predict_something_else(model: PerformanceMod
             {"drive": [[0.01 * n, 0.5, True, 0.0] for n in range(11)]},
             "kinds.drive: .* at most 10 .* first",
         ),
-        ({"dribble": [[0.1, 0.5, 0.0, 0.2, 0.0, 0.0, 0.0]]}, "kinds.dribble.0: expected 7 values"),
+        ({"dribble": [[0.1, 0.5, 0.0, 0.2, 0.0, 0.0, 0.0, 0.5]]}, "kinds.dribble.0: expected 8 values"),
+        ({"dribble": [[0.1, 0.5, 0.0, 0.2, 0, 0.0, 0.0, 0.0]]}, "kinds.dribble.0: expected 8 values"),
     ],
 )
 def test_kinds_that_are_none_are_refused(file: Path, kinds: Any, message: str) -> None:

@@ -1,9 +1,9 @@
 """The kinds of ideal motions that a robot needs, chosen from all combinations of a fine grid.
 
-They are chosen one by one: the next one is that which brings the times nearest to those of the whole grid, in
-motions that are drawn. The choice ends where the rest of the grid would hardly bring them nearer, or at
-`MOST` kinds. Most robots need as many while they hold an object; motions that were not drawn then take up to
-0.9 % longer than with the whole grid (docs/motion_families.json).
+They are chosen one by one: the next one is that which brings the times nearest to those of the whole grid, as
+shares of these, in motions that are drawn. The choice ends where the rest of the grid would hardly bring them
+nearer, or at `MOST` kinds. Most robots need as many while they hold an object; motions that were not drawn then
+take up to 0.9 % longer than with the whole grid (docs/motion_families.json).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ator_ros.motion.motion_search import search_fastest
 from ator_ros.robot.description import Limits
 
 NEAR = 0.0005
-"""Share of the mean time that the rest of the grid has to save, in the motions that are drawn."""
+"""Share of the time that the rest of the grid has to save in the mean, in the motions that are drawn."""
 MOST = 120
 """Kinds that are chosen at most: the time that a search takes grows with them."""
 _MOTIONS, _SEED = 2000, 5
@@ -62,15 +62,16 @@ def times_of(family: Family, ends: FloatArray, hold: float) -> FloatArray:
 
 
 def chosen(times: FloatArray, most: int, *, near: float = 0.0) -> list[int]:
-    """Choose up to `most` kinds by the times of each, (kinds, n): the one that saves the most time is next.
+    """Choose up to `most` kinds by the times of each, (kinds, n): the one that saves the most is next.
 
-    The choice ends early where the mean time is above that of all kinds by a share of `near` or less.
+    The choice ends early where times are longer than those of all kinds by a share of `near` or less, in the
+    mean.
     """
     least = times.min(axis=0)
     reached = np.isfinite(least)
-    times, least = times[:, reached], least[reached]
-    so_far, picked = _LATE * least, list[int]()
-    while len(picked) < most and so_far.sum() > (1.0 + near) * least.sum():
-        picked.append(int(np.argmin(np.minimum(so_far, times).sum(axis=1))))
-        so_far = np.minimum(so_far, times[picked[-1]])
+    ratios = times[:, reached] / least[reached]
+    so_far, picked = np.full(ratios.shape[1], _LATE), list[int]()
+    while len(picked) < most and so_far.sum() > (1.0 + near) * len(so_far):
+        picked.append(int(np.argmin(np.minimum(so_far, ratios).sum(axis=1))))
+        so_far = np.minimum(so_far, ratios[picked[-1]])
     return picked

@@ -17,7 +17,7 @@ from ator_ros.domains.soccer.families import (
     dribble_family,
     drive_family,
 )
-from ator_ros.domains.soccer.planned.holding import MARGIN, keeps_ball, push
+from ator_ros.domains.soccer.planned.holding import ENTRY_RATES, MARGIN, keeps_ball, push
 from ator_ros.motion.choosing import MOST, needed_kinds
 from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.families import FreeTurns, Kind
@@ -39,7 +39,7 @@ _BEGINS = [(AT_ONCE, least) for least in _LEAST] + [(lead, 0.0) for lead in _LEA
 _ENDS = [(NO_RUN, least) for least in _LEAST[1:]] + [(after, 0.0) for after in _AFTER]
 
 
-_MAY_LACK = ("entry", "after")
+_MAY_LACK = ("entry", "after", "rate")
 """Fields of kinds that are kept as null where they are NaN."""
 _TYPES = {"backward": bool, "slower": int}
 """Of fields that are no shares of the limits."""
@@ -69,23 +69,37 @@ def free_grid(runs: Iterable[float] = _RUNS) -> list[FreeTurns]:
 
 
 def pushed_grid(robot: Robot) -> list[PushedTurns]:
-    """Return all kinds of motion in which the robot does not lose the ball; all of them if there is none."""
+    """Return all kinds of motion that are planned with the ball, with the fastest turns that do not lose it.
+
+    Of a robot that loses it in every turn they are those that it loses last.
+    """
     ways = itertools.product(_BEGINS, _GAINS, _LOSSES, _ENDS)
     rows = [
-        PushedTurns(entry, gain, loss, after, least_start=start, least_arrival=arrival)
+        PushedTurns(
+            entry, gain, loss, after, least_start=start, least_arrival=arrival,
+            rate=_first_rate(robot, start if np.isnan(entry) else entry, gain),
+        )
         for (entry, start), gain, loss, (after, arrival) in ways
-    ]
+    ]  # fmt: skip
     kinds = dribble_family(robot, rows).kinds
-    return [row for row, kind in zip(rows, kinds, strict=True) if _holds_ball(robot, kind)] or rows
+    holding = [row for row, kind in zip(rows, kinds, strict=True) if row.rate and _holds_last(robot, kind)]
+    return holding or [row._replace(rate=np.nan) for row in rows]
 
 
-def _holds_ball(robot: Robot, kind: Kind) -> bool:
-    """Return whether the ball stays in front in both turns, as in those that are planned."""
-    fastest = robot.holder_for("pushing a ball").limits.v
-    begin = max(kind.least_start, 0.0) if np.isnan(kind.entry) else kind.entry
-    end = max(kind.least_arrival, 0.0) if np.isnan(kind.share) else kind.share * fastest
-    first = TurnDriving(begin, kind.first.change, kind.first.rate)
-    return keeps_ball(robot, first, fastest) and push(robot, end, kind.last.rate, -kind.last.change) >= MARGIN
+@lru_cache(maxsize=256)
+def _first_rate(robot: Robot, begin: float, gain: float) -> float:
+    """Return the greatest planned rate of a first turn that keeps the ball, as a share; 0 where none does."""
+    limits = robot.holder_for("pushing a ball").limits
+    turns = (TurnDriving(begin * limits.v, gain * limits.a, rate * limits.w) for rate in ENTRY_RATES)
+    kept = (rate for rate, turn in zip(ENTRY_RATES, turns, strict=True) if keeps_ball(robot, turn, limits.v))
+    return next(kept, 0.0)
+
+
+def _holds_last(robot: Robot, kind: Kind) -> bool:
+    """Return whether the ball stays in front in the last turn."""
+    end = kind.share * robot.holder_for("pushing a ball").limits.v
+    speed = max(kind.least_arrival, 0.0) if np.isnan(end) else end
+    return push(robot, speed, kind.last.rate, -kind.last.change) >= MARGIN
 
 
 def _stored(grid: Sequence[FreeTurns | PushedTurns], which: Iterable[int]) -> list[list[float | None]]:
@@ -124,7 +138,9 @@ def _is_value(field: str, value: object) -> bool:
         return field in _MAY_LACK
     if field in _TYPES:
         return type(value) is _TYPES[field]
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1.0
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1.0:
+        return False
+    return field != "rate" or value > 0.0
 
 
 def _filled(row: Iterable[Any]) -> list[Any]:

@@ -39,6 +39,8 @@ class PushedTurns(NamedTuple):
         By how many steps the last turn is slower (negative: faster) than the ball allows there.
     least_start, least_arrival : float
         Least speeds at the start and at the goal, where these decide how fast the robot may turn.
+    rate : float
+        Turn rate in the first turn; NaN: the fastest that the ball allows at its begin.
     """
 
     entry: float
@@ -48,6 +50,7 @@ class PushedTurns(NamedTuple):
     slower: int = 0
     least_start: float = 0.0
     least_arrival: float = 0.0
+    rate: float = np.nan
 
 
 DRIVES = (
@@ -131,7 +134,9 @@ def _pushed_kind(robot: Robot, row: PushedTurns) -> Kind:
     begin = row.least_start if np.isnan(row.entry) else row.entry
     end = row.least_arrival if np.isnan(row.after) else row.after
     return Kind(
-        Way(first, fastest_rate(robot, begin * limits.v, first)),
+        Way(
+            first, fastest_rate(robot, begin * limits.v, first) if np.isnan(row.rate) else row.rate * limits.w
+        ),
         Way(last, fastest_rate(robot, end * limits.v, -last, row.slower)),
         row.after,
         row.entry * limits.v,

@@ -16,6 +16,8 @@ from ator_ros.robot.description import Limits, Robot
 MARGIN = 0.05  # m/s^2 of push that is always left
 # Turn rates, speeds and changes of speed as shares of the limits for dribbling.
 _RATES = (1.0, 0.83, 0.67, 0.5, 0.33)
+ENTRY_RATES = _RATES[::2]
+"""Of the first turn."""
 _SLOW_RATES = (0.17, 0.08, 0.04)  # of robots that lose the ball in faster turns
 _ENTRY_SPEEDS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8)
 MOST_GAINED = 0.9625  # what plans may use of a limit is a little more
@@ -66,7 +68,7 @@ def fastest_rate(robot: Robot, v: float, acceleration: float, slower: int = 0) -
 def entry_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]:
     """Return the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn."""
     sides = []
-    for rate in _RATES[::2]:
+    for rate in ENTRY_RATES:
         for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
             lead = _straight(limits, speed, v)
             for change in _shares(_ENTRY_GAINS, gain_of(robot)):
