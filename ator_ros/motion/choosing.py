@@ -3,7 +3,7 @@
 They are chosen one by one: the next one is that which brings the times nearest to those of the whole grid, as
 shares of these, in motions that are drawn. The choice ends where the rest of the grid would hardly bring them
 nearer, or at `MOST` kinds. Most robots need as many while they hold an object; other motions then take up to
-0.9 % longer than with the whole grid (docs/motion_families.json).
+0.8 % longer than with the whole grid (docs/motion_families.json).
 """
 
 from __future__ import annotations
