@@ -296,3 +296,8 @@ def test_the_fuzz_runs(tmp_path: Path) -> None:
     words = ["scripts/run", "python", "test/nodes/fuzz_refinement.py", "--requests", "200"]
     subprocess.run([*words, "--out", str(tmp_path / "fuzz.json")], cwd=ROOT, check=True, timeout=600)
     assert (tmp_path / "fuzz.json").is_file()
+
+
+def test_no_page_has_an_unfilled_placeholder() -> None:
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    assert [page.name for page in pages if "@@" in page.read_text(encoding="utf-8")] == []

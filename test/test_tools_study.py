@@ -85,7 +85,7 @@ def test_a_folder_of_another_study_is_refused(
     studied: Path, robot: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command(robot, studied, seed="6")) == 1
-    assert "settings.json: seed: expected 6 as in the folder's study, got 5" in capsys.readouterr().err
+    assert "settings.json: seed: expected 5 as in the folder's study, got 6" in capsys.readouterr().err
 
 
 def test_a_study_without_a_chain_is_written_read_and_shown() -> None:

@@ -114,7 +114,9 @@ def called(node: Node, service: str, kind: Any, request: Any) -> Any:
     client = _client(node.create_client, "service", kind, service)
     if not client.wait_for_service(timeout_sec=_PATIENCE):
         types = dict(node.get_service_names_and_types()).get(node.resolve_service_name(service), [])
-        raise CallError(f"expected the service {client.srv_name} within {_PATIENCE:g} s, {_found(types)}")
+        raise CallError(
+            f"expected the service {client.srv_name} within {_PATIENCE:g} s, {_found(types, kind)}"
+        )
     return _answer(node, client.call_async(request), client.srv_name)
 
 
@@ -129,7 +131,7 @@ def performed(node: Node, action: str, kind: Any, goal: Any) -> Any:
     client = _client(partial(ActionClient, node), "action", kind, action)
     if not client.wait_for_server(timeout_sec=_PATIENCE):
         types = dict(get_action_names_and_types(node)).get(node.resolve_service_name(action), [])
-        raise CallError(f"expected the action {action} within {_PATIENCE:g} s, {_found(types)}")
+        raise CallError(f"expected the action {action} within {_PATIENCE:g} s, {_found(types, kind)}")
     sent = client.send_goal_async(goal, feedback_callback=lambda heard: print(heard.feedback, flush=True))
     try:
         ended = _end(node, sent, action, patience=math.inf)
@@ -162,8 +164,11 @@ def _client(create: Callable[[Any, str], Any], what: str, kind: Any, name: str) 
         raise CallError(f"{what}: expected a name such as /reset, got {name!r}") from error
 
 
-def _found(types: Sequence[str]) -> str:
-    return f"found it with the type {', '.join(types)}" if types else "found none"
+def _found(types: Sequence[str], kind: Any) -> str:
+    """Return what there is of a name; among its types is the one that was asked for."""
+    package, folder = kind.__module__.split(".")[:2]
+    others = [name for name in types if name != f"{package}/{folder}/{kind.__name__}"]
+    return f"found it with the type {', '.join(others)}" if others else "found none"
 
 
 def _answer(node: Node, future: Any, name: str, *, patience: float = _PATIENCE) -> Any:

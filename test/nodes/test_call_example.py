@@ -85,6 +85,12 @@ def test_a_service_of_another_type_is_named(host: Host, client: Client, domain: 
     assert f"found it with the type {PLACE}" in done.stderr
 
 
+def test_a_service_that_there_is_not_is_not_found(domain: int) -> None:
+    done = call("place_balls", "std_srvs/srv/Trigger", domain=domain)
+    assert done.returncode == 1
+    assert done.stderr.endswith(" s, found none\n")
+
+
 @pytest.mark.parametrize("name", ["", "place ball!"])
 @pytest.mark.parametrize(("kind", "what"), [(PLACE, "service"), (EXECUTE, "action")])
 def test_a_name_that_nothing_can_have_is_refused(name: str, kind: str, what: str) -> None:

@@ -95,7 +95,7 @@ def _begin(options: argparse.Namespace, robot: Robot) -> None:
         found = getattr(theirs, name)
         if found != value:
             raise EvaluationError(
-                f"{file}: {name}: expected {value!r} as in the folder's study, got {found!r}: "
+                f"{file}: {name}: expected {found!r} as in the folder's study, got {value!r}: "
                 "choose another --out"
             )
 
