@@ -52,7 +52,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--measure", default="duration", help="whose rules (default: %(default)s)")
     parser.add_argument(
         "--situation", nargs="+", metavar="NAME=VALUE",
-        help="with --rules: only the rule for one situation, given by direct variables such as xg=1.5 yawg=1.57; "
+        help="with --rules: only the rule for one situation, of direct variables such as xg=1.5 yawg=1.57; "
         "angles in rad",
     )  # fmt: skip
     return parser
