@@ -145,6 +145,17 @@ def test_train_chooses_kinds_for_robots_other_than_the_domains_own(tmp_path: Pat
     assert set(trained(tmp_path, "--robot", str(FIFTH_FILE))["kinds"]) == {"drive", "approach"}
 
 
+def test_models_of_another_robot_do_not_replace_those_that_ship(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    metadata = {"seed": 1, "robot_digest": FIFTH.digest(), "action_set": "default"}
+    write_experience(tmp_path / "a.parquet", Experience(ROWS, metadata))
+    before = resource_path("models", "goToPose.json").read_bytes()
+    assert tool.main([str(tmp_path / "a.parquet"), "--robot", str(FIFTH_FILE)]) == 1
+    assert "--models: expected a folder for models of fifth" in capsys.readouterr().err
+    assert resource_path("models", "goToPose.json").read_bytes() == before
+
+
 def test_without_numba_train_says_that_kinds_are_few(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

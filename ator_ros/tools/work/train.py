@@ -47,6 +47,10 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     if options.rules:
         print(_rules(domain, options, robot, folder))
         return 0
+    if options.models is None and options.experience and not _is_own(robot, domain):
+        raise TrainingError(
+            f"--models: expected a folder for models of {robot.name}; those that ship are another robot's"
+        )
     if options.experience or options.fresh:
         with reserved(folder, _MODELS_BYTES):
             pass  # a full disk is reported before the work
@@ -109,9 +113,14 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
 
 
+def _is_own(robot: Robot, domain: Domain) -> bool:
+    """Return whether a robot is the domain's own, whose models ship."""
+    return robot.digest() == domain.robot(None).digest()
+
+
 def _suited(features: tuple[Feature, ...], robot: Robot, domain: Domain) -> tuple[Feature, ...]:
     """Return the features with kinds of ideal motions that suit a robot other than the domain's own."""
-    if robot.digest() == domain.robot(None).digest() or not any(each.motions for each in features):
+    if _is_own(robot, domain) or not any(each.motions for each in features):
         return features
     if not compiles():
         print("train: without numba few kinds of ideal motions are known; models err more", file=sys.stderr)
