@@ -1,6 +1,6 @@
 """Families of ideal motions, made from a robot's limits: their times are features.
 
-A family is a few kinds of motion, each a turn, a straight drive, a turn and a straight run, of which the
+A family is some kinds of motion, each a turn, a straight drive, a turn and a straight run, of which the
 fastest counts. Kinds are given as shares of the limits. `ator_ros.motion.choosing` chooses them for a robot.
 """
 

@@ -1,4 +1,4 @@
-"""Where turns lead that are driven at the limits while the speed changes: tables, made once per robot."""
+"""Where turns lead that are driven at the limits while the speed changes: tables, made once per family."""
 
 from __future__ import annotations
 

@@ -14,8 +14,7 @@ Slices = Generator[None, bool, Result]
 """Work that yields before each slice, is sent whether time is up, and returns its result.
 
 A slice takes about a millisecond with the shipped models, and up to five with those that know more kinds of
-motion. When time is up, the work returns the best result so far, after a few short
-slices more.
+motion. When time is up, the work returns the best result so far, after a few short slices more.
 """
 
 

@@ -16,6 +16,7 @@ from ator_ros.domains.soccer.families import (
     approach_family,
     dribble_family,
     drive_family,
+    pushing_limits,
 )
 from ator_ros.domains.soccer.planned.holding import ENTRY_RATES, MARGIN, keeps_ball, push
 from ator_ros.motion.choosing import MOST, needed_kinds
@@ -38,12 +39,12 @@ _AFTER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
 _BEGINS = [(AT_ONCE, least) for least in _LEAST] + [(lead, 0.0) for lead in _LEADS]
 _ENDS = [(NO_RUN, least) for least in _LEAST[1:]] + [(after, 0.0) for after in _AFTER]
 
-
 _MAY_LACK = ("entry", "after", "rate")
 """Fields of kinds that are kept as null where they are NaN."""
 _TYPES = {"backward": bool, "slower": int}
 """Of fields that are no shares of the limits."""
 _MOST_DIFFERENT = 10
+"""Values of a field: more of them than a grid has cost memory."""
 Turns = TypeVar("Turns", FreeTurns, PushedTurns)
 
 
@@ -89,7 +90,7 @@ def pushed_grid(robot: Robot) -> list[PushedTurns]:
 @lru_cache(maxsize=256)
 def _first_rate(robot: Robot, begin: float, gain: float) -> float:
     """Return the greatest planned rate of a first turn that keeps the ball, as a share; 0 where none does."""
-    limits = robot.holder_for("pushing a ball").limits
+    limits = pushing_limits(robot)
     turns = (TurnDriving(begin * limits.v, gain * limits.a, rate * limits.w) for rate in ENTRY_RATES)
     kept = (rate for rate, turn in zip(ENTRY_RATES, turns, strict=True) if keeps_ball(robot, turn, limits.v))
     return next(kept, 0.0)
@@ -97,7 +98,7 @@ def _first_rate(robot: Robot, begin: float, gain: float) -> float:
 
 def _holds_last(robot: Robot, kind: Kind) -> bool:
     """Return whether the ball stays in front in the last turn."""
-    end = kind.share * robot.holder_for("pushing a ball").limits.v
+    end = kind.share * pushing_limits(robot).v
     speed = max(kind.least_arrival, 0.0) if np.isnan(end) else end
     return push(robot, speed, kind.last.rate, -kind.last.change) >= MARGIN
 

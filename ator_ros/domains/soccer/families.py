@@ -110,7 +110,8 @@ def approach_family(robot: Robot, rows: Iterable[FreeTurns] = APPROACHES) -> Fam
 
 def dribble_family(robot: Robot, rows: Iterable[PushedTurns] = DRIBBLES) -> Family:
     """Return the motions with the ball: forward only, no turn faster than the ball allows."""
-    return Family(_limits(robot), pushed_kinds(robot, rows), run=None, forward=True)
+    kinds = tuple(_pushed_kind(robot, row) for row in rows)
+    return Family(pushing_limits(robot), kinds, run=None, forward=True)
 
 
 @lru_cache(maxsize=8)
@@ -119,24 +120,19 @@ def shot_family(robot: Robot) -> Family:
     return dribble_family(robot, _SHOTS)
 
 
-def _limits(robot: Robot) -> Limits:
+def pushing_limits(robot: Robot) -> Limits:
+    """Return the limits with the ball; raises NoHolderError where the robot cannot hold it."""
     return robot.holder_for("pushing a ball").limits
 
 
-def pushed_kinds(robot: Robot, rows: Iterable[PushedTurns]) -> tuple[Kind, ...]:
-    """Return kinds of motion with the ball; no turn is faster than it allows."""
-    return tuple(_pushed_kind(robot, row) for row in rows)
-
-
 def _pushed_kind(robot: Robot, row: PushedTurns) -> Kind:
-    limits = _limits(robot)
+    limits = pushing_limits(robot)
     first, last = row.gain * limits.a, row.loss * limits.brake
     begin = row.least_start if np.isnan(row.entry) else row.entry
     end = row.least_arrival if np.isnan(row.after) else row.after
+    rate = fastest_rate(robot, begin * limits.v, first) if np.isnan(row.rate) else row.rate * limits.w
     return Kind(
-        Way(
-            first, fastest_rate(robot, begin * limits.v, first) if np.isnan(row.rate) else row.rate * limits.w
-        ),
+        Way(first, rate),
         Way(last, fastest_rate(robot, end * limits.v, -last, row.slower)),
         row.after,
         row.entry * limits.v,
