@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -44,16 +45,19 @@ def test_the_choice_among_alternatives_goes_on_where_it_was(
     assert 0.0 <= low <= result["right_percent"] <= high <= 100.0
 
 
-def test_the_search_is_measured_beside_brute_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_search_is_measured_beside_references(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     quality, out = benchmark("search_quality", monkeypatch), tmp_path / "quality.json"
-    monkeypatch.setattr(quality, "CASES", {name: quality.CASES[name] for name in ("heading", "two headings")})
+    names = ("heading", "two headings", "place, headings and speeds")
+    monkeypatch.setattr(quality, "CASES", {name: quality.CASES[name] for name in names})
+    monkeypatch.setattr(sys.modules["references"], "GENERATIONS", 60)
     assert quality.main(["--situations", "2", "--seed", "3", "--out", str(out)]) == 0
     result = json.loads(out.read_text(encoding="utf-8"))
-    assert [case["open"] for case in result["cases"]] == ["heading", "two headings"]
+    assert tuple(case["open"] for case in result["cases"]) == names
+    assert [case["reference"] for case in result["cases"]] == [*2 * ["brute force"], "global optimiser"]
     for record in result["records"]:
-        search, brute_force = record["search"], record["brute_force"]
-        assert brute_force["cost"] - 0.05 < search["cost"] < 1.1 * brute_force["cost"]
-        assert 0.8 * brute_force["duration"] < search["duration"] < 1.2 * brute_force["duration"]
+        search, reference = record["search"], record["reference"]
+        assert reference["cost"] - 0.05 < search["cost"] < 1.1 * reference["cost"]
+        assert 0.8 * reference["duration"] < search["duration"] < 1.2 * reference["duration"]
     (tmp_path / "quality.jsonl").write_text('{"seed": 4}\n', encoding="utf-8")
     assert quality.main(["--situations", "2", "--seed", "3", "--out", str(out)]) == 2
 

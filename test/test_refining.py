@@ -226,12 +226,13 @@ def test_who_does_not_want_it_is_not_asked(options: dict[str, object]) -> None:
         assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("wanted", "told"),
-    [(True, "no answer from refinement yet"), (False, "the goal does not ask for refinement")],
-)
-def test_before_an_answer_it_says_whether_one_is_awaited(wanted: bool, told: str) -> None:
-    assert told in Refining(ROBOT, wanted=wanted, again_after=0.15).reason
+def test_before_an_answer_it_says_whether_one_is_awaited() -> None:
+    refining = Refining(ROBOT, wanted=True, again_after=0.15)
+    assert refining.reason == "refinement was not asked"
+    refining.ask(World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)}), CHAIN, 0.0)
+    assert refining.reason == "no answer from refinement yet"
+    unwanted = Refining(ROBOT, wanted=False, again_after=0.15)
+    assert unwanted.reason == "executed as sent: the goal does not ask for refinement"
 
 
 def test_a_refined_chain_must_be_valid() -> None:

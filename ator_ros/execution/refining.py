@@ -18,6 +18,7 @@ from ator_ros.world.state import World
 AGAIN_AFTER = 0.15
 """Distance in m by which the world must differ from what was expected before refinement is asked again."""
 _NOT_ASKED = "executed as sent: the goal does not ask for refinement"
+_NOT_REACHED = "refinement was not asked"
 _UNANSWERED = "no answer from refinement yet"
 _LONGEST = 120
 """Characters of the result of a question along the way: the sentence on all questions stays readable."""
@@ -87,8 +88,13 @@ class Refining:
     @property
     def reason(self) -> str:
         """Results of the first question, of the last that changed the chain, and of the last since then."""
-        unanswered = _UNANSWERED if self.wanted else _NOT_ASKED
-        return (self._first or unanswered) + self._changed + self._left
+        return (self._first or self._no_result()) + self._changed + self._left
+
+    def _no_result(self) -> str:
+        """Return why there is no result of the first question."""
+        if not self.wanted:
+            return _NOT_ASKED
+        return _NOT_REACHED if self.question is None else _UNANSWERED
 
     def ask(
         self,

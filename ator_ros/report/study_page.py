@@ -26,7 +26,11 @@ def study_page(result: StudyResult) -> str:
 
 
 def _gains(evaluation: Mapping[str, Any] | None) -> str:
-    names = {"gated": "headings, behind the gate", "gated_speed": "with arrival speeds", "oracle": "oracle"}
+    names = {
+        "gated": "headings, behind the gate",
+        "gated_speed": "with arrival speeds",
+        "oracle": "oracle of headings",
+    }
     rows = evaluation or {}
     return cards(
         [(f"{rows[name]['improvement_percent']:.1f} %", text) for name, text in names.items() if name in rows]
