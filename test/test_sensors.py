@@ -152,3 +152,16 @@ def test_each_object_is_seen_in_its_own_way() -> None:
         seen = sensors.observe(world).objects
         assert seen["box"].x == pytest.approx(0.1 * tick)
         assert seen["cup"].x == pytest.approx(0.1 * max(0, tick - 2))
+
+
+def test_an_object_that_is_placed_is_seen_anew_by_a_robot_that_believes_what_it_did() -> None:
+    sensors = Sensors(SensorConfig(drift=0.05, objects={BALL: Sight(delay=0.2)}))
+    *past, last = drive(40, ball=ObjectState(3.0, 0.0))
+    for world in past:
+        sensors.observe(world)
+    believed = sensors.observe(last).robot.pose
+    sensors.forget(BALL)
+    seen = sensors.observe(dataclasses.replace(last, objects=objects_of(ObjectState(-1.0, 2.0))))
+    assert seen.robot.pose == believed != last.robot.pose
+    assert ball_of(seen) is not None
+    assert ball_of(seen).x < 0.0

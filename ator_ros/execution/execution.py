@@ -198,6 +198,11 @@ class Execution:
         """Restart the deadline of odometry at `now`: messages that came during a tick were not missing."""
         self._heard = now
 
+    def postpone(self, now: float, why: str) -> None:
+        """Restart the deadline of a goal that has not begun, and cannot yet."""
+        if self.phase is Phase.WAITING:
+            self._accepted, self.reason = now, why
+
     def watch(self, now: float) -> None:
         """Check all deadlines at `now`."""
         if self.phase is Phase.WAITING and now - self._accepted > self._deadlines.start:

@@ -26,7 +26,7 @@ from ator_ros.nodes.loading import rehearsed_predictors
 from ator_ros.nodes.model_sets import problems_of, told_of
 from ator_ros.nodes.object_sources import ObjectSources, Reader
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
-from ator_ros.nodes.plan_client import PlannedGoals
+from ator_ros.nodes.plan_client import PREEMPTED, PlannedGoals
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement_client import refinement_client
 from ator_ros.nodes.remote_servers import RemoteServers
@@ -43,6 +43,7 @@ _WARNING_PERIOD = 2.0
 _DEAF = 1.0  # real s in which a base whose odometry has begun may not have found our publisher of commands
 _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
 _HURRIED = 2.0  # times real time
+_ENDED = "the executor was ended"
 
 
 class ExecutorNode(FrugalNode):
@@ -87,6 +88,7 @@ class ExecutorNode(FrugalNode):
         self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
+        self._ends = False
         self._heard, self._jumped = 0.0, -math.inf
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
@@ -103,7 +105,9 @@ class ExecutorNode(FrugalNode):
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = refinement_client(self)
-        self._plans = PlannedGoals(self, settings, self._domain.objects, self._begin, self._finish)
+        self._plans = PlannedGoals(
+            self, settings, self._domain.objects, begin=self._begin, end=self._finish, halt=self._halt
+        )
         # In this order: of messages that have all come, those of objects are then taken first.
         self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
         self.gathering = Gathering()
@@ -186,9 +190,11 @@ class ExecutorNode(FrugalNode):
         for remark in self._remotes.remarks():
             self._note(remark)
         self._plans.watch(self._world)
-        if self._run is None or self._remotes.ending():
+        if self._run is None:
             return
         now = time.monotonic()
+        if self._remotes.ending():
+            self._run.execution.postpone(now, "waiting until a canceled server has ended")
         if self._run.execution.silent(now):
             self._send(STOP)
         self._run.execution.watch(now)
@@ -196,9 +202,12 @@ class ExecutorNode(FrugalNode):
 
     def _accept(self, handle: ServerGoalHandle) -> None:
         self._goals += 1
-        self._watchdog.watch(closely=True)
+        if self._ends:
+            self._finish(handle, Ending.SHUTDOWN, _ENDED)
+            return
         if not self._plans.take(handle):
             self._begin(handle)
+        self._adjust_watchdog()
 
     def _begin(self, handle: ServerGoalHandle) -> None:
         try:
@@ -209,21 +218,30 @@ class ExecutorNode(FrugalNode):
         except MessageError as error:  # the running goal continues
             self._finish(handle, Ending.REFUSED, str(error))
             return
+        self._plans.drop(Ending.PREEMPTED, PREEMPTED)
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
-        self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
+        self._end(Ending.PREEMPTED, PREEMPTED, at_once=True)
         self._run = run
+        self._adjust_watchdog()
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
 
     def _finish(self, handle: ServerGoalHandle, ending: Ending, reason: str) -> None:
         """Finish a goal that never began."""
-        if ending is Ending.SUCCEEDED:
-            self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
-        else:
+        if ending is not Ending.SUCCEEDED:
             self._note(f"{ending.name.lower()}: {reason}")
         result = unstarted(handle, ending, reason, frame=self._settings["frame"])
         self._chains.publish(result.record)
         self._server.finish(handle, result)
+        self._adjust_watchdog()
+
+    def _halt(self) -> bool:
+        """Preempt the running goal; return whether the robot stands."""
+        self._end(Ending.PREEMPTED, PREEMPTED, at_once=True)
+        return self._world is not None and self._world.robot.is_standing
+
+    def _adjust_watchdog(self) -> None:
+        """Watch closely while a goal is under way or waits for its plan."""
         self._watchdog.watch(closely=self._run is not None or self._plans.waiting)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
@@ -255,7 +273,7 @@ class ExecutorNode(FrugalNode):
         if not run.ended:
             return
         self._run = None
-        self._watchdog.watch(closely=self._plans.waiting)
+        self._adjust_watchdog()
         self._send(STOP)
         result = run.result(self._world)
         self._chains.publish(result.record)
@@ -300,10 +318,12 @@ class ExecutorNode(FrugalNode):
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
         self._send(STOP)  # first: to end an action may fail
-        self._plans.drop(Ending.SHUTDOWN, "the executor was ended")
-        self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
+        self._ends = True
+        self._plans.drop(Ending.SHUTDOWN, _ENDED)
+        self._end(Ending.SHUTDOWN, _ENDED, at_once=True)
         self._send(STOP)
         spin_out(self)  # so that the answer leaves, also to a client that asks for it only now
+        self._send(STOP)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -19,6 +19,7 @@ from ator_ros.world.sightings import Sightings
 from ator_ros.world.tracking import ObjectTracker
 
 _USUAL = Deadlines()
+_USUAL_FENCE = [0.0] * 4
 _REST, _REST_WATCHED = 0.15, 0.1
 """Real s that inputs may gather, in all, and while somebody sees the objects drawn, ten times a second."""
 _APART = 0.2
@@ -37,7 +38,7 @@ _COMMON = (
         "odom_timeout", _USUAL.odom, "real s without odom; the robot pauses after half", 0.05, 60.0, live=True
     ),
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
-    Parameter("fence", [0.0] * 4, "m: x and y from, x and y to, of the robot; all 0: area and margin"),
+    Parameter("fence", _USUAL_FENCE, "m: x and y from, x and y to, of the robot; all 0: area and margin"),
     Parameter("plan_timeout", 10.0, "real s that a goal waits for its chains", 0.05, 3600.0, live=True),
     Parameter(
         "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
@@ -98,7 +99,7 @@ def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
     """Return the area that the robot may drive in; raises SetupError."""
     edges = settings["fence"]
     try:
-        return Fence.around(robot) if not any(edges) else Fence.of(edges)
+        return Fence.around(robot) if list(edges) == _USUAL_FENCE else Fence.of(edges)
     except ValueError as error:
         raise SetupError(f"parameter fence: {error}") from error
 

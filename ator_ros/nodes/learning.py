@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import time
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from rclpy.exceptions import InvalidTopicNameException
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.msg import ActionPerformance
@@ -74,6 +76,7 @@ class LearningNode(FrugalNode):
         super().__init__("learning")
         self._settings = settings = declare_parameters(self, PARAMETERS)
         self._domain, robot = domain_of(settings), robot_of(settings)
+        topics = self._topics(settings["records"])
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
         begin = functools.partial(
@@ -96,17 +99,26 @@ class LearningNode(FrugalNode):
             # Which logs if they are of another robot.
             read_models(self, robot, action_set, settings["models"], self._domain)
         kind = bounded(ActionPerformance, _MOST_ITEMS)
-        for topic in settings["records"]:
+        for topic in topics:
             self.create_subscription(kind, topic, self._take, RESULTS)
         self.create_service(Trigger, "~/learn_now", self._learn_now)
         self.create_service(SetBool, "~/freeze", self._freeze)
         self.create_timer(_PERIOD, self._work, clock=STEADY)
-        topics = dict.fromkeys(settings["records"], ActionPerformance)
-        self._diagnostics = Diagnostics(self, self._health, topics)
+        self._diagnostics = Diagnostics(self, self._health, dict.fromkeys(topics, ActionPerformance))
         self.get_logger().info(
             f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} records, "
             f"set {self._learner.told()['set']}{', frozen' if self._learner.frozen else ''}"
         )
+
+    def _topics(self, names: Sequence[str]) -> list[str]:
+        """Return the topics of the records; raises SetupError unless each is a topic of its own."""
+        try:
+            topics = [self.resolve_topic_name(name) for name in names]
+        except (InvalidTopicNameException, RuntimeError) as error:  # the latter is rcl's
+            raise SetupError(f"parameter records: {' '.join(str(error).split())}") from error
+        if not topics or len(set(topics)) < len(topics):
+            raise SetupError(f"parameter records: expected different topics, one or more, got {list(names)}")
+        return topics
 
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:

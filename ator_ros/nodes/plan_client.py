@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -22,12 +22,17 @@ from ator_ros.world.state import World
 
 _MOST_IN_ANSWERS = 256
 _LONGEST_REASON = 500
+PREEMPTED = "a newer goal took over"
+"""Why a goal ends that a newer one preempts."""
 
 End = Callable[[ServerGoalHandle, Ending, str], None]
 
 
 class PlannedGoals:
     """The goal whose chains are awaited, one at a time; the robot meanwhile continues what it does.
+
+    Where what is wanted holds already while the robot drives, it would not hold for long. Then the robot is
+    halted, and the chains are asked for once more when it stands.
 
     Parameters
     ----------
@@ -41,6 +46,8 @@ class PlannedGoals:
         Called with the goal once its request holds chains, as if they had been sent with it.
     end : callable
         Called with a goal that ends before, how it ends, and why.
+    halt : callable
+        Ends what is under way; returns whether the robot stands.
     """
 
     def __init__(
@@ -48,17 +55,20 @@ class PlannedGoals:
         node: Node,
         settings: Mapping[str, Any],
         objects: Sequence[str],
+        *,
         begin: Callable[[ServerGoalHandle], None],
         end: End,
+        halt: Callable[[], bool],
     ) -> None:
-        self._settings, self._objects, self._begin, self._end = settings, frozenset(objects), begin, end
+        self._settings, self._objects = settings, frozenset(objects)
+        self._begin, self._end, self._halt = begin, end, halt
         client: Any = node.create_client(PlanChains, "plan_chains", qos_profile=SERVICES)
         client.srv_type = with_parts(PlanChains, Response=bounded(PlanChains.Response, _MOST_IN_ANSWERS))
         self._client = client
         self._handle: ServerGoalHandle | None = None
         self._future: Future | None = None
         self._came = 0.0
-        self._canceled = False
+        self._canceled = self._halted = False
 
     @property
     def waiting(self) -> bool:
@@ -68,16 +78,17 @@ class PlannedGoals:
     def take(self, handle: ServerGoalHandle) -> bool:
         """Take over a goal that says what is wanted; return False where it holds chains instead.
 
-        A goal that waits already ends as preempted, whatever the newer one is.
+        A goal that waits already is preempted by one that is taken over.
         """
-        self.drop(Ending.PREEMPTED, "a newer goal took over")
         goal = handle.request
         if not is_asked_for(goal.wanted):
             return False
         if goal.chain.calls or goal.alternatives:
             self._end(handle, Ending.REFUSED, "wanted: expected no chain beside it, got one")
             return True
-        self._handle, self._canceled, self._came = handle, False, time.monotonic()
+        self.drop(Ending.PREEMPTED, PREEMPTED)
+        self._handle, self._came = handle, time.monotonic()
+        self._canceled = self._halted = False
         return True
 
     def cancel(self, handle: ServerGoalHandle) -> bool:
@@ -94,14 +105,21 @@ class PlannedGoals:
             self.drop(Ending.CANCELED, "canceled by the client")
         elif waited > self._settings["plan_timeout"]:
             self.drop(Ending.REFUSED, f"no plan: expected {self._awaited(world)} in time, got none")
-        elif self._future is None and world is not None and self._client.service_is_ready():
+        elif self._may_ask(world):
             complete = self._objects <= world.objects.keys()
             if complete or waited > self._settings["start_timeout"]:
                 self._ask(self._handle, world)
 
+    def _may_ask(self, world: World | None) -> TypeGuard[World]:
+        if world is None or self._future is not None or not self._client.service_is_ready():
+            return False
+        return world.robot.is_standing or not self._halted
+
     def _awaited(self, world: World | None) -> str:
         if self._future is not None:
             return "an answer of the service plan_chains"
+        if self._halted and world is not None and not world.robot.is_standing:
+            return "the robot to stand"
         return "odometry" if world is None else "the service plan_chains"
 
     def _ask(self, handle: ServerGoalHandle, world: World) -> None:
@@ -123,10 +141,14 @@ class PlannedGoals:
         if self._canceled:
             self.drop(Ending.CANCELED, "canceled by the client")
             return
+        holds = answer.accepted and (answer.holds or not answer.chains)
+        if holds and not self._halt():
+            self._future, self._halted = None, True
+            return
         self._handle = self._future = None
         if not answer.accepted:
             self._end(handle, Ending.REFUSED, f"no plan: {printable(answer.reason, _LONGEST_REASON)}")
-        elif answer.holds or not answer.chains:
+        elif holds:
             self._end(handle, Ending.SUCCEEDED, "the goal holds already")
         else:
             handle.request.chain, *handle.request.alternatives = answer.chains

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from ator_ros.geometry import Pose
 from ator_ros.nodes import checks, conversions
 from ator_ros.nodes.checks import MessageBounds, bounds_of
-from ator_ros.nodes.parameters import Parameter
+from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.tf_listener import Found, TfListener
 from ator_ros.robot.description import Robot
@@ -63,6 +63,10 @@ class RobotSource:
     ) -> None:
         self._tf, self._frames = tf, (settings["frame"], settings["robot_frame"])
         self._from_tf = settings[STATE.name] == "tf"
+        if self._from_tf and len(set(self._frames)) < 2:
+            raise SetupError(
+                f"parameter robot_frame: expected another frame than frame, got {self._frames[1]}"
+            )
         self.topics: dict[str, type] = {} if self._from_tf else {"odom": Odometry}
         bounds, frame = bounds_of(robot), settings["frame"]
         if self._from_tf:

@@ -128,6 +128,12 @@ class SimulatedWorld:
             robot.sensors.reset()
             robot.observed = robot.sensors.observe(self._simulation.world(number=number))
 
+    def _appears(self, name: str) -> None:
+        """Let all robots see an object anew; what they believe of themselves stays."""
+        for number, robot in enumerate(self._robots):
+            robot.sensors.forget(name)
+            robot.observed = robot.sensors.observe(self._simulation.world(number=number))
+
     @property
     def time(self) -> float:
         """Simulated time in s since the start or the last reset."""
@@ -203,12 +209,12 @@ class SimulatedWorld:
                 value, f"velocity.{axis}", low=-checks.FASTEST_OBJECT, high=checks.FASTEST_OBJECT, unit="m/s"
             )
         self._simulation.place_object(name, x, y, vx=vx, vy=vy)
-        self._changed()
+        self._appears(name)
 
     def remove_object(self, name: str) -> None:
         """Take an object off the floor."""
         self._simulation.remove_object(name)
-        self._changed()
+        self._appears(name)
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
         x_most, y_most = self._scene.area.floor

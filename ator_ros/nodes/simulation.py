@@ -43,7 +43,7 @@ class SimulationNode(FrugalNode):
         after the last command the robot stands, as far as BaseController says.
     Publishes, every tick, as the robot's sensors see it, stamped with the simulated time of what they see
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
-        the topic of each object of the domain (nav_msgs/Odometry): position and velocity, both in the
+        NAME of each object of the scene (nav_msgs/Odometry): position and velocity, both in the
         header's frame; nothing while the object is not there.
         joint_states, robot_description; tf of all robots: see `Embodiment`.
     Publishes

@@ -160,6 +160,11 @@ class Sensors:
         self._seeing = {name: _Seeing(sight, self._rng) for name, sight in self.config.objects.items()}
         self._coming: deque[World] = deque()
 
+    def forget(self, name: str) -> None:
+        """Forget what was seen of an object: it is seen as if it had just appeared."""
+        if name in self._seeing:
+            self._seeing[name] = _Seeing(self.config.objects.get(name, Sight()), self._rng)
+
     def observe(self, world: World) -> World:
         """Return what is believed of `world`, with the same time; with a latency, of the last that is known.
 

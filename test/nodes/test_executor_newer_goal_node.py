@@ -1,0 +1,113 @@
+"""A newer goal while another one is under way, waits for its plan, or the executor ends."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Thread
+
+import pytest
+from chain_client import ChainClient, Sent, call
+from conftest import Host, Start
+from hall import DOMAIN, Base, Hall
+from ros_client import Client
+
+from ator_interfaces.msg import GoalTerm, Outcome, PlanGoal
+from ator_interfaces.srv import PlanChains
+from ator_ros.geometry import Pose
+from ator_ros.nodes.qos import SERVICES
+from ator_ros.world.state import RobotState
+
+WANTED = PlanGoal(terms=[GoalTerm(variable="robot.x", value=0.0, tolerance=0.5)])
+
+
+@pytest.fixture
+def hall(client: Client, host: Host, tmp_path: Path) -> Iterator[Hall]:
+    file = tmp_path / "errands.yaml"
+    file.write_text(DOMAIN, encoding="utf-8")
+    host("executor", domain=file, odom_timeout=2.0, start_timeout=1.0)
+    made = Hall(client)
+    yield made
+    made.close()
+
+
+def planner(hall: Hall) -> list[PlanChains.Request]:
+    """Answer that what is wanted holds, whatever it is; return the requests."""
+    asked: list[PlanChains.Request] = []
+
+    def plan(request: PlanChains.Request, response: PlanChains.Response) -> PlanChains.Response:
+        asked.append(request)
+        response.accepted = response.holds = True
+        return response
+
+    node = hall.client.node
+    hall.client.within(lambda: node.create_service(PlanChains, "plan_chains", plan, qos_profile=SERVICES))
+    return asked
+
+
+def test_after_a_preemption_silence_is_noticed_as_soon_as_before(host: Host, client: Client) -> None:
+    host("executor", odom_timeout=2.0)
+    base, chains = Base(client), ChainClient(client)
+    chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))])
+    time.sleep(0.1)
+    newer = chains.send([call("goToPose", Pose(1.0, 0.5, 0.0))])
+    client.eventually(chains.commands.__len__, "commands")
+    base.close()
+    before = len(chains.commands)
+    assert newer.outcome().code == Outcome.INPUT_LOST
+    stops = chains.commands[before:]
+    assert len(stops) > 10  # one every 0.05 s, where it is watched closely
+
+
+def test_what_holds_while_the_robot_drives_is_asked_for_again_when_it_stands(hall: Hall) -> None:
+    asked = planner(hall)
+    hall.base.state = RobotState(Pose(0.0, 0.0, 0.0), v=0.5)
+    sent = hall.chains.send([], wanted=WANTED)
+    hall.client.eventually(lambda: asked, "a request")
+    time.sleep(0.3)
+    assert not sent.ended()
+    assert len(asked) == 1
+    hall.base.state = RobotState(Pose(0.2, 0.0, 0.0))
+    assert sent.outcome().reason == "the goal holds already"
+    assert len(asked) == 2
+
+
+def test_a_goal_that_cannot_be_read_leaves_the_one_that_waits_for_its_plan(hall: Hall) -> None:
+    waiting = hall.chains.send([], wanted=WANTED)  # without a node that plans
+    unknown = hall.chains.send([call("fetch", Pose(1.0, 0.0, 0.0))])
+    assert unknown.outcome().code == Outcome.REFUSED
+    beside = hall.chains.send([call("visit", Pose(1.0, 0.0, 0.0))], wanted=WANTED)
+    assert beside.outcome().code == Outcome.REFUSED
+    assert not waiting.ended()
+    hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
+    assert waiting.outcome().code == Outcome.PREEMPTED
+
+
+def test_a_goal_that_comes_while_the_node_ends_moves_nothing(
+    start: Start, host: Host, client: Client
+) -> None:
+    host("simulation", real_time_factor=5.0, command_wait=0.5)
+    executor = start("executor", odom_timeout=5.0, start_timeout=60.0)
+    chains = ChainClient(client)
+    client.robot()
+    patrol = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
+    sent = chains.send(patrol)
+    chains.until_moving()
+    ending = Thread(target=executor.stop)
+    ending.start()
+    client.eventually(lambda: sent.ended() or chains.chains, "news of the end")
+    later = _if_accepted(lambda: chains.send(patrol))
+    ending.join()
+    assert "Traceback" not in executor.output
+    assert chains.commands[-1].linear.x == 0.0
+    client.eventually(chains.standing, "the robot stands")
+    assert later is None or not later.ended() or later.outcome().code == Outcome.SHUTDOWN
+
+
+def _if_accepted(send: Callable[[], Sent]) -> Sent | None:
+    """Return the goal; None where nobody answers any more."""
+    try:
+        return send()
+    except (AssertionError, TimeoutError):
+        return None
