@@ -11,8 +11,8 @@ from scipy.optimize import differential_evolution
 from ator_ros.evaluation.policies import Toolset
 from ator_ros.evaluation.trials import Trial
 from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.refinement.bounds import names_of
 from ator_ros.refinement.chain_model import ChainModel
+from ator_ros.refinement.free_variables import names_of
 from ator_ros.refinement.naive import replaced
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.paths import least_path

@@ -11,13 +11,14 @@ import pandas as pd
 import pytest
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import DrivingStyle, plain_driving
+from ator_ros.performance.driving import LEVELS, DrivingStyle, plain_driving
 from ator_ros.performance.features import GENERAL, IDEAL, feature_table, names_of
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.observing import from_odometry, observed_driving
 from ator_ros.performance.paths import path_times
 from ator_ros.performance.training import OBSERVED, train
 from ator_ros.robot.description import Limits, load_robot
+from ator_ros.schema import SchemaError
 
 ROBOT = load_robot()
 SLOW = DrivingStyle(Limits(0.5, 1.0, 0.4, 0.3, 2.0))
@@ -122,3 +123,18 @@ def test_a_damaged_driving_is_refused(tmp_path: Path, word: str, other: str) -> 
     file.write_text(file.read_text(encoding="utf-8").replace(word, other, 1), encoding="utf-8")
     with pytest.raises(ModelFileError, match="driving"):
         load_model(file, ROBOT, GENERAL)
+
+
+def test_a_style_without_any_way_has_no_time() -> None:
+    slow = (0.1,) * LEVELS
+    driving = DrivingStyle(ROBOT.limits, False, None, 0.0, slow, slow)
+    ends = np.array([[1.0, 0.2, 0.3, 0.0, 0.0]])
+    assert not np.isfinite(path_times(ends, driving, hold=ROBOT.hold, holding=True).time).any()
+
+
+def test_a_style_is_kept_as_data_and_nonsense_is_refused() -> None:
+    data = SLOW.to_dict()
+    assert DrivingStyle.from_dict(data) == SLOW
+    for wrong in ({"steady": [-5.0] * LEVELS}, {"braking": [1.0]}, {"run": -0.3}, {"passing": -1.0}):
+        with pytest.raises(SchemaError, match=next(iter(wrong))):
+            DrivingStyle.from_dict(data | wrong)

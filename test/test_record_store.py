@@ -188,3 +188,41 @@ def test_whoever_is_killed_leaves_a_readable_store(tmp_path: Path) -> None:
         assert read.damaged == 0
         assert len(read.rows) >= max(told, default=0)
     assert len(read.rows) > 10
+
+
+def test_damaged_lines_are_counted_after_their_part_was_converted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ator_ros.experience.store.PART", 3)
+    stored(tmp_path, episodes(2)).close()
+    with (tmp_path / "default" / "000000.jsonl").open("ab") as file:
+        file.write(b"damaged\n")
+    stored(tmp_path, episodes(1, seed=2)).close()
+    assert read_store(tmp_path).metadata["records_left_out"] == 1
+    convert_closed(tmp_path)
+    assert [file.suffix for file in parts_of(tmp_path / "default").values()] == [".parquet", ".jsonl"]
+    assert read_store(tmp_path).metadata["records_left_out"] == 1
+
+
+def test_a_part_that_is_dropped_meanwhile_is_not_converted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored(tmp_path, episodes(PART + 1)).close()
+    reading = "ator_ros.experience.store_reading"
+
+    def listed(place: Path) -> dict[int, Path]:
+        found = parts_of(place)
+        for file in list(found.values())[:-1]:
+            file.unlink(missing_ok=True)
+        return found
+
+    monkeypatch.setattr(f"{reading}.parts_of", listed)
+    convert_closed(tmp_path)
+    assert len(parts_of(tmp_path / "default")) == 1
+
+
+def test_an_object_that_is_not_known_at_the_start_is_null() -> None:
+    (episode,) = episodes(1)
+    unknown = dataclasses.replace(episode.situation, objects={})
+    line = json.loads(line_of(dataclasses.replace(episode, situation=unknown)))
+    assert line["ball_x"] is line["ball_y"] is None

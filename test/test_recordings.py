@@ -14,6 +14,7 @@ from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.drives import _spans
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.robot.description import load_robot
@@ -117,6 +118,15 @@ def test_the_robots_clock_may_jump_between_drives(tmp_path: Path, jump: float) -
     durations = record(tmp_path / "bag", jump=jump)
     frame = read_recording(tmp_path / "bag", ROBOT, SOCCER).frame
     assert frame.groupby("episode")["duration"].first().max() < max(durations) + 0.1
+
+
+def test_commands_that_cease_without_a_stop_are_no_drive() -> None:
+    moving = [(0.1 * tick, 0.5, 0.0) for tick in range(20)]
+    later = [(12.0 + time, v, w) for time, v, w in moving]
+    stop, rest = (14.0, 0.0, 0.0), (14.5, 0.0, 0.0)
+    assert list(_spans(np.array([*moving, *later, stop, rest]))) == [(12.0, 14.0)]
+    both = [*moving, (2.0, 0.0, 0.0), *later, stop, rest]
+    assert list(_spans(np.array(both))) == [(0.0, 2.0), (12.0, 14.0)]
 
 
 def test_a_single_file_can_be_given(tmp_path: Path) -> None:

@@ -25,9 +25,9 @@ from refinement_fakes import (
 
 from ator_ros.domains.soccer.tops import SHOOT
 from ator_ros.refinement import sampled
-from ator_ros.refinement.bounds import names_of
+from ator_ros.refinement.free_variables import names_of
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.regions import Regions
+from ator_ros.refinement.regions import Regions, _placed
 from ator_ros.refinement.sampled import spread_points
 from ator_ros.refinement.search import search
 from ator_ros.tops.bindings import bindings
@@ -285,3 +285,43 @@ def test_a_model_may_predict_one_value_for_all_candidates(opened: frozenset[str]
     known = models() | {"dribbleBall": ConstantModel(lambda _: 2.0, USED)}
     answer = Refiner(ROBOT, known).refine(world(), shot(opened))
     assert answer.after.actions[1]["duration"] == 2.0
+
+
+def test_a_range_outward_of_a_number_is_searched_on_its_side() -> None:
+    beyond = Condition((Region("robot.x", -2.0, 0.0, 1.0, outward=True),))
+    drive = LIBRARY["goToPose"]
+    calls = (
+        dataclasses.replace(call("goToPose", -2.5, 1.0, 0.0), open=frozenset({"x", "y", "yaw"})),
+        dataclasses.replace(call("goToPose", 1.0, 1.0, 0.0), top=dataclasses.replace(drive, pre=beyond)),
+    )
+    regions = Regions(world(), TopChain(calls), ROBOT, [("x",), ()])
+    allowed = regions.allowed(0, np.array([[-2.5], [-1.5], [-2.9], [-3.5]]))
+    assert allowed.tolist() == [True, False, True, False]
+    assert "0 to 1 outward of -2.0" in regions.limits(0)[0]
+
+
+def test_a_range_beyond_its_target_is_placed_there() -> None:
+    within = Region("ball.x", "goal.x", -2.0, -1.0, outward=True)
+    for target in (4.0, -4.0):
+        state = Condition((within,)).apply({}, {"x": target})
+        assert _placed(within, np.array([target]))[0] == state["ball.x"] == math.copysign(3.0, target)
+
+
+def test_naive_places_follow_from_naive_places_before_not_from_placeholders() -> None:
+    chains = [
+        TopChain(
+            (
+                call("goToBall", 0.0, 0.0, 0.0, BOTH),
+                call("dribbleBall", x, y, 0.0, ALL),
+                call("dribbleBall", 2.3, 0.9, 0.0, ALL),
+                call("shoot", 4.0, 0.0, 0.0),
+            )
+        )
+        for x, y in ((1.0, 0.0), (2.6, 0.4), (-2.0, -1.5))
+    ]
+    known = models()
+    known["dribbleBall"].experience = {"way": (0.5, 4.0)}
+    found = [Refiner(ROBOT, known, ranges=LIBRARY.ranges).naive(world(), chain) for chain in chains]
+    assert found[0] == found[1] == found[2]
+    first, second = (found[0].calls[index].goal.pose for index in (1, 2))
+    assert 0.5 <= first.distance(second) <= 4.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
@@ -10,13 +11,16 @@ from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.domains.domain import DomainError
 from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
+from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain, projected
 from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.driving import driving_top
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.relations import Distance
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
@@ -140,3 +144,22 @@ def test_what_a_library_lacks_is_told() -> None:
         SOCCER.library(ROBOT, "none")
     with pytest.raises(KeyError, match="goToBall"):
         LIBRARY["fly"]
+
+
+def test_a_step_that_only_turns_leaves_the_robot_turned() -> None:
+    turn = Top("turn", "turn", Condition(), Condition((Term("robot.yaw", "goal.yaw", 0.1),)))
+    shove = Top("shove", "shove", Condition((Term("robot.yaw", "goal.yaw", 0.1),)), LIBRARY["goToPose"].post)
+    calls = TopCall(turn, Goal(Pose(0.0, 0.0, 1.5))), TopCall(shove, Goal(Pose(1.0, 1.0, 1.5)))
+    assert projected(START, calls[0], ROBOT).robot.pose == Pose(-2.0, 0.0, 1.5)
+    assert TopChain(calls).violations(START, ROBOT) == []
+
+
+def test_a_top_drives_anywhere_only_without_any_condition() -> None:
+    drive = LIBRARY["goToPose"]
+    near = dataclasses.replace(drive, pre=Condition(relations=(Distance("robot", "goal", 0.5, 2.0),)))
+    home = [dataclasses.replace(term, target=0.0) for term in drive.post.terms]
+    there = dataclasses.replace(drive, post=Condition(tuple(home)))
+    for tops, found in (((near, there, drive), drive), ((near, there), None)):
+        named = [dataclasses.replace(top, name=f"drive{number}") for number, top in enumerate(tops)]
+        top = driving_top(TopLibrary(ROBOT, "default", tops=named, actions={drive.action: GoToPose}))
+        assert (top and top.name) == (found and "drive2")

@@ -104,6 +104,7 @@ class ActionTopics:
         for (server, _), execution in self._executions.items():
             track = tracks[execution.stretch] if execution.stretch >= 0 else None
             if execution.goal is None or track is None or not execution.ended > execution.begun:
+                self.left_out += not math.isnan(execution.ended)
                 continue
             try:
                 episode = self._episode(server, execution, track, robot, frame)

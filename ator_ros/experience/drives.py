@@ -21,6 +21,7 @@ from ator_ros.tops.objects import is_held
 from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 
 PAUSE = 0.3  # s without a command to move that separates two drives
+SILENCE = 1.0  # s without any command, after which a base stops by itself
 SHORTEST = 0.5  # s that a drive lasts at least
 NOT_DRIVEN = Standstill(0.01, 0.02)
 """Greatest commands that count as a stop, and greatest recorded speeds that count as standing."""
@@ -50,11 +51,17 @@ def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episo
 
 
 def _spans(commands: FloatArray) -> Iterator[tuple[float, float]]:
-    """Yield begin and end (s) of the times in which the robot was commanded to move."""
+    """Yield begin and end (s) of the times in which the robot was commanded to move.
+
+    Where commands cease without one to stop, nobody knows where the robot wanted to go: that is no drive.
+    """
     moving = ~NOT_DRIVEN.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None
-    end = 0.0
+    end = last = 0.0
     for time, moves in zip(commands[:, 0].tolist(), moving.tolist(), strict=True):
+        if begin is not None and end < begin and time - last > SILENCE:
+            begin = None
+        last = time
         if begin is not None and not moves and end < begin:
             end = time
         if begin is not None and end >= begin and time - end >= PAUSE:

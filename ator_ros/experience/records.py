@@ -53,7 +53,7 @@ def _values(call: Any, domain: Vocabulary) -> dict[str, float]:
 
 
 def sound(episode: Episode) -> bool:
-    """Return whether the episode has finite values and a valid name."""
+    """Return whether the episode has finite values, and objects with valid names."""
     robot, goal, objects = episode.situation.robot, episode.situation.goal, episode.situation.objects
     if len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
         return False

@@ -32,6 +32,7 @@ FORMAT = Format("ator_ros record store", 1, "record store")
 STORE = "store.json"
 PART = 1000
 """Episodes of a part: what is dropped at once when the store is full."""
+_UNKNOWN = (None, None)
 _NUMBER = re.compile(r"(\d{6,})\.(jsonl|parquet)")
 
 
@@ -70,7 +71,7 @@ def line_of(episode: Episode) -> bytes:
     """Return the start of an episode as a line of JSON: columns of a table by name, null where not known."""
     robot, goal = episode.situation.robot, episode.situation.goal
     there = episode.situation.objects
-    places = [(there[name].x, there[name].y) for name in episode.objects]
+    places = [(there[name].x, there[name].y) if name in there else _UNKNOWN for name in episode.objects]
     row = {
         "action": episode.situation.action,
         "t": 0.0,

@@ -103,14 +103,17 @@ def read_records(folder: Path, action_set: str) -> StoredRecords:
 def convert_closed(folder: Path) -> None:
     """Turn every part of a store but the last of each action set into Parquet.
 
-    Two processes may do so at once: both write the same.
+    Two processes may do so at once: both write the same. What was dropped meanwhile is left alone.
     """
     info = read_info(folder)
     for action_set in action_sets_in(folder):
         for file in list(parts_of(folder / action_set).values())[:-1]:
             lines = file.with_suffix(".jsonl")
             if file.suffix == ".jsonl":
-                rows, lost = _part(file, action_set)
+                try:
+                    rows, lost = _part(file, action_set)
+                except FileNotFoundError:
+                    continue
                 metadata = _metadata(info, action_set) | {"records_left_out": lost}
                 write_experience(file.with_suffix(".parquet"), Experience(rows, metadata))
                 _sync(file.with_suffix(".parquet"))
@@ -138,7 +141,8 @@ def _metadata(info: StoreInfo, action_set: str) -> dict[str, object]:
 def _part(file: Path, action_set: str) -> tuple[pd.DataFrame, int]:
     """Return the rows of a part and how many lines of it are damaged; `episode` is the line."""
     if file.suffix == ".parquet":
-        return read_experience(file).frame, 0
+        experience = read_experience(file)
+        return experience.frame, experience.metadata.get("records_left_out", 0)
     lines = file.read_bytes().split(b"\n")[:-1]
     rows = [row for number, line in enumerate(lines) if (row := _row(line, number)) is not None]
     try:

@@ -188,7 +188,8 @@ def read_experience(path: Path | str) -> Experience:
     except (OSError, MemoryError, arrow.ArrowException) as error:
         raise ExperienceError(f"{path}: expected a Parquet file with experience: {error}") from error
     frame = table.replace_schema_metadata(None).to_pandas()[wanted]  # pandas' own may be damaged
-    return Experience(checked_rows(path, frame, metadata.get("action_set", DEFAULT_SET)), metadata)
+    known = metadata.get("action_set")
+    return Experience(checked_rows(path, frame, DEFAULT_SET if known is None else known), metadata)
 
 
 def _read_table(parquet: Any, path: Path) -> tuple[dict[str, Any], list[str], Any]:

@@ -16,7 +16,7 @@ from ator_ros.motion.motion_search import search_fastest
 from ator_ros.robot.description import Limits
 
 NEAR = 0.0005
-"""Share of the time that the rest of the grid has to save in the mean, in the motions that are drawn."""
+"""The choice ends where the rest of the grid would save less than this share of the time, in the mean."""
 MOST = 120
 """Kinds that are chosen at most: the time that a search takes grows with them."""
 _MOTIONS, _SEED = 2000, 5

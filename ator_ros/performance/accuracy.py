@@ -100,7 +100,7 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[s
 
 
 def kinds(starts: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Split starts by what makes a difference: rest or motion at both ends, an object or a pose as goal."""
+    """Yield subsets of starts by what makes a difference: rest or motion, and what kind of goal."""
     rest, stop, held = starts["v"].abs() <= AT_REST.v, starts["speedg"] <= AT_REST.v, starts["hold"] == 1
     masks: Mapping[str, pd.Series] = {
         "at rest": rest,

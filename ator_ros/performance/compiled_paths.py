@@ -46,7 +46,7 @@ class Exit(NamedTuple):
 
 
 class PathRules(NamedTuple):
-    """What holds for all ways: rates, run in m (negative: as long as needed), 1 if forward only, and so on.
+    """What holds for all ways: rates, run in m (negative: as long as needed), and whether all are forward.
 
     `passing` is the distance in m to keep from the point `hold` m ahead of the goal; `least` the speed in m/s
     below which a steady turn is too tight.
@@ -61,7 +61,7 @@ class PathRules(NamedTuple):
 
 
 @compiled
-def wrapped(angle: float) -> float:
+def positive_angle(angle: float) -> float:
     """Return an angle in rad brought to 0 to 2 pi."""
     return angle - _FULL_TURN * math.floor(angle / _FULL_TURN)
 
@@ -177,7 +177,10 @@ def way_time(
     heading = math.atan2(entry.direction * goal_y, entry.direction * goal_x)
     before, missed, total = heading, 0.0, 0.0
     for step in range(_STEPS + 1):
-        first, last = wrapped(entry.side * heading + 1e-7), wrapped(last_turn.side * (turn - heading) + 1e-7)
+        first, last = (
+            positive_angle(entry.side * heading + 1e-7),
+            positive_angle(last_turn.side * (turn - heading) + 1e-7),
+        )
         time1, x1, y1, speed1 = turned(
             tables[entry.table], first, entry.side, speed, entry.gain, rates, rules.forward
         )
@@ -191,7 +194,10 @@ def way_time(
         if step == _STEPS:
             break
         # A secant step toward the direction in which the straight meets both turns.
-        off = wrapped(math.atan2(entry.direction * dy, entry.direction * dx) - heading + math.pi) - math.pi
+        off = (
+            positive_angle(math.atan2(entry.direction * dy, entry.direction * dx) - heading + math.pi)
+            - math.pi
+        )
         near = min(abs(off), 1.0)
         change = TURNING * near + (TURNED if step == 0 else 0.0)
         bound = turned_back(change, time1, first, rate1) + turned_back(change, time2, last, rate2)

@@ -141,7 +141,10 @@ class Geometry:
 
     @cached_property
     def path(self) -> Motions:
-        """The fastest turn-straight-turn path at the limits that were observed."""
+        """The fastest turn-straight-turn path at the limits that were observed.
+
+        Where none leads there it is turning on the spot, driving and turning, at the robot's limits.
+        """
         d, (from_x, from_y, yaw, opening) = self.direct, self.openings
         x, y = self.destination
         dx, dy, cos, sin = x - from_x, y - from_y, np.cos(yaw), np.sin(yaw)

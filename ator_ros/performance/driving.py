@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from ator_ros.robot.description import Limits, Robot
-from ator_ros.schema import require, structured
+from ator_ros.schema import Within, require, structured
 
 LEVELS = 10
 """Ranges of speed, of equal width up to the greatest, for which turn rates are kept."""
@@ -43,7 +43,8 @@ class DrivingStyle:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, from which `from_dict` makes the same again."""
-        return asdict(self)
+        lists = {"steady": list(self.steady), "braking": list(self.braking)}
+        return asdict(self) | lists
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> DrivingStyle:
@@ -56,8 +57,7 @@ class DrivingStyle:
         """
         read = structured(data, _Seen, closed=True)
         limits = Limits(**asdict(read.limits))
-        run = None if read.run is None else abs(read.run)
-        return DrivingStyle(limits, read.backward, run, abs(read.passing), read.steady, read.braking)
+        return DrivingStyle(limits, read.backward, read.run, read.passing, read.steady, read.braking)
 
 
 def plain_driving(robot: Robot) -> DrivingStyle:
@@ -87,10 +87,10 @@ class _Seen:
 
     limits: _SeenLimits
     backward: bool
-    run: float | None
-    passing: float
-    steady: tuple[float, ...]
-    braking: tuple[float, ...]
+    run: Annotated[float, Within(0.0)] | None
+    passing: Annotated[float, Within(0.0)]
+    steady: tuple[Annotated[float, Within(0.0, 1.0)], ...]
+    braking: tuple[Annotated[float, Within(0.0, 1.0)], ...]
 
     def __post_init__(self) -> None:
         """Check the number of turn rates."""

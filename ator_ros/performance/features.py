@@ -148,7 +148,7 @@ PATHS = (
     Feature("path_time", "s", _MOTION, lambda g: g.path.time),
     Feature("path_turn", "rad", _MOTION, lambda g: g.path.turn),
 )
-"""Time of and angle turned on the fastest path at the limits that odometry showed."""
+"""Time of and angle turned on the fastest path at the limits that odometry showed; see `Geometry.path`."""
 
 GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *IDEAL, *PATHS)}
 """The features that every domain has, by name."""

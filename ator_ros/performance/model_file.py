@@ -96,7 +96,14 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         The JSON file.
     model : PerformanceModel
         Its `metadata` gives action_set, training, versions and accuracy.
+
+    Raises
+    ------
+    ModelFileError
+        Another file beside the models has the action's name.
     """
+    if model.action in _BESIDE:
+        raise ModelFileError(f"action: expected a name other than {model.action}, which another file has")
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
     kinds = kinds_of(model.features.values())
     data = {

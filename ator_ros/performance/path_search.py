@@ -24,11 +24,11 @@ from ator_ros.performance.compiled_paths import (
     PathRules,
     enters,
     lead_in,
+    positive_angle,
     run_up,
     turned,
     turned_back,
     way_time,
-    wrapped,
 )
 from ator_ros.performance.tree.nodes import IntArray
 
@@ -84,7 +84,7 @@ def _bound_pairs(
     begun = np.empty((stop - begin, 5))
     for number in range(begin, stop):
         entry = _entry(ways.entries[number])
-        angle = wrapped(entry.side * heading + 1e-7)
+        angle = positive_angle(entry.side * heading + 1e-7)
         time, x, y, _ = turned(
             tables[entry.table], angle, entry.side, speed, entry.gain, rates, rules.forward
         )
@@ -94,7 +94,7 @@ def _bound_pairs(
     for number in range(ways.runs[run], ways.runs[run + 1]):
         leave = _exit(ways.exits[number])
         before, _, arrival = run_up(leave.arrival, end[4], rules)
-        angle = wrapped(leave.side * (turn - heading) + 1e-7)
+        angle = positive_angle(leave.side * (turn - heading) + 1e-7)
         time, x, y, _ = turned(
             tables[leave.table], angle, -leave.side, arrival, leave.loss, backing, rules.forward
         )

@@ -91,7 +91,11 @@ def _ways(driving: DrivingStyle, *, holding: bool) -> PathWays:
     exits = [Exit(side, *end) for end in sorted(ends) for side in _SIDES if end[-1] >= _SLOWEST - 1]
     leads = _changes([(entry.direction, entry.lead) for entry in entries])
     runs = _changes([leave.arrival if driving.run is None and holding else 0.0 for leave in exits])
-    return PathWays(np.array(entries, dtype=float), leads, np.array(exits, dtype=float), runs)
+    rows = [
+        np.array(ways, dtype=float).reshape(-1, len(kind._fields))
+        for ways, kind in ((entries, Entry), (exits, Exit))
+    ]
+    return PathWays(rows[0], leads, rows[1], runs)
 
 
 def _changes(values: Sequence[object]) -> IntArray:
@@ -129,8 +133,10 @@ def path_times(ends: FloatArray, driving: DrivingStyle, *, hold: float, holding:
     run = (-1.0 if driving.run is None else driving.run) if holding else 0.0
     passing = driving.passing if holding else 0.0
     rules = PathRules(rates, run, not driving.backward, passing, hold, _TIGHT * rates.w)
-    times, turns = np.empty(len(ends)), np.empty(len(ends))
+    times, turns = np.full(len(ends), np.inf), np.zeros(len(ends))
     ways = _ways(driving, holding=holding)
+    if not (len(ways.entries) and len(ways.exits)):  # it turns too slowly at all speeds
+        return Motions(times, turns)
     search = partial(fastest_ways, ends, ways, rules, _tables(rates.w, rates.aw), times, turns)
     in_shares(search, len(ends), _SHARE)
     return Motions(times, turns)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,7 +11,7 @@ from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.planning.facts import Fact, placed_thing, resolved
 from ator_ros.planning.values import reach_about
 from ator_ros.robot.description import Robot
-from ator_ros.tops.conditions import Statement, Term, lookup
+from ator_ros.tops.conditions import Statement, lookup
 from ator_ros.tops.state import State
 from ator_ros.tops.top import Top
 
@@ -38,7 +37,7 @@ def place_in(region: Sequence[Fact], top: Top, state: State, robot: Robot) -> tu
     places = _candidates(robot, goal)
     there = {**state, f"{thing}.x": places[:, 0], f"{thing}.y": places[:, 1]}
     clearance = np.min([_clearance(fact, there, state) for fact in region], axis=0)
-    for room in (_missed_by(top), 0.0):
+    for room in (top.place_tolerance, 0.0):
         good = places[np.broadcast_to(clearance >= room - 1e-9, len(places))]
         if len(good):
             x, y = _nearest(good, state.get(f"{thing}.x", 0.0), state.get(f"{thing}.y", 0.0))
@@ -70,12 +69,6 @@ def _clearance(fact: Fact, there: Mapping[str, Any], state: State) -> Any:
         difference = wrap_angles(np.asarray(difference))
     low, high = reach_about(term, float(target))
     return np.minimum(difference - low, high - difference)
-
-
-def _missed_by(top: Top) -> float:
-    """Return by how much in m a TOP may miss its goal, by the tolerances of its post-condition."""
-    terms = (term for term in top.post.terms if term.variable.endswith(".x"))
-    return math.fsum(term.tolerance for term in terms if isinstance(term, Term))
 
 
 def _nearest(places: FloatArray, x: float, y: float) -> tuple[float, float]:

@@ -48,6 +48,7 @@ class Averages:
         for values, domain, width in zip(candidates.T, self.axes[index], self.widths[index], strict=True):
             apart = np.abs(values[:, None] - values)
             if domain.periodic:
+                apart %= domain.high - domain.low  # what is given may be turns away
                 apart = np.minimum(apart, (domain.high - domain.low) - apart)
             exponent += (apart / width) ** 2 if width else np.where(apart > 0.0, np.inf, 0.0)
         weights: FloatArray = np.exp(-0.5 * exponent)

@@ -32,14 +32,6 @@ _ROOM = 0.05
 """Share by which the extent of the points that a region allows is widened on each side."""
 
 
-def names_of(chain: TopChain, free: Sequence[FreeVariable]) -> list[tuple[str, ...]]:
-    """Return the names of the free variables of each subgoal."""
-    return [
-        tuple(variable.name for variable in free if variable.subgoal == index)
-        for index in range(len(chain.calls))
-    ]
-
-
 def within_experience(
     analysis: Analysis, chain: TopChain, models: Mapping[str, PredictsPerformance]
 ) -> Analysis:

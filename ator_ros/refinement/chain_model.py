@@ -15,7 +15,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import DirectTable
 from ator_ros.refinement.candidates import place_of
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import FreeVariable, PredictsPerformance
+from ator_ros.refinement.free_variables import FreeVariable, PredictsPerformance, names_of
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.projection import step_rows
 from ator_ros.refinement.slices import Slices, completed
@@ -103,10 +103,7 @@ class ChainModel:
         objective: Objective,
         memory: Memory | None = None,
     ) -> None:
-        self.names: list[tuple[str, ...]] = [
-            tuple(variable.name for variable in free if variable.subgoal == index)
-            for index in range(len(chain.calls))
-        ]
+        self.names = names_of(chain, free)
         self._rows = step_rows(world, chain, robot, self.names)
         self._calls = chain.calls
         self._models = [models.get(call.top.action) for call in chain.calls]

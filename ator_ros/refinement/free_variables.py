@@ -7,7 +7,7 @@ changes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -58,6 +58,14 @@ class Analysis:
 
     free: tuple[FreeVariable, ...]
     not_free: tuple[NotFree, ...]
+
+
+def names_of(chain: TopChain, free: Sequence[FreeVariable]) -> list[tuple[str, ...]]:
+    """Return the names of the free variables of each subgoal."""
+    return [
+        tuple(variable.name for variable in free if variable.subgoal == index)
+        for index in range(len(chain.calls))
+    ]
 
 
 def start_variables(name: str, point: Point) -> frozenset[str]:

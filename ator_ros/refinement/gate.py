@@ -51,7 +51,7 @@ def gate_features(
     ]
     return {
         "gain": gain,
-        "relative_gain": gain / before.cost if before.cost > 0.0 else 0.0,
+        "relative_gain": _share(gain, before.cost),
         "spread": math.hypot(before.spread, after.spread),
         "before": before.cost,
         "turned": max(turns),
@@ -59,6 +59,13 @@ def gate_features(
         "next_distance": first.distance(following),
         "bend": abs(wrap_angle(next_leg - leg)),
     }
+
+
+def _share(gain: float, before: float) -> float:
+    """Return the gain as a share of the cost before; 1 where that is infinite, 0 where it is not positive."""
+    if math.isinf(before):
+        return 1.0
+    return gain / before if before > 0.0 else 0.0
 
 
 class Gate(Protocol):

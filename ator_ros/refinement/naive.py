@@ -54,7 +54,7 @@ def fastest_alone(
         part, objective = TopChain(chain.calls[: index + 1]), Objective()
         model = ChainModel(world, part, robot, models=models, free=alone, objective=objective, memory=memory)
         cost = functools.partial(_cost_of_step, model, index)
-        allowed = regions.of_subgoal(index, model.names[index])
+        allowed = regions.of_subgoal(chain, index, model.names[index])
         try:
             optimum = yield from searching(cost, [[variable.domain for variable in alone]], allowed=allowed)
         except NoCandidateError:  # the region is tiny: what is given is the only candidate

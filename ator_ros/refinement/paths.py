@@ -82,7 +82,10 @@ class BestPath:
 def best_apart(
     candidates: FloatArray, totals: FloatArray, step: FloatArray, *, most: int
 ) -> list[FloatArray]:
-    """Return at most `most` of the best candidates, no two within 2.5 `step` (k,) of each other."""
+    """Return at most `most` of the best candidates, no two within 2.5 `step` (k,) of each other.
+
+    Values are compared as they are: the ends of a circle are far apart.
+    """
     chosen: list[FloatArray] = []
     left = totals.copy()
     for _ in range(min(most, len(candidates))):

@@ -8,11 +8,17 @@ from collections.abc import Mapping, Sequence
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
 from ator_ros.refinement.averaging import Averages
-from ator_ros.refinement.bounds import names_of, within_experience, within_regions
+from ator_ros.refinement.bounds import within_experience, within_regions
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.free_variables import Analysis, FreeVariable, PredictsPerformance, analyse
+from ator_ros.refinement.free_variables import (
+    Analysis,
+    FreeVariable,
+    PredictsPerformance,
+    analyse,
+    names_of,
+)
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
 from ator_ros.refinement.naive import fastest_alone, replaced
 from ator_ros.refinement.objective import Objective, expected_time

@@ -3,7 +3,8 @@
 A condition that puts a place within a distance of another, or a variable into a range, binds no goal
 variable. It bounds those that decide on it: of all candidates only those are searched with which the next
 step may begin, with room for what the step before may miss its goal by. Ways that are shorter or longer than
-any that an action's model was learned from are not searched, either.
+any that an action's model was learned from are not searched, either, where the place at which the way begins
+is given: where that is free too, each place is bounded on its own.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.refinement.projection import columns_after, goal_columns
 from ator_ros.refinement.sampled import Allowed
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopCall, TopChain, projected
+from ator_ros.tops.chain import TopChain, projected
 from ator_ros.tops.conditions import Condition, Region, Term, lookup
 from ator_ros.tops.relations import Distance, Relation
 from ator_ros.tops.state import state_of
@@ -34,8 +35,8 @@ Bound = Relation | Region
 class _Rule(NamedTuple):
     """A bound of a subgoal's candidates.
 
-    `whose` it is, the `room` to keep, the `goal` that it speaks of (None for the subgoal's own), and whether
-    it is about the state `before` the step.
+    `whose` it is, the `room` to keep (in the unit of the bound), the `goal` that it speaks of (None for the
+    subgoal's own), and whether it is about the state `before` the step.
     """
 
     whose: str
@@ -86,11 +87,14 @@ class Regions:
         """Return what limits the candidates of the chain's subgoals; None where nothing does."""
         return self.allowed if any(self._bounds) else None
 
-    def of_subgoal(self, index: int, names: tuple[str, ...]) -> Allowed | None:
-        """Return what limits the candidates of one subgoal on its own, where only `names` are searched."""
+    def of_subgoal(self, chain: TopChain, index: int, names: tuple[str, ...]) -> Allowed | None:
+        """Return what limits the candidates of one subgoal on its own, where only `names` are searched.
+
+        The other subgoals are those of `chain`.
+        """
         alone: list[tuple[str, ...]] = [() for _ in self._names]
         alone[index] = names
-        regions = self.narrowed_to(alone)
+        regions = Regions(self._world, chain, self._robot, alone, self._models)
         return (lambda _, values: regions.allowed(index, values)) if regions.bounds(index) else None
 
     def limits(self, index: int) -> tuple[str, ...]:
@@ -146,7 +150,7 @@ class Regions:
             return
         call, following = self._calls[index], self._calls[index + 1]
         whose = f"pre-condition of step {index + 2} ({following.top.name})"
-        room, goal = _missed_by(call), goal_values(following.goal)
+        room, goal = call.top.place_tolerance, goal_values(following.goal)
         free = _PLACE & set(self._names[index + 1])
         for bound in _bounds_in(following.top.pre):
             if not (free and _names_goal(bound)):
@@ -195,7 +199,7 @@ def _placed(term: Term | Region, target: Any) -> Any:
     """Return the value of a term's variable once it holds."""
     offset = term.offset(1.0)
     outward = isinstance(term, Region) and term.outward
-    return target + (np.copysign(offset, target) if outward else offset) if offset else target
+    return target + (np.copysign(1.0, target) * offset if outward else offset) if offset else target
 
 
 def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
@@ -207,12 +211,6 @@ def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
 def _bounds_in(condition: Condition) -> list[Bound]:
     ranges = [term for term in condition.terms if isinstance(term, Region) and term.bounds]
     return [*condition.relations, *ranges]
-
-
-def _missed_by(call: TopCall) -> float:
-    """Return by how much in m a place may miss the goal of a step, by the tolerances of its effect."""
-    terms = (term for term in call.top.post.terms if term.variable.endswith(".x"))
-    return math.fsum(term.tolerance for term in terms if isinstance(term, Term))
 
 
 def _is_place(bound: Bound) -> bool:
@@ -234,10 +232,13 @@ def _clearance(bound: Bound, state: Mapping[str, Any], goal: Mapping[str, Any]) 
     difference = value - float(bound.target)
     if bound.variable.endswith("yaw"):
         difference = wrap_angles(difference)
+    if bound.outward:
+        difference = math.copysign(1.0, float(bound.target)) * difference
     return np.minimum(difference - bound.low, bound.high - difference)
 
 
 def _words(bound: Bound) -> str:
     if not isinstance(bound, Region):
         return str(bound)
-    return f"{bound.variable} {bound.low:g} to {bound.high:g} of {bound.target}"
+    beyond = " outward" if bound.outward else ""
+    return f"{bound.variable} {bound.low:g} to {bound.high:g}{beyond} of {bound.target}"

@@ -35,7 +35,7 @@ SHRINKS = 0.75
 """What is left of the width of a box after a round, at least."""
 REACH = 2.0
 """Half the width of a box, at least, in distances that the best has moved in the round before."""
-_TRIES = 40  # points that are looked at for each candidate wanted
+_TRIES = 40  # points that are looked at for each candidate wanted, of _POINTS
 _POINTS = 1 << 13
 
 

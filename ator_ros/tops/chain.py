@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
+from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.state import arrived, state_of
 from ator_ros.tops.top import Top
-from ator_ros.world.state import ObjectState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 EVERYTHING = "*"
 """Among the opened goal variables: all but those that say what the step is for."""
@@ -31,8 +32,8 @@ class TopCall:
     goal : Goal
         Its goal; the values of opened variables are preliminary.
     open : frozenset of str
-        The goal variables (x, y, yaw, speed) that may be changed; `EVERYTHING` opens all but those that the
-        TOP's post-condition names. The plan commits to the others.
+        The goal variables (x, y, yaw, speed, declared ones) that may be changed; `EVERYTHING` opens all but
+        those that the TOP's post-condition names. The plan commits to the others.
     """
 
     top: Top
@@ -95,6 +96,9 @@ def projected(world: World, call: TopCall, robot: Robot) -> World:
     if call.top.arrives:
         world = arrived(world, call.goal, robot)
     state = call.top.post.apply(state_of(world, robot), goal_values(call.goal))
+    if not call.top.arrives and any(name.startswith("robot.") for name in variables):
+        pose = Pose(state["robot.x"], state["robot.y"], state["robot.yaw"])
+        world = dataclasses.replace(world, robot=RobotState(pose, state["robot.v"], state["robot.w"]))
     for name in sorted(call.top.post.objects()):
         x, y = state.get(f"{name}.x"), state.get(f"{name}.y")
         if variables & {f"{name}.x", f"{name}.y"} and x is not None and y is not None:

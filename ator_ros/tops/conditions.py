@@ -147,7 +147,7 @@ class Condition:
     relations: tuple[Relation, ...] = ()
 
     def goal_names(self) -> frozenset[str]:
-        """Return the goal variables (x, y, yaw, speed) that this condition names as targets."""
+        """Return the goal variables, also declared ones, that this condition names as targets."""
         targets = (term.target for term in self.terms if isinstance(term.target, str))
         return frozenset(target.removeprefix("goal.") for target in targets if target.startswith("goal."))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.top import Top
 
@@ -14,4 +15,5 @@ def driving_top(library: TopLibrary) -> Top | None:
 
 
 def _drives(top: Top) -> bool:
-    return not top.pre.terms and {term.variable for term in top.post.terms} >= _PLACE
+    placed = {term.variable for term in top.post.terms if str(term.target).startswith("goal.")}
+    return top.pre == Condition() and placed >= _PLACE

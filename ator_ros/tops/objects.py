@@ -20,7 +20,10 @@ _TOUCHING = 0.08
 _ROOM = 0.06
 """Clearance in m between the robot and an object that it can pass."""
 _SLACK = 1.2
-"""How much farther from the hold than one that is held an object is lost, so that neither flickers."""
+"""Distance at which a held object counts as lost, over that up to which it counts as held.
+
+The gap keeps the state from flickering.
+"""
 
 
 def objects_in(top: Top) -> list[str]:

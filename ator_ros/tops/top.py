@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Point
 from ator_ros.robot.description import Robot
-from ator_ros.tops.conditions import Condition
+from ator_ros.tops.conditions import Condition, Term
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,12 @@ class Top:
         """Return in words what the TOP needs and the robot lacks; None if there is nothing."""
         lacking = self.needs_holder and robot.holder is None
         return f"{self.name} needs a holder; robot {robot.name} has none" if lacking else None
+
+    @property
+    def place_tolerance(self) -> float:
+        """Distance in m by which a place may miss the goal, by the tolerances of the post-condition."""
+        terms = (term for term in self.post.terms if term.variable.endswith(".x"))
+        return math.fsum(term.tolerance for term in terms if isinstance(term, Term))
 
     @property
     def arrives(self) -> bool:
