@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.tools import collect, view
+from ator_ros.tools import collect, evaluate, view
 from ator_ros.tools.option_types import whole
 
 NUMBERS = {
@@ -270,3 +270,25 @@ def test_no_banner_of_a_library_is_at_the_head_of_the_output() -> None:
         check=True,
     )
     assert done.stdout + done.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--oracle-speeds", "0.2"], "--oracle-speeds: expected --oracle, too"),
+        (["--oracle-margin", "1"], "--oracle-margin: expected --oracle, too"),
+        (["--offline", "60"], "--offline: expected --learning, too"),
+        (["--explore", "0.1"], "--explore: expected --learning, too"),
+        (
+            ["--oracle", "4", "--oracle-jointly", "--oracle-speeds", "0.2"],
+            "--oracle-speeds: expected none beside --oracle-jointly",
+        ),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(
+    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        evaluate.main(words)
+    assert ended.value.code == 2
+    assert told in capsys.readouterr().err

@@ -187,6 +187,9 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("name", help="of the service or action, such as /reset")
     parser.add_argument("type", help="such as std_srvs/srv/Trigger or ator_interfaces/action/ExecuteChain")
     parser.add_argument("values", nargs="?", default="{}", help="of the request's or goal's fields, as YAML")
+    parser.add_argument(
+        "-f", "--feedback", action="store_true", help="as `ros2` takes it; it is printed anyway"
+    )
     options = parser.parse_args(words)
     try:
         kind = interface(options.type)

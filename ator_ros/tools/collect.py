@@ -28,7 +28,13 @@ def arguments() -> argparse.ArgumentParser:
         "drive at a time, whatever --jobs says",
     )
     add_factor(parser, 0.0)
-    parser.add_argument("--out", type=_table, default=Path("experience.parquet"), metavar="FILE.parquet")
+    parser.add_argument(
+        "--out",
+        type=_table,
+        default=Path("experience.parquet"),
+        metavar="FILE.parquet",
+        help="default: %(default)s",
+    )
     return parser
 
 

@@ -33,7 +33,13 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--policies", nargs="+", default=["gated"], metavar="NAME", help="taken in turn")
     add_factor(parser, 1.0)
-    parser.add_argument("--out", type=destination, default=Path("build/compare.json"), metavar="FILE.json")
+    parser.add_argument(
+        "--out",
+        type=destination,
+        default=Path("build/compare.json"),
+        metavar="FILE.json",
+        help="default: %(default)s",
+    )
     return parser
 
 

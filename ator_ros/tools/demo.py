@@ -24,7 +24,13 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its last)")
     add_factor(parser, 0.0)
     add_models(parser)
-    parser.add_argument("--out", type=destination, default=Path("build/demo.png"), metavar="FILE.png")
+    parser.add_argument(
+        "--out",
+        type=destination,
+        default=Path("build/demo.png"),
+        metavar="FILE.png",
+        help="default: %(default)s",
+    )
     return parser
 
 

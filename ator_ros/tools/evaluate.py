@@ -19,14 +19,16 @@ from ator_ros.tools.command_line import (
 from ator_ros.tools.guard import RESUMES, guarded
 from ator_ros.tools.option_types import number, whole
 
+_OFFLINE = 300
+
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line of `evaluate`."""
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
-    parser.add_argument("--situations", type=whole(), default=100, metavar="N")
+    parser.add_argument("--situations", type=whole(), default=100, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
     parser.add_argument(
-        "--oracle", type=whole(), default=0, metavar="K", help="also execute K approach headings each time"
+        "--oracle", type=whole(), metavar="K", help="also execute K approach headings each time"
     )
     parser.add_argument(
         "--oracle-jointly",
@@ -47,7 +49,9 @@ def arguments() -> argparse.ArgumentParser:
         metavar="S",
         help="leave out what is predicted to take S s longer than the best (default: execute all)",
     )
-    parser.add_argument("--out", type=Path, default=Path("evaluation"), metavar="DIR")
+    parser.add_argument(
+        "--out", type=Path, default=Path("evaluation"), metavar="DIR", help="default: %(default)s"
+    )
     add_setting(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
     parser.add_argument("--policies", nargs="+", metavar="NAME", help="default: all that can be run")
@@ -75,13 +79,32 @@ def arguments() -> argparse.ArgumentParser:
         "(default: all)",
     )
     parser.add_argument(
-        "--offline", type=whole(50), default=300, metavar="N", help="episodes of the offline models' actions"
+        "--offline",
+        type=whole(50),
+        metavar="N",
+        help=f"episodes of the offline models' actions (default: {_OFFLINE})",
     )
     parser.add_argument(
-        "--explore", type=number, default=0.0, metavar="SHARE", help="of the time, to try the unknown"
+        "--explore", type=number, metavar="SHARE", help="of the time, to try the unknown (default: 0)"
     )
     add_parallel_options(parser)
     return parser
+
+
+def _complete(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Refuse options that do nothing without another one, and fill in what was left out."""
+    for needed, names in (
+        ("oracle", ("oracle_jointly", "oracle_speeds", "oracle_margin")),
+        ("learning", ("offline", "explore")),
+    ):
+        given = [name for name in names if getattr(options, name) not in (None, False, [])]
+        if given and getattr(options, needed) is None:
+            parser.error(f"--{given[0].replace('_', '-')}: expected --{needed}, too")
+    if options.oracle_jointly and options.oracle_speeds:
+        parser.error("--oracle-speeds: expected none beside --oracle-jointly")
+    options.oracle = options.oracle or 0
+    options.offline = _OFFLINE if options.offline is None else options.offline
+    options.explore = options.explore or 0.0
 
 
 def _speed(text: str) -> float:
@@ -98,6 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options, _ = settled(parser, words, chain=lambda domain: domain.chains)
     if options.policies is not None:
         check_names(parser, "policies", options.policies, policies())
+    _complete(parser, options)
 
     def run() -> int:
         if options.learning is not None:

@@ -28,7 +28,9 @@ def arguments() -> argparse.ArgumentParser:
     )
     add_models(parser)
     add_jobs(parser)
-    parser.add_argument("--out", type=destination, default=Path("docs/robustness_noise.json"))
+    parser.add_argument(
+        "--out", type=destination, default=Path("robustness_noise.json"), help="default: %(default)s"
+    )
     return parser
 
 

@@ -28,7 +28,10 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=whole(), default=901)
     add_setting(parser)
     add_jobs(parser)
-    parser.add_argument("--out", type=destination, default=Path("docs/actions.json"))
+    parser.add_argument(
+        "--out", type=destination, default=Path("actions.json"),
+        help="a table, .md, goes beside it (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument(
         "--optimal", type=Path, metavar="DIR",
         help="folder of the ruler: optimal_KIND.json (the times in s that benchmarks/time_optimal.py prints "

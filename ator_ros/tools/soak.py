@@ -26,7 +26,13 @@ def arguments() -> argparse.ArgumentParser:
     add_setting(parser)
     add_models(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
-    parser.add_argument("--out", type=destination, default=Path("build/soak.json"), metavar="FILE.json")
+    parser.add_argument(
+        "--out",
+        type=destination,
+        default=Path("build/soak.json"),
+        metavar="FILE.json",
+        help="default: %(default)s",
+    )
     return parser
 
 

@@ -39,7 +39,7 @@ def arguments() -> argparse.ArgumentParser:
         help="headings of the first subgoal that the oracle executes (default: %(default)s)",
     )  # fmt: skip
     add_jobs(parser)
-    parser.add_argument("--out", type=Path, default=Path("study"), metavar="DIR")
+    parser.add_argument("--out", type=Path, default=Path("study"), metavar="DIR", help="default: %(default)s")
     return parser
 
 
