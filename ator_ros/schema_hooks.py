@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
@@ -22,8 +22,11 @@ def wrong(expected: str, value: object) -> ValueError:
 
 
 def names_of_fields(schema: Any) -> str:
-    """Return the fields of a schema as a message lists them."""
-    return ", ".join(sorted(item.name for item in fields(schema)))
+    """Return the fields of a schema as a message lists them, those that may be left out in brackets."""
+    needed = [item for item in fields(schema) if item.default is item.default_factory is MISSING]
+    others = sorted(item.name for item in fields(schema) if item not in needed)
+    there = ", ".join(sorted(item.name for item in needed))
+    return f"{there} [{', '.join(others)}]" if others else there
 
 
 def _number(value: Any, _: object = None) -> float:

@@ -89,7 +89,8 @@ def test_an_incomplete_action_set_leaves_out_what_needs_the_others() -> None:
     library = SMALL.library(robot, "small")
     assert list(library) == ["goToPose", "goToBall"]
     assert library.incomplete == (
-        "action set small: without dribbleBall, shoot: expected the actions that they need, it has goToPose"
+        "action set small: without dribbleBall, shoot: "
+        "expected also the actions dribbleBall, shoot, it has goToPose"
     )
     assert "dribbleBall" not in library
     with pytest.raises(ConfigError) as refused:

@@ -91,7 +91,10 @@ def laughs() -> str:
             "robot.mass: expected a finite number; got 1000",
         ),
         (PIONEER.replace("track: 0.33", "track: yes"), "robot.track: expected a finite number; got True"),
-        (PIONEER.replace("  track:", "  tracks:"), "wheel_torque; missing track and unknown tracks"),
+        (
+            PIONEER.replace("  track:", "  tracks:"),
+            "[build, grip, holder, stop]; missing track and unknown tracks",
+        ),
         (PIONEER.replace("robot:", "robots:", 1), "expected the fields robot, scene; missing robot"),
         ("format: ator_ros domain\n" + PIONEER, "format: expected 'ator_ros robot': this is no description"),
         (HEAD.replace("1", "2") + PIONEER, "schema_version: expected 1 to 1, got 2; a newer one needs"),

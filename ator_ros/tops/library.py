@@ -62,6 +62,7 @@ class TopLibrary(Mapping[str, Top]):
         self._goal_variables = dict(goal_variables)
         every = {top.name: top for top in tops}
         self._tops = {name: top for name, top in every.items() if top.action in self._actions}
+        self._missing = dict.fromkeys(top.action for name, top in every.items() if name not in self._tops)
         self.left_out: Mapping[str, str] = {
             name: f"{name} needs the action {top.action}; action set {action_set} has none of that name"
             for name, top in every.items()
@@ -95,8 +96,8 @@ class TopLibrary(Mapping[str, Top]):
             return ""
         there = ", ".join(sorted(self._actions)) or "none"
         return (
-            f"action set {self.action_set}: without {', '.join(self.left_out)}: expected the actions that "
-            f"they need, it has {there}"
+            f"action set {self.action_set}: without {', '.join(self.left_out)}: expected also the actions "
+            f"{', '.join(self._missing)}, it has {there}"
         )
 
     def usable(self) -> list[Top]:
