@@ -24,7 +24,7 @@ from ator_ros.tops.ranges import Range
 SPEED_STEP = 0.05
 """Distance in m/s between fine candidates, for each degree between those of an angle."""
 POPULATION, GENERATIONS = 32, 400
-"""Of the optimiser: individuals for each variable, and generations."""
+"""Of the optimiser: individuals for each variable (in all rounded up to a power of two), and generations."""
 _OUTSIDE = 1000.0  # cost in s of what a region does not allow
 
 

@@ -83,3 +83,10 @@ def test_a_choice_does_not_lean_over_a_step() -> None:
     averages = Averages([[CIRCLE]], [[math.radians(20.0)]])
     found = completed(searching(step, [[CIRCLE]], [np.array([0.0])], averages=averages))
     assert found.cost >= float(step(0, np.zeros((1, 0)), found.values[0][None])[0])
+
+
+def test_a_heading_that_is_turns_away_has_the_same_neighbours() -> None:
+    averages = Averages([[CIRCLE]], [[WIDTH]])
+    near = averages.weights(0, np.array([[0.1], [0.2]]))
+    away = averages.weights(0, np.array([[0.1], [0.2 + 4.0 * math.pi]]))
+    assert away == pytest.approx(near)

@@ -26,6 +26,7 @@ from ator_ros.performance.model_file import (
     save_model,
 )
 from ator_ros.performance.training import direct_of, train
+from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
@@ -168,3 +169,10 @@ def test_action_sets_lie_in_folders_of_their_own(model: PerformanceModel, tmp_pa
 def test_an_action_may_be_named_like_the_gate() -> None:
     names = ("gate", "gateway", "baselines", "calibration", "calibrationDrive")
     assert [name for name in names if is_model(Path(f"{name}.json"))] == ["gateway", "calibrationDrive"]
+
+
+def test_an_action_with_the_name_of_another_file_has_none(tmp_path: Path) -> None:
+    model = load_model(resource_path("models", "goToPose.json"), ROBOT, SOCCER.known_features)
+    with pytest.raises(ModelFileError, match="expected a name other than gate"):
+        save_model(tmp_path / "gate.json", dataclasses.replace(model, action="gate"))
+    assert not any(tmp_path.iterdir())

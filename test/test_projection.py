@@ -13,7 +13,9 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
 from ator_ros.refinement.naive import replaced
 from ator_ros.refinement.projection import chain_situations, step_rows
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.top import Top
 
 NAMES = ("x", "yaw", "speed", "cruise")
 OPENED = [names for count in range(len(NAMES) + 1) for names in itertools.combinations(NAMES, count)]
@@ -43,3 +45,10 @@ def test_candidates_have_the_rows_of_the_chains_that_they_make(point: Point, nam
             assert table.names == alone.names
             column = table.table[:, row if table.table.shape[1] > 1 else 0]
             assert column.tolist() == alone.table[:, 0].tolist()
+
+
+def test_a_step_that_only_turns_is_followed_from_where_the_robot_stands() -> None:
+    turn = Top("turn", "turn", Condition(), Condition((Term("robot.yaw", "goal.yaw", 0.1),)))
+    calls = TopCall(turn, Goal(Pose(0.0, 0.0, 1.5))), call("goToPose", 1.0, 1.0, 0.0)
+    table = chain_situations(world(x=-1.0, y=0.5), TopChain(calls), ROBOT)[1]
+    assert [float(table[name][0]) for name in ("x", "y", "yaw")] == [-1.0, 0.5, 1.5]

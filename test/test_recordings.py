@@ -121,12 +121,14 @@ def test_the_robots_clock_may_jump_between_drives(tmp_path: Path, jump: float) -
 
 
 def test_commands_that_cease_without_a_stop_are_no_drive() -> None:
-    moving = [(0.1 * tick, 0.5, 0.0) for tick in range(20)]
+    moving = [(tick / 10.0, 0.5, 0.0) for tick in range(20)]
     later = [(12.0 + time, v, w) for time, v, w in moving]
     stop, rest = (14.0, 0.0, 0.0), (14.5, 0.0, 0.0)
-    assert list(_spans(np.array([*moving, *later, stop, rest]))) == [(12.0, 14.0)]
-    both = [*moving, (2.0, 0.0, 0.0), *later, stop, rest]
-    assert list(_spans(np.array(both))) == [(0.0, 2.0), (12.0, 14.0)]
+    ceased = np.array([*moving, *later, stop, rest])
+    assert list(_spans(ceased, lambda since, until: (since, until) == (1.9, 12.0))) == [(12.0, 14.0)]
+    assert list(_spans(ceased, lambda *_: False)) == [(0.0, 14.0)]  # it drove on all the time
+    both = np.array([*moving, (2.0, 0.0, 0.0), *later, stop, rest])
+    assert list(_spans(both, lambda *_: True)) == [(0.0, 2.0), (12.0, 14.0)]
 
 
 def test_a_single_file_can_be_given(tmp_path: Path) -> None:

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from refinement_fakes import two_steps, world
 
+from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate, TreeGate
+from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate, TreeGate, gate_features
 from ator_ros.refinement.gate_file import GateTraining, load_gate, load_training, save_gate
 
 SITUATION = dict.fromkeys(FEATURES, 0.0)
@@ -130,3 +132,15 @@ def test_truncated_and_missing_files_are_refused(tmp_path: Path) -> None:
     for name, told in (("gate.json", "a readable JSON file: "), ("none.json", "a JSON file, there is none$")):
         with pytest.raises(RefinementError, match=f"{name}: expected {told}"):
             load_gate(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "share"),
+    [(math.inf, 3.0, 1.0), (4.0, 3.0, 0.25), (0.0, 0.0, 0.0), (4.0, math.inf, -math.inf)],
+)
+def test_the_relative_gain_is_a_share_also_of_what_is_infinite(
+    before: float, after: float, share: float
+) -> None:
+    chain = two_steps()
+    told = [ChainPrediction(({"duration": cost},), cost) for cost in (before, after)]
+    assert gate_features(world(), chain, chain, *told)["relative_gain"] == share

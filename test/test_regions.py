@@ -32,9 +32,10 @@ from ator_ros.refinement.sampled import spread_points
 from ator_ros.refinement.search import search
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.conditions import Condition, Region
+from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.ranges import Range
 from ator_ros.tops.relations import Bearing, Distance
+from ator_ros.tops.top import Top
 
 GOAL = {"x": 4.0, "y": 0.0, "yaw": 0.0, "speed": 0.0}
 MARGIN = 0.16  # by which a dribble may miss, by its post-condition
@@ -325,3 +326,28 @@ def test_naive_places_follow_from_naive_places_before_not_from_placeholders() ->
     assert found[0] == found[1] == found[2]
     first, second = (found[0].calls[index].goal.pose for index in (1, 2))
     assert 0.5 <= first.distance(second) <= 4.0
+
+
+def test_naive_places_do_not_depend_on_placeholders_after_them() -> None:
+    near = Condition(relations=(Distance("hold", "goal", 0.5, 2.0),))
+    dribble = dataclasses.replace(LIBRARY["dribbleBall"], pre=near)
+    found = []
+    for x, y in ((2.3, 0.9), (-2.0, -1.5)):
+        last = dataclasses.replace(call("dribbleBall", x, y, 0.0, ALL), top=dribble)
+        calls = call("goToBall", 0.0, 0.0, 0.0, BOTH), call("dribbleBall", 1.0, 0.0, 0.0, ALL), last
+        naive = Refiner(ROBOT, models(), ranges=LIBRARY.ranges).naive(world(), TopChain(calls))
+        found.append(naive.calls[1].goal.pose)
+    assert found[0] == found[1]
+
+
+def test_a_step_that_turns_moves_the_hold() -> None:
+    turn = Top("turn", "turn", Condition(), Condition((Term("robot.yaw", "goal.yaw", 0.1),)))
+    held = Condition((Region("hold.x", -1.0, 0.2, 0.4),))
+    calls = (
+        dataclasses.replace(call("goToPose", -1.0, 0.0, 0.0, ANGLE), top=turn),
+        dataclasses.replace(
+            call("goToPose", 1.0, 1.0, 0.0), top=dataclasses.replace(LIBRARY["goToPose"], pre=held)
+        ),
+    )
+    regions = Regions(world(), TopChain(calls), ROBOT, [("yaw",), ()])
+    assert regions.allowed(0, np.array([[0.0], [math.pi]])).tolist() == [True, False]

@@ -165,3 +165,13 @@ def test_an_object_that_is_placed_is_seen_anew_by_a_robot_that_believes_what_it_
     assert seen.robot.pose == believed != last.robot.pose
     assert ball_of(seen) is not None
     assert ball_of(seen).x < 0.0
+
+
+def test_with_a_latency_an_object_that_is_placed_is_seen_late_too() -> None:
+    sensors = Sensors(SensorConfig(latency=2 * TICK))
+    worlds = drive(6, ball=ObjectState(3.0, 0.0))
+    for world in worlds[:3]:
+        sensors.observe(world)
+    sensors.forget(BALL)
+    placed = [dataclasses.replace(world, objects=objects_of(ObjectState(-1.0, 2.0))) for world in worlds[2:]]
+    assert [ball_of(sensors.observe(world)).x for world in placed] == pytest.approx([3.0, 3.0, -1.0, -1.0])

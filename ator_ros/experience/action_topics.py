@@ -90,7 +90,7 @@ class ActionTopics:
             execution.ended, execution.status = (now if execution.stretch == stretch else -math.inf), status
 
     def episodes(self, tracks: Sequence[Track | None], robot: Robot, frame: str) -> Iterator[Episode]:
-        """Yield the goals that ended; those that cannot be used are counted as left out.
+        """Yield the goals that began and ended; those that cannot be used are counted as left out.
 
         Parameters
         ----------
@@ -103,8 +103,10 @@ class ActionTopics:
         """
         for (server, _), execution in self._executions.items():
             track = tracks[execution.stretch] if execution.stretch >= 0 else None
-            if execution.goal is None or track is None or not execution.ended > execution.begun:
-                self.left_out += not math.isnan(execution.ended)
+            if execution.goal is None or math.isnan(execution.begun) or math.isnan(execution.ended):
+                continue  # it began before the recording did, or ended after it
+            if track is None or execution.ended <= execution.begun:
+                self.left_out += 1
                 continue
             try:
                 episode = self._episode(server, execution, track, robot, frame)

@@ -6,7 +6,8 @@ objects that it held at both ends tell which TOP of the domain it was, and which
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from ator_ros.tops.objects import is_held
 from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 
 PAUSE = 0.3  # s without a command to move that separates two drives
-SILENCE = 1.0  # s without any command, after which a base stops by itself
+SILENCE = 1.0  # s without any command, within which many a base stops by itself
 SHORTEST = 0.5  # s that a drive lasts at least
 NOT_DRIVEN = Standstill(0.01, 0.02)
 """Greatest commands that count as a stop, and greatest recorded speeds that count as standing."""
@@ -42,7 +43,7 @@ def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episo
     if not streams.odom or not streams.cmd_vel:
         return
     track = Track(streams)
-    for begin, ceased in _spans(in_order(streams.cmd_vel)):
+    for begin, ceased in _spans(in_order(streams.cmd_vel), partial(_stood, track)):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:
             episode = _episode(track, begin, end, robot, domain)
@@ -50,16 +51,17 @@ def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episo
                 yield episode
 
 
-def _spans(commands: FloatArray) -> Iterator[tuple[float, float]]:
+def _spans(commands: FloatArray, stood: Callable[[float, float], bool]) -> Iterator[tuple[float, float]]:
     """Yield begin and end (s) of the times in which the robot was commanded to move.
 
-    Where commands cease without one to stop, nobody knows where the robot wanted to go: that is no drive.
+    Where commands cease without one to stop, and the robot `stood` (between two times in s) before the next
+    one, nobody knows where it wanted to go: that is no drive.
     """
     moving = ~NOT_DRIVEN.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None
     end = last = 0.0
     for time, moves in zip(commands[:, 0].tolist(), moving.tolist(), strict=True):
-        if begin is not None and end < begin and time - last > SILENCE:
+        if begin is not None and end < begin and time - last > SILENCE and stood(last, time):
             begin = None
         last = time
         if begin is not None and not moves and end < begin:
@@ -72,6 +74,12 @@ def _spans(commands: FloatArray) -> Iterator[tuple[float, float]]:
             end = begin - 1.0
     if begin is not None and end >= begin:
         yield begin, end
+
+
+def _stood(track: Track, since: float, until: float) -> bool:
+    """Return whether the robot stood at any time between two (s)."""
+    during = track.odom[(track.odom[:, 0] > since) & (track.odom[:, 0] < until)]
+    return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
 
 
 def _rest(track: Track, ceased: float) -> float:

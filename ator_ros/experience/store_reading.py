@@ -103,7 +103,8 @@ def read_records(folder: Path, action_set: str) -> StoredRecords:
 def convert_closed(folder: Path) -> None:
     """Turn every part of a store but the last of each action set into Parquet.
 
-    Two processes may do so at once: both write the same. What was dropped meanwhile is left alone.
+    Two processes may do so at once: both write the same. A part that is dropped before it is read is left
+    alone; dropped later, it is there again until the store drops it once more.
     """
     info = read_info(folder)
     for action_set in action_sets_in(folder):

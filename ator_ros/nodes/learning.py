@@ -76,7 +76,8 @@ class LearningNode(FrugalNode):
         super().__init__("learning")
         self._settings = settings = declare_parameters(self, PARAMETERS)
         self._domain, robot = domain_of(settings), robot_of(settings)
-        topics = self._topics(settings["records"])
+        topics = settings["records"]
+        self._check_topics(topics)
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
         begin = functools.partial(
@@ -110,15 +111,14 @@ class LearningNode(FrugalNode):
             f"set {self._learner.told()['set']}{', frozen' if self._learner.frozen else ''}"
         )
 
-    def _topics(self, names: Sequence[str]) -> list[str]:
-        """Return the topics of the records; raises SetupError unless each is a topic of its own."""
+    def _check_topics(self, names: Sequence[str]) -> None:
+        """Make sure that there are topics of records, each of its own; raises SetupError."""
         try:
             topics = [self.resolve_topic_name(name) for name in names]
         except (InvalidTopicNameException, RuntimeError) as error:  # the latter is rcl's
             raise SetupError(f"parameter records: {' '.join(str(error).split())}") from error
         if not topics or len(set(topics)) < len(topics):
             raise SetupError(f"parameter records: expected different topics, one or more, got {list(names)}")
-        return topics
 
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:

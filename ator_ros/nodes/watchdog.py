@@ -19,6 +19,8 @@ class Watchdog:
         self._timer = node.create_timer(_IDLE_PERIOD, watch, clock=STEADY)
 
     def watch(self, *, closely: bool) -> None:
-        """Look every `WATCH_PERIOD` from now on, or seldom."""
-        self._timer.timer_period_ns = round(1e9 * (WATCH_PERIOD if closely else _IDLE_PERIOD))
-        self._timer.reset()
+        """Look every `WATCH_PERIOD` from now on, or seldom; what is so already is not begun anew."""
+        period = round(1e9 * (WATCH_PERIOD if closely else _IDLE_PERIOD))
+        if period != self._timer.timer_period_ns:
+            self._timer.timer_period_ns = period
+            self._timer.reset()

@@ -177,10 +177,8 @@ def way_time(
     heading = math.atan2(entry.direction * goal_y, entry.direction * goal_x)
     before, missed, total = heading, 0.0, 0.0
     for step in range(_STEPS + 1):
-        first, last = (
-            positive_angle(entry.side * heading + 1e-7),
-            positive_angle(last_turn.side * (turn - heading) + 1e-7),
-        )
+        first = positive_angle(entry.side * heading + 1e-7)
+        last = positive_angle(last_turn.side * (turn - heading) + 1e-7)
         time1, x1, y1, speed1 = turned(
             tables[entry.table], first, entry.side, speed, entry.gain, rates, rules.forward
         )
@@ -194,10 +192,8 @@ def way_time(
         if step == _STEPS:
             break
         # A secant step toward the direction in which the straight meets both turns.
-        off = (
-            positive_angle(math.atan2(entry.direction * dy, entry.direction * dx) - heading + math.pi)
-            - math.pi
-        )
+        bearing = math.atan2(entry.direction * dy, entry.direction * dx)
+        off = positive_angle(bearing - heading + math.pi) - math.pi
         near = min(abs(off), 1.0)
         change = TURNING * near + (TURNED if step == 0 else 0.0)
         bound = turned_back(change, time1, first, rate1) + turned_back(change, time2, last, rate2)

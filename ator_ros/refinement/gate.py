@@ -62,8 +62,8 @@ def gate_features(
 
 
 def _share(gain: float, before: float) -> float:
-    """Return the gain as a share of the cost before; 1 where that is infinite, 0 where it is not positive."""
-    if math.isinf(before):
+    """Return the gain as a share of the cost before, where that is positive; 1 where both are infinite."""
+    if gain == before == math.inf:
         return 1.0
     return gain / before if before > 0.0 else 0.0
 

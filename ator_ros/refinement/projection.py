@@ -16,7 +16,7 @@ from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y, names_with
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.chain import TopChain, projected
 from ator_ros.world.state import World
 
 Columns = dict[str, float | FloatArray]
@@ -117,15 +117,25 @@ class StepRows:
 
 
 def step_rows(world: World, chain: TopChain, robot: Robot, names: Sequence[Sequence[str]]) -> list[StepRows]:
-    """Return the direct variables of each action of `chain`; `names` are the subgoals' free variables."""
+    """Return the direct variables of each action of `chain`; `names` are the subgoals' free variables.
+
+    A step whose TOP does not arrive leaves the robot where its post-condition, as the chain has it, puts it.
+    """
     state, rows = world.robot, []
     start: Sequence[Any] = (*state.pose, state.v, state.w)
     previous: Goal | None = None
+    before: Sequence[str] = ()
+    stays = any(not call.top.arrives for call in chain.calls[:-1])
     for index, call in enumerate(chain.calls):
-        before = names[index - 1] if index else ()
         rows.append(StepRows(start, call.goal, names[index], previous, before, robot.hold))
-        previous = call.goal
-        start = tuple(columns_after(goal_values(previous), previous.point, robot).values())
+        if stays:
+            world = projected(world, call, robot)
+        if call.top.arrives:
+            previous, before = call.goal, names[index]
+            start = tuple(columns_after(goal_values(previous), previous.point, robot).values())
+        else:
+            previous, before = None, ()
+            start = (*world.robot.pose, world.robot.v, world.robot.w)
     return rows
 
 

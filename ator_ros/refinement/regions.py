@@ -90,11 +90,10 @@ class Regions:
     def of_subgoal(self, chain: TopChain, index: int, names: tuple[str, ...]) -> Allowed | None:
         """Return what limits the candidates of one subgoal on its own, where only `names` are searched.
 
-        The other subgoals are those of `chain`.
+        Those before it are as in `chain`; those after it are as free as they were.
         """
-        alone: list[tuple[str, ...]] = [() for _ in self._names]
-        alone[index] = names
-        regions = Regions(self._world, chain, self._robot, alone, self._models)
+        free = [*[()] * index, names, *self._names[index + 1 :]]
+        regions = Regions(self._world, chain, self._robot, free, self._models)
         return (lambda _, values: regions.allowed(index, values)) if regions.bounds(index) else None
 
     def limits(self, index: int) -> tuple[str, ...]:
@@ -170,6 +169,10 @@ class Regions:
             target: Any = lookup(term.target, state, goal) if isinstance(term.target, str) else term.target
             if target is not None:
                 state[term.variable] = _placed(term, target)
+        if not call.top.arrives and any(term.variable.startswith("robot.") for term in call.top.post.terms):
+            state |= self._hold(
+                Point.AXLE, goal, {name: state[f"robot.{name}"] for name in ("x", "y", "yaw")}
+            )
         return state, goal
 
     def _hold(self, point: Point, goal: Mapping[str, Any], there: Mapping[str, Any]) -> dict[str, Any]:

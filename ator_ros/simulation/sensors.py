@@ -56,7 +56,7 @@ class SensorConfig:
     latency : float
         Time in s from a state to word of it, rounded up to a tick: odometry and objects come that late, with
         the time of the state; what `Sight.delay` delays is late by both. The first state, and the first after
-        a reset or when something was placed, is told at once, and then for that time nothing newer.
+        a reset or when the robot was placed, is told at once, and then for that time nothing newer.
     objects : mapping of str to Sight
         How each object is seen, by its name; one that is not named is seen exactly.
     """

@@ -32,7 +32,8 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--oracle-jointly",
-        action="store_true",
+        action="store_const",
+        const=True,
         help="K headings at every open step, jointly: where the robot stands between two actions",
     )
     parser.add_argument(
@@ -91,18 +92,21 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def _complete(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """Refuse options that do nothing without another one, and fill in what was left out."""
+def _refuse_idle(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Refuse options that do nothing without another one."""
     for needed, names in (
         ("oracle", ("oracle_jointly", "oracle_speeds", "oracle_margin")),
         ("learning", ("offline", "explore")),
     ):
-        given = [name for name in names if getattr(options, name) not in (None, False, [])]
+        given = [name for name in names if getattr(options, name) not in (None, [])]
         if given and getattr(options, needed) is None:
             parser.error(f"--{given[0].replace('_', '-')}: expected --{needed}, too")
     if options.oracle_jointly and options.oracle_speeds:
         parser.error("--oracle-speeds: expected none beside --oracle-jointly")
-    options.oracle = options.oracle or 0
+
+
+def _fill_in(options: argparse.Namespace) -> None:
+    options.oracle, options.oracle_jointly = options.oracle or 0, bool(options.oracle_jointly)
     options.offline = _OFFLINE if options.offline is None else options.offline
     options.explore = options.explore or 0.0
 
@@ -121,7 +125,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     options, _ = settled(parser, words, chain=lambda domain: domain.chains)
     if options.policies is not None:
         check_names(parser, "policies", options.policies, policies())
-    _complete(parser, options)
+    _refuse_idle(parser, options)
+    _fill_in(options)
 
     def run() -> int:
         if options.learning is not None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from threading import Thread
 
 import pytest
-from chain_client import ChainClient, Sent, call
-from conftest import Host, Start
+from chain_client import ChainClient, call
+from conftest import Host
 from hall import DOMAIN, Base, Hall
+from hosted import Hosted
 from ros_client import Client
 
 from ator_interfaces.msg import GoalTerm, Outcome, PlanGoal
@@ -46,8 +46,13 @@ def planner(hall: Hall) -> list[PlanChains.Request]:
     return asked
 
 
-def test_after_a_preemption_silence_is_noticed_as_soon_as_before(host: Host, client: Client) -> None:
-    host("executor", odom_timeout=2.0)
+@pytest.fixture
+def hosted(host: Host) -> Hosted:
+    return host("executor", odom_timeout=2.0)
+
+
+@pytest.mark.usefixtures("hosted")
+def test_after_a_preemption_silence_is_noticed_as_soon_as_before(client: Client) -> None:
     base, chains = Base(client), ChainClient(client)
     chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))])
     time.sleep(0.1)
@@ -84,30 +89,14 @@ def test_a_goal_that_cannot_be_read_leaves_the_one_that_waits_for_its_plan(hall:
     assert waiting.outcome().code == Outcome.PREEMPTED
 
 
-def test_a_goal_that_comes_while_the_node_ends_moves_nothing(
-    start: Start, host: Host, client: Client
+def test_a_goal_that_comes_while_the_node_ends_is_ended_and_moves_nothing(
+    hosted: Hosted, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    host("simulation", real_time_factor=5.0, command_wait=0.5)
-    executor = start("executor", odom_timeout=5.0, start_timeout=60.0)
-    chains = ChainClient(client)
+    base, chains = Base(client), ChainClient(client)
     client.robot()
-    patrol = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
-    sent = chains.send(patrol)
-    chains.until_moving()
-    ending = Thread(target=executor.stop)
-    ending.start()
-    client.eventually(lambda: sent.ended() or chains.chains, "news of the end")
-    later = _if_accepted(lambda: chains.send(patrol))
-    ending.join()
-    assert "Traceback" not in executor.output
-    assert chains.commands[-1].linear.x == 0.0
-    client.eventually(chains.standing, "the robot stands")
-    assert later is None or not later.ended() or later.outcome().code == Outcome.SHUTDOWN
-
-
-def _if_accepted(send: Callable[[], Sent]) -> Sent | None:
-    """Return the goal; None where nobody answers any more."""
-    try:
-        return send()
-    except (AssertionError, TimeoutError):
-        return None
+    monkeypatch.setattr(hosted.node, "_ends", True)  # as `stop` does first
+    sent = chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))])
+    outcome = sent.outcome()
+    assert (outcome.code, outcome.reason) == (Outcome.SHUTDOWN, "the executor was ended")
+    assert all(command.linear.x == command.angular.z == 0.0 for command in chains.commands)
+    base.close()

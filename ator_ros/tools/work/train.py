@@ -131,7 +131,7 @@ def _suited(features: tuple[Feature, ...], robot: Robot, domain: Domain) -> tupl
 def _read(domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
     experience = read_sources(paths, robot, domain, action_set)
     if left_out := experience.metadata["records_left_out"]:
-        print(f"train: left out {left_out} records with numbers that cannot be", file=sys.stderr)
+        print(f"train: left out {left_out} records that cannot be used", file=sys.stderr)
     return experience
 
 
