@@ -56,6 +56,7 @@ class DeferredActionServer(ActionServer):
         cancel_callback: Callable[[ServerGoalHandle], Any],
     ) -> None:
         self.rejected = 0
+        self._ends = False
         self._pace = Pace(time.monotonic, rate=GOALS_PER_SECOND, at_once=GOALS_AT_ONCE)
         super().__init__(
             node,
@@ -75,7 +76,13 @@ class DeferredActionServer(ActionServer):
             action_type, Impl=with_parts(action_type.Impl, SendGoalService=sending)
         )
 
+    def admit_no_more(self) -> None:
+        """Reject all further goals: the node ends."""
+        self._ends = True
+
     def _admit(self, _: Any) -> GoalResponse:
+        if self._ends:
+            return GoalResponse.REJECT
         kept = len(self._goal_handles)
         if kept < MOST_KEPT and self._pace.allows():
             return GoalResponse.ACCEPT

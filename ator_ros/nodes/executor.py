@@ -88,7 +88,6 @@ class ExecutorNode(FrugalNode):
         self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._ends = False
         self._heard, self._jumped = 0.0, -math.inf
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
@@ -106,8 +105,9 @@ class ExecutorNode(FrugalNode):
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = refinement_client(self)
         self._plans = PlannedGoals(
-            self, settings, self._domain.objects, begin=self._begin, end=self._finish, halt=self._halt
-        )
+            self, settings, self._domain.objects,
+            begin=self._begin, end=self._finish, halt=self._halt, rests=self._rests,
+        )  # fmt: skip
         # In this order: of messages that have all come, those of objects are then taken first.
         self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
         self.gathering = Gathering()
@@ -160,6 +160,8 @@ class ExecutorNode(FrugalNode):
             self._ticks.took(done - now)
             self._run.execution.listening(done)
             self._follow(self._run)
+        elif self._plans.halting:
+            self._send(STOP)
         self._drawing.objects(world)
 
     def _is_new(self, run: GoalRun, now: float) -> bool:
@@ -189,22 +191,21 @@ class ExecutorNode(FrugalNode):
     def _watch(self) -> None:
         for remark in self._remotes.remarks():
             self._note(remark)
-        self._plans.watch(self._world)
+        now = time.monotonic()
+        silence, ending = now - self._heard, self._remotes.ending()
+        fresh = silence <= self._settings["odom_timeout"]
+        self._plans.watch(self._world if fresh else None)
         if self._run is None:
             return
-        now = time.monotonic()
-        if self._remotes.ending():
+        if ending and fresh:
             self._run.execution.postpone(now, "waiting until a canceled server has ended")
-        if self._run.execution.silent(now):
+        if self._run.execution.silent(now) or (ending and silence > 0.5 * self._settings["odom_timeout"]):
             self._send(STOP)
         self._run.execution.watch(now)
         self._follow(self._run)
 
     def _accept(self, handle: ServerGoalHandle) -> None:
         self._goals += 1
-        if self._ends:
-            self._finish(handle, Ending.SHUTDOWN, _ENDED)
-            return
         if not self._plans.take(handle):
             self._begin(handle)
         self._adjust_watchdog()
@@ -235,10 +236,16 @@ class ExecutorNode(FrugalNode):
         self._server.finish(handle, result)
         self._adjust_watchdog()
 
-    def _halt(self) -> bool:
-        """Preempt the running goal; return whether the robot stands."""
+    def _halt(self) -> None:
+        """Preempt the running goal, and let the robot stand."""
         self._end(Ending.PREEMPTED, PREEMPTED, at_once=True)
-        return self._world is not None and self._world.robot.is_standing
+        self._send(STOP)
+
+    def _rests(self) -> bool:
+        """Return whether the robot stands, by odometry of just now, and nothing moves it."""
+        fresh = time.monotonic() - self._heard <= self._settings["odom_timeout"]
+        idle = self._run is None and not self._remotes.ending()
+        return fresh and idle and self._world is not None and self._world.robot.is_standing
 
     def _adjust_watchdog(self) -> None:
         """Watch closely while a goal is under way or waits for its plan."""
@@ -318,7 +325,7 @@ class ExecutorNode(FrugalNode):
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
         self._send(STOP)  # first: to end an action may fail
-        self._ends = True
+        self._server.admit_no_more()
         self._plans.drop(Ending.SHUTDOWN, _ENDED)
         self._end(Ending.SHUTDOWN, _ENDED, at_once=True)
         self._send(STOP)

@@ -31,8 +31,8 @@ End = Callable[[ServerGoalHandle, Ending, str], None]
 class PlannedGoals:
     """The goal whose chains are awaited, one at a time; the robot meanwhile continues what it does.
 
-    Where what is wanted holds already while the robot drives, it would not hold for long. Then the robot is
-    halted, and the chains are asked for once more when it stands.
+    Where what is wanted holds already while something moves the robot, it would not hold for long. Then the
+    robot is halted, and the chains are asked for once more when it rests.
 
     Parameters
     ----------
@@ -47,7 +47,9 @@ class PlannedGoals:
     end : callable
         Called with a goal that ends before, how it ends, and why.
     halt : callable
-        Ends what is under way; returns whether the robot stands.
+        Ends what is under way.
+    rests : callable
+        Returns whether the robot stands, by odometry of just now, and nothing moves it.
     """
 
     def __init__(
@@ -58,17 +60,18 @@ class PlannedGoals:
         *,
         begin: Callable[[ServerGoalHandle], None],
         end: End,
-        halt: Callable[[], bool],
+        halt: Callable[[], None],
+        rests: Callable[[], bool],
     ) -> None:
         self._settings, self._objects = settings, frozenset(objects)
-        self._begin, self._end, self._halt = begin, end, halt
+        self._begin, self._end, self._halt, self._rests = begin, end, halt, rests
         client: Any = node.create_client(PlanChains, "plan_chains", qos_profile=SERVICES)
         client.srv_type = with_parts(PlanChains, Response=bounded(PlanChains.Response, _MOST_IN_ANSWERS))
         self._client = client
         self._handle: ServerGoalHandle | None = None
         self._future: Future | None = None
         self._came = 0.0
-        self._canceled = self._halted = False
+        self._canceled = self._rested = self.halting = False
 
     @property
     def waiting(self) -> bool:
@@ -88,7 +91,7 @@ class PlannedGoals:
             return True
         self.drop(Ending.PREEMPTED, PREEMPTED)
         self._handle, self._came = handle, time.monotonic()
-        self._canceled = self._halted = False
+        self._canceled = self.halting = False
         return True
 
     def cancel(self, handle: ServerGoalHandle) -> bool:
@@ -97,14 +100,17 @@ class PlannedGoals:
         return handle is self._handle
 
     def watch(self, world: World | None) -> None:
-        """Ask once state and service are there, and give up in time."""
+        """Ask once state and service are there, and give up in time; the `world` is None where it is old."""
         if self._handle is None:
             return
         waited = time.monotonic() - self._came
         if self._canceled:
             self.drop(Ending.CANCELED, "canceled by the client")
+        elif self.halting and world is None:
+            self.drop(Ending.INPUT_LOST, "odom is missing while the robot is made to stand")
         elif waited > self._settings["plan_timeout"]:
-            self.drop(Ending.REFUSED, f"no plan: expected {self._awaited(world)} in time, got none")
+            ending = Ending.BASE_FAULT if self.halting and self._future is None else Ending.REFUSED
+            self.drop(ending, f"no plan: expected {self._awaited(world)} in time, got none")
         elif self._may_ask(world):
             complete = self._objects <= world.objects.keys()
             if complete or waited > self._settings["start_timeout"]:
@@ -113,14 +119,17 @@ class PlannedGoals:
     def _may_ask(self, world: World | None) -> TypeGuard[World]:
         if world is None or self._future is not None or not self._client.service_is_ready():
             return False
-        return world.robot.is_standing or not self._halted
+        return not self.halting or self._rests()
 
     def _awaited(self, world: World | None) -> str:
         if self._future is not None:
             return "an answer of the service plan_chains"
-        if self._halted and world is not None and not world.robot.is_standing:
-            return "the robot to stand"
-        return "odometry" if world is None else "the service plan_chains"
+        if world is None:
+            return "odometry"
+        if self.halting:
+            return "the robot to rest"
+        missing = sorted(self._objects - world.objects.keys())
+        return f"the {missing[0]}" if missing else "the service plan_chains"
 
     def _ask(self, handle: ServerGoalHandle, world: World) -> None:
         request = PlanChains.Request(
@@ -131,6 +140,7 @@ class PlannedGoals:
         if len(request.action_set) > LONGEST_NAME:
             self.drop(Ending.REFUSED, "chain.action_set: expected a short name")
             return
+        self._rested = self._rests()
         self._future = future = self._client.call_async(request)
         future.add_done_callback(self._take)
 
@@ -142,10 +152,11 @@ class PlannedGoals:
             self.drop(Ending.CANCELED, "canceled by the client")
             return
         holds = answer.accepted and (answer.holds or not answer.chains)
-        if holds and not self._halt():
-            self._future, self._halted = None, True
+        if holds and not (self._rested and self._rests()):
+            self._future, self.halting = None, True
+            self._halt()
             return
-        self._handle = self._future = None
+        self._handle, self._future, self.halting = None, None, False
         if not answer.accepted:
             self._end(handle, Ending.REFUSED, f"no plan: {printable(answer.reason, _LONGEST_REASON)}")
         elif holds:
@@ -157,7 +168,7 @@ class PlannedGoals:
     def drop(self, ending: Ending, reason: str) -> None:
         """End the goal that waits, if there is one."""
         handle, future = self._handle, self._future
-        self._handle = self._future = None
+        self._handle, self._future, self.halting = None, None, False
         if future is not None and not future.done():
             self._client.remove_pending_request(future)
         if handle is not None:

@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import sys
+import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -28,7 +29,7 @@ from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
-_LAST_SPINS = 30
+_LAST_SPINS = 0.3  # s
 _LIST = re.compile(r"Parameters: see `\w+`")
 """Where a node's docstring names the list in its source; the help prints that list itself."""
 _EXPECTED = (SetupError, ResourceError, ParameterException, RuntimeError)  # rcl's errors are RuntimeErrors
@@ -84,7 +85,8 @@ def run_node(
 def spin_out(node: Node) -> None:
     """Spin a node that is about to end once more, so that its last messages leave."""
     executor: Any = node.executor
-    for _ in range(_LAST_SPINS):
+    end = time.monotonic() + _LAST_SPINS
+    while time.monotonic() < end:
         executor.spin_once(timeout_sec=0.01)
 
 

@@ -131,8 +131,9 @@ class SimulatedWorld:
     def _appears(self, name: str) -> None:
         """Let all robots see an object anew; what they believe of themselves stays."""
         for number, robot in enumerate(self._robots):
-            robot.sensors.forget(name)
-            robot.observed = robot.sensors.observe(self._simulation.world(number=number))
+            world = self._simulation.world(number=number)
+            robot.sensors.placed(name, world)
+            robot.observed = robot.sensors.observe(world)
 
     @property
     def time(self) -> float:

@@ -57,6 +57,7 @@ class SensorConfig:
         Time in s from a state to word of it, rounded up to a tick: odometry and objects come that late, with
         the time of the state; what `Sight.delay` delays is late by both. The first state, and the first after
         a reset or when the robot was placed, is told at once, and then for that time nothing newer.
+        An object that was placed is told at once.
     objects : mapping of str to Sight
         How each object is seen, by its name; one that is not named is seen exactly.
     """
@@ -160,10 +161,17 @@ class Sensors:
         self._seeing = {name: _Seeing(sight, self._rng) for name, sight in self.config.objects.items()}
         self._coming: deque[World] = deque()
 
-    def forget(self, name: str) -> None:
-        """Forget what was seen of an object: it is seen as if it had just appeared."""
-        if name in self._seeing:
-            self._seeing[name] = _Seeing(self.config.objects.get(name, Sight()), self._rng)
+    def placed(self, name: str, world: World) -> None:
+        """See an object where it now is, or no more, also in what is still to be told."""
+        if self.config.exact:
+            return
+        self._seeing[name] = _Seeing(self.config.objects.get(name, Sight()), self._rng)
+        there = self._believe(world).objects.get(name)
+        known = {} if there is None else {name: there}
+        self._coming = deque(
+            dataclasses.replace(each, objects={**_without(each.objects, name), **known})
+            for each in self._coming
+        )
 
     def observe(self, world: World) -> World:
         """Return what is believed of `world`, with the same time; with a latency, of the last that is known.
@@ -200,3 +208,7 @@ class Sensors:
         drift, heading_drift = self.config.drift, self.config.heading_drift
         error = Pose(moved.x + drift * x, moved.y + drift * y, moved.yaw + heading_drift * yaw)
         return self._believed.compose(error)
+
+
+def _without(objects: Mapping[str, ObjectState], name: str) -> dict[str, ObjectState]:
+    return {other: state for other, state in objects.items() if other != name}

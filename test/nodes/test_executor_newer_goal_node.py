@@ -89,14 +89,33 @@ def test_a_goal_that_cannot_be_read_leaves_the_one_that_waits_for_its_plan(hall:
     assert waiting.outcome().code == Outcome.PREEMPTED
 
 
-def test_a_goal_that_comes_while_the_node_ends_is_ended_and_moves_nothing(
-    hosted: Hosted, client: Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_goal_that_comes_while_the_node_ends_is_rejected(hosted: Hosted, client: Client) -> None:
     base, chains = Base(client), ChainClient(client)
     client.robot()
-    monkeypatch.setattr(hosted.node, "_ends", True)  # as `stop` does first
-    sent = chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))])
-    outcome = sent.outcome()
-    assert (outcome.code, outcome.reason) == (Outcome.SHUTDOWN, "the executor was ended")
-    assert all(command.linear.x == command.angular.z == 0.0 for command in chains.commands)
+    hosted.node._server.admit_no_more()  # as `stop` does first
+    with pytest.raises(AssertionError):
+        chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))])
+    assert not chains.commands
     base.close()
+
+
+def test_what_holds_is_not_believed_of_a_robot_that_a_server_still_moves(hall: Hall) -> None:
+    asked, server = planner(hall), hall.serve(cancels=False)
+    hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
+    hall.client.eventually(lambda: server.goals, "a goal")
+    sent = hall.chains.send([], wanted=WANTED)
+    hall.client.eventually(lambda: server.canceled, "a cancellation")
+    assert not sent.ended()
+    assert sent.outcome().code == Outcome.SUCCEEDED  # once the server's time to end is over
+    assert len(asked) == 2
+
+
+def test_a_robot_that_is_halted_is_told_to_stand_until_it_does(hall: Hall) -> None:
+    planner(hall)
+    hall.base.state = RobotState(Pose(0.0, 0.0, 0.0), v=0.5)
+    sent = hall.chains.send([], wanted=WANTED)
+    hall.client.eventually(lambda: len(hall.chains.commands) > 5, "commands to stand")
+    assert all(command.linear.x == 0.0 for command in hall.chains.commands)
+    hall.base.close()
+    outcome = sent.outcome()
+    assert (outcome.code, outcome.reason[:15]) == (Outcome.INPUT_LOST, "odom is missing")
