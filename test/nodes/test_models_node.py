@@ -132,4 +132,4 @@ def test_an_incomplete_set_of_actions_is_told_once_and_the_rest_works(host: Host
     file.write_text(yaml.safe_dump(content), encoding="utf-8")
     output = host("executor", domain=file).output
     assert "ready for chains" in output
-    assert output.count("action set default: without lift: expected the actions") == 1
+    assert output.count("action set default: without lift: expected also the actions lift") == 1
