@@ -34,6 +34,11 @@ class PlannedGoals:
     Where what is wanted holds already while something moves the robot, it would not hold for long. Then the
     robot is halted, and the chains are asked for once more when it rests.
 
+    Attributes
+    ----------
+    halting : bool
+        Whether the robot is made to stand before the chains are asked for once more.
+
     Parameters
     ----------
     node : Node
