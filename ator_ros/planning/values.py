@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Point
 from ator_ros.geometry import wrap_angle
-from ator_ros.tops.conditions import Statement, Term
+from ator_ros.tops.conditions import Statement
 from ator_ros.tops.top import Top
 
 Symbol = float | str
@@ -97,10 +97,7 @@ def target_of(term: Statement, values: Values, binding: Binding, top: str) -> Va
 
 def reach_about(term: Statement, target: Symbol) -> tuple[float, float]:
     """Return the range of a statement about its target, whose side of the origin may count."""
-    if isinstance(term, Term):
-        return -term.tolerance, term.tolerance
-    mirrored = term.outward and not isinstance(target, str) and target < 0.0
-    return (-term.high, -term.low) if mirrored else (term.low, term.high)
+    return term.reach(0.0 if isinstance(target, str) else target)
 
 
 def difference(variable: str, value: Value, target: Value) -> float | None:

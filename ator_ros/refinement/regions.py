@@ -235,9 +235,8 @@ def _clearance(bound: Bound, state: Mapping[str, Any], goal: Mapping[str, Any]) 
     difference = value - float(bound.target)
     if bound.variable.endswith("yaw"):
         difference = wrap_angles(difference)
-    if bound.outward:
-        difference = math.copysign(1.0, float(bound.target)) * difference
-    return np.minimum(difference - bound.low, bound.high - difference)
+    low, high = bound.reach(float(bound.target))
+    return np.minimum(difference - low, high - difference)
 
 
 def _words(bound: Bound) -> str:

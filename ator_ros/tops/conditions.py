@@ -53,6 +53,10 @@ class Term:
             f"it is {abs(difference):.3g} off"
         )
 
+    def reach(self, target: float) -> tuple[float, float]:  # noqa: ARG002
+        """Return the least and the greatest difference of the variable from `target`."""
+        return -self.tolerance, self.tolerance
+
     def offset(self, target: float) -> float:  # noqa: ARG002
         """Return the difference from `target` that the variable has once this holds: none."""
         return 0.0
@@ -121,6 +125,10 @@ class Region:
             f"expected {self.variable} {self.low:g} to {self.high:g}{beyond} of {self.target}, "
             f"it is {difference:.3g}"
         )
+
+    def reach(self, target: float) -> tuple[float, float]:
+        """Return the least and the greatest difference of the variable from `target`."""
+        return (-self.high, -self.low) if self.outward and target < 0.0 else (self.low, self.high)
 
     def offset(self, target: float) -> float:
         """Return the difference from `target` that the variable has once this holds: the least possible."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
+from hall import DOMAIN, Hall
 from hosted import Hosted
 from process import LOGS, Process, Processes
 from ros_client import Client
@@ -74,5 +75,16 @@ def host(domain: int, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.Mon
 def client(domain: int) -> Iterator[Client]:
     """Yield a client in no namespace."""
     made = Client(domain)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def hall(client: Client, host: Host, tmp_path: Path) -> Iterator[Hall]:
+    """Yield a base and a server that moves it, and an executor of their domain."""
+    file = tmp_path / "errands.yaml"
+    file.write_text(DOMAIN, encoding="utf-8")
+    host("executor", domain=file, odom_timeout=2.0, start_timeout=1.0)
+    made = Hall(client)
     yield made
     made.close()

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host
-from hall import DOMAIN, Base, Hall
+from hall import Base, Hall
 from hosted import Hosted
 from ros_client import Client
 
@@ -20,16 +18,6 @@ from ator_ros.nodes.qos import SERVICES
 from ator_ros.world.state import RobotState
 
 WANTED = PlanGoal(terms=[GoalTerm(variable="robot.x", value=0.0, tolerance=0.5)])
-
-
-@pytest.fixture
-def hall(client: Client, host: Host, tmp_path: Path) -> Iterator[Hall]:
-    file = tmp_path / "errands.yaml"
-    file.write_text(DOMAIN, encoding="utf-8")
-    host("executor", domain=file, odom_timeout=2.0, start_timeout=1.0)
-    made = Hall(client)
-    yield made
-    made.close()
 
 
 def planner(hall: Hall) -> list[PlanChains.Request]:

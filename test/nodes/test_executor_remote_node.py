@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from chain_client import call
-from conftest import Host, Start
+from conftest import Start
 from diagnostic_msgs.msg import DiagnosticArray
-from hall import DOMAIN, Hall
-from ros_client import Client
+from hall import Hall
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import RESULTS
-
-
-@pytest.fixture
-def hall(client: Client, host: Host, tmp_path: Path) -> Iterator[Hall]:
-    file = tmp_path / "errands.yaml"
-    file.write_text(DOMAIN, encoding="utf-8")
-    host("executor", domain=file, odom_timeout=2.0, start_timeout=1.0)
-    made = Hall(client)
-    yield made
-    made.close()
 
 
 def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> None:
