@@ -273,4 +273,4 @@ class TestAlternatives:
         run.tick(world(), 100.0)
         run.refined_to(FORWARD, True, "nonsense", chosen=3)
         assert run.chain == FORWARD
-        assert "expected one of 1 chains to be chosen, got number 3" in run.refinement
+        assert "chosen: expected an index from 0 to 0, got 3" in run.refinement

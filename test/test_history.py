@@ -72,7 +72,7 @@ def test_it_tells_error_gain_learned_models_and_the_newest_chains_first() -> Non
     assert text.splitlines()[-3:] == [
         "| 3 | goToBall, dribbleBall (refined) | 8.00 | failed | - |",
         "| 2 | goToBall, dribbleBall (refined) | 8.00 | 8.50 | 0.50 |",
-        "| 1 | goToBall, dribbleBall (as planned) | 8.00 | 9.00 | - |",
+        "| 1 | goToBall, dribbleBall (as sent) | 8.00 | 9.00 | - |",
     ]
 
 

@@ -133,7 +133,7 @@ def test_a_weight_beyond_reason_is_named_with_its_bounds(weight: float) -> None:
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_numbers_that_are_not_finite_are_refused(value: float) -> None:
     refiner = Refiner(ROBOT, models())
-    with pytest.raises(RefinementError, match="x of subgoal 2"):
+    with pytest.raises(RefinementError, match="x of step 2"):
         refiner.refine(world(), two_steps().with_goal(1, Goal(Pose(value, 0.0, 0.0), 0.0, Point.HOLD)))
     with pytest.raises(RefinementError, match="robot: expected a finite state"):
         refiner.refine(World(0.0, RobotState(Pose(0.0, value, 0.0))), two_steps())

@@ -81,7 +81,7 @@ def test_nothing_free_names_what_binds_it() -> None:
     result = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({"x"})))
     assert not result.refined
     assert result.reason == (
-        "nothing is free: x of subgoal 1 (goToBall) is bound by the pre-condition of step 1 (goToBall): "
+        "nothing is free: x of step 1 (goToBall) is bound by the pre-condition of step 1 (goToBall): "
         "ball.x near goal.x"
     )
     assert math.isfinite(result.before.duration)
@@ -90,7 +90,7 @@ def test_nothing_free_names_what_binds_it() -> None:
 def test_an_opening_that_a_condition_overrides_is_told_beside_the_gain() -> None:
     named = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({"x", "yaw"}), yaw=2.0))
     assert named.refined
-    assert "; not free: x of subgoal 1 (goToBall) is bound by the pre-condition" in named.reason
+    assert "; not free: x of step 1 (goToBall) is bound by the pre-condition" in named.reason
     assert [(each.subgoal, each.name) for each in named.not_free] == [(0, "x")]
     everything = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({EVERYTHING}), yaw=2.0))
     assert [(each.subgoal, each.name) for each in everything.not_free] == [(0, "x"), (0, "y")]
@@ -160,7 +160,7 @@ class TestWithoutAModel:
         result = Refiner(ROBOT, {}).refine(world(), two_steps())
         assert not result.refined
         assert result.without_model == (0, 1)
-        assert result.reason.startswith("nothing is free: yaw of subgoal 1 (goToBall) is of unknown effect: ")
+        assert result.reason.startswith("nothing is free: yaw of step 1 (goToBall) is of unknown effect: ")
         assert result.before.cost == 0.0
 
 

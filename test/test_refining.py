@@ -228,11 +228,11 @@ def test_who_does_not_want_it_is_not_asked(options: dict[str, object]) -> None:
 
 def test_before_an_answer_it_says_whether_one_is_awaited() -> None:
     refining = Refining(ROBOT, wanted=True, again_after=0.15)
-    assert refining.reason == "refinement was not asked"
+    assert refining.reason == "refinement not requested yet"
     refining.ask(World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)}), CHAIN, 0.0)
     assert refining.reason == "no answer from refinement yet"
     unwanted = Refining(ROBOT, wanted=False, again_after=0.15)
-    assert unwanted.reason == "executed as sent: the goal does not ask for refinement"
+    assert unwanted.reason == "executed as sent; the goal has refine: false"
 
 
 def test_a_refined_chain_must_be_valid() -> None:

@@ -168,7 +168,7 @@ def test_a_choice_that_was_not_offered_or_changes_what_it_may_not_is_left_alone(
     drive.asked()
     before = drive.run.chain
     drive.run.refined_to(ANYWHERE, False, "nonsense", chosen=2)
-    assert "expected one of 2 chains to be chosen, got number 2" in drive.run.refinement
+    assert "chosen: expected an index from 0 to 1, got 2" in drive.run.refinement
     drive.simulation.place_object(BALL, 2.0, 0.0)
     drive.tick()
     question = drive.run.question

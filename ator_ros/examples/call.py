@@ -1,12 +1,13 @@
-"""Call a service or an action as `ros2` does, where that command is not installed.
+"""Call a service, send a goal to an action, or echo a topic, where the command `ros2` is not installed.
 
     python3 -m ator_ros.examples.call /reset std_srvs/srv/Trigger
     python3 -m ator_ros.examples.call /pause std_srvs/srv/SetBool "{data: true}"
     python3 -m ator_ros.examples.call /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
+    python3 -m ator_ros.examples.call echo /performance/chain
 
-The values are YAML; fields that are not named keep their defaults. Feedback of an action is printed as it
-comes, and Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the interfaces, and nothing else of
-ator_ros.
+The values are YAML; fields that are not named keep their defaults. Messages are printed one field per line.
+Feedback of an action is printed as it comes, and Ctrl-C cancels the goal. The program needs rclpy, PyYAML and
+the interfaces, and nothing else of ator_ros.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from __future__ import annotations
 import argparse
 import array
 import importlib
+import json
 import math
 import re
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -28,11 +30,13 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 
 _PATIENCE = 10.0  # s
 _LOOK = 0.1  # s after which Ctrl-C is noticed
+_MOST_ITEMS = 24  # of a list that are printed
 _ENDS = {GoalStatus.STATUS_CANCELED: "canceled"}
 
 
@@ -40,16 +44,17 @@ class CallError(ValueError):
     """A call that cannot be made; the message says what was expected and what came."""
 
 
-def interface(name: str) -> Any:
-    """Import the type of a service or an action, such as std_srvs/srv/Trigger."""
+def interface(name: str, places: Sequence[str] = ("srv", "action")) -> Any:
+    """Import a type, such as std_srvs/srv/Trigger; `places` are among srv, action and msg."""
     try:
         package, place, kind = name.split("/")
         found = getattr(importlib.import_module(f"{package}.{place}"), kind)
-        if not hasattr(found, {"srv": "Request", "action": "Goal"}[place]):
+        part = {"srv": "Request", "action": "Goal", "msg": "SLOT_TYPES"}[place]
+        if place not in places or not hasattr(found, part):
             raise AttributeError(kind)
     except (ImportError, AttributeError, ValueError, TypeError, KeyError) as error:
-        expected = "an installed PACKAGE/srv/NAME or PACKAGE/action/NAME"
-        raise CallError(f"type: expected {expected}, got {name}") from error
+        expected = " or ".join(f"PACKAGE/{place}/NAME" for place in places)
+        raise CallError(f"type: expected an installed {expected}, got {name}") from error
     return found
 
 
@@ -109,6 +114,78 @@ def _plain(kind: Any) -> type:
     return {"boolean": bool, "float": float, "double": float, "string": str}.get(name, int)
 
 
+def lines(message: Any, indent: str = "") -> Iterator[str]:
+    """Yield the fields of a message, one per line, those of nested messages indented."""
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        nested = value if isinstance(value, list) else [value]
+        if not nested or not hasattr(nested[0], "get_fields_and_field_types"):
+            yield f"{indent}{name}: {_text(value)}"
+            continue
+        for index, part in enumerate(nested):
+            yield f"{indent}{name}[{index}]:" if isinstance(value, list) else f"{indent}{name}:"
+            yield from lines(part, indent + "  ")
+
+
+def _text(value: Any) -> str:
+    """Return a number, a text or a list of them, floats with at most six digits."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, str):
+        return value if value and value.isprintable() else json.dumps(value)
+    if isinstance(value, int | bytes):
+        return str(value)
+    items = [_text(item) for item in (value.tolist() if hasattr(value, "tolist") else value)]
+    more = [f"… {len(items)} in all"] if len(items) > _MOST_ITEMS else []
+    return f"[{', '.join(items[:_MOST_ITEMS] + more)}]"
+
+
+def show(message: Any, heading: str = "") -> None:
+    """Print a message, beneath a heading if there is one."""
+    indent = "  " if heading else ""
+    print("\n".join([*([f"{heading}:"] if heading else []), *lines(message, indent)]), flush=True)
+
+
+def echoed(node: Node, topic: str, kind: str, *, once: bool) -> None:
+    """Print the messages of a topic until Ctrl-C, or the first one.
+
+    Raises
+    ------
+    CallError
+        Nobody publishes on the topic, or its type is not installed.
+    """
+    try:
+        name = node.resolve_topic_name(topic)
+    except (NameValidationException, ValueError) as error:
+        raise CallError(f"topic: expected a name such as /odom, got {topic!r}") from error
+    end = time.monotonic() + _PATIENCE
+    while not (publishers := node.get_publishers_info_by_topic(name)):
+        if time.monotonic() > end:
+            raise CallError(f"expected a publisher on {name} within {_PATIENCE:g} s, found none")
+        time.sleep(_LOOK)
+    offered = [each.qos_profile for each in publishers]
+    latched = all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in offered)
+    reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in offered)
+    profile = QoSProfile(
+        depth=10,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+    )
+    received: list[Any] = []
+    message = interface(kind or publishers[0].topic_type, ("msg",))
+    node.create_subscription(message, name, received.append, profile)
+    while True:
+        rclpy.spin_once(node, timeout_sec=_LOOK)
+        for each in received:
+            show(each)
+            if once:
+                return
+            print("---", flush=True)
+        received.clear()
+
+
 def called(node: Node, service: str, kind: Any, request: Any) -> Any:
     """Call a service and return its response."""
     client = _client(node.create_client, "service", kind, service)
@@ -132,14 +209,14 @@ def performed(node: Node, action: str, kind: Any, goal: Any) -> Any:
     if not client.wait_for_server(timeout_sec=_PATIENCE):
         types = dict(get_action_names_and_types(node)).get(node.resolve_service_name(action), [])
         raise CallError(f"expected the action {action} within {_PATIENCE:g} s, {_found(types, kind)}")
-    sent = client.send_goal_async(goal, feedback_callback=lambda heard: print(heard.feedback, flush=True))
+    sent = client.send_goal_async(goal, feedback_callback=lambda message: show(message.feedback, "feedback"))
     try:
         ended = _end(node, sent, action, patience=math.inf)
     except KeyboardInterrupt:
         _answer(node, _accepted(node, sent, action).cancel_goal_async(), action)
         ended = _end(node, sent, action, patience=_PATIENCE)
     if ended.status != GoalStatus.STATUS_SUCCEEDED:
-        print(ended.result)
+        show(ended.result, "result")
         raise CallError(f"{action}: the goal was {_ENDS.get(ended.status, 'aborted')}")
     return ended.result
 
@@ -182,26 +259,33 @@ def _answer(node: Node, future: Any, name: str, *, patience: float = _PATIENCE) 
 
 
 def main(words: list[str] | None = None) -> int:
-    """Call the service, or send the goal, and print what comes back; return the exit code."""
-    parser = argparse.ArgumentParser(prog="call", description="Call a service or an action as `ros2` does.")
-    parser.add_argument("name", help="of the service or action, such as /reset")
-    parser.add_argument("type", help="such as std_srvs/srv/Trigger or ator_interfaces/action/ExecuteChain")
-    parser.add_argument("values", nargs="?", default="{}", help="of the request's or goal's fields, as YAML")
+    """Call the service, send the goal, or echo the topic, and print what comes; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="call", usage="call NAME TYPE [VALUES], or call echo TOPIC [TYPE] [--once]", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.add_argument("name", help="of the service or action, such as /reset; echo: print a topic")
+    parser.add_argument(
+        "type", help="such as std_srvs/srv/Trigger or ator_interfaces/action/ExecuteChain; of echo the topic"
+    )
+    parser.add_argument(
+        "values", nargs="?", default="",
+        help="of the request's or goal's fields, as YAML; of echo the type, where several are published",
+    )  # fmt: skip
+    parser.add_argument("--once", action="store_true", help="of echo: end after one message")
     parser.add_argument(
         "-f", "--feedback", action="store_true", help="as `ros2` takes it; it is printed anyway"
     )
     options = parser.parse_args(words)
     try:
-        kind = interface(options.type)
-        is_action = hasattr(kind, "Goal")
-        request = filled(kind.Goal() if is_action else kind.Request(), yaml.safe_load(options.values))
+        ask = _request(options)
     except (CallError, yaml.YAMLError) as error:
         print(f"call: {error}", file=sys.stderr)
         return 2
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C shall cancel a goal, which needs ROS
     node = rclpy.create_node("call")
     try:
-        print((performed if is_action else called)(node, options.name, kind, request))
+        ask(node)
     except CallError as error:
         print(f"call: {error}", file=sys.stderr)
         return 1
@@ -211,6 +295,19 @@ def main(words: list[str] | None = None) -> int:
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _request(options: argparse.Namespace) -> Callable[[Node], None]:
+    """Return what the command line asks for, as a function of the node; raises CallError, YAMLError."""
+    if options.name == "echo":
+        return lambda node: echoed(node, options.type, options.values, once=options.once)
+    kind = interface(options.type)
+    values = yaml.safe_load(options.values or "{}")
+    if hasattr(kind, "Goal"):
+        goal = filled(kind.Goal(), values)
+        return lambda node: show(performed(node, options.name, kind, goal), "result")
+    request = filled(kind.Request(), values)
+    return lambda node: show(called(node, options.name, kind, request))
 
 
 if __name__ == "__main__":

@@ -150,7 +150,7 @@ class Answers:
         self._go_on(reason, changed=refined and executed != planned)
 
     def _refuse_choice(self, chosen: int, of: int) -> None:
-        self.refuse(f"expected one of {of} chains to be chosen, got number {chosen}")
+        self.refuse(f"chosen: expected an index from 0 to {of - 1}, got {chosen}")
 
     def _go_on(self, why: str, *, changed: bool) -> None:
         if self.question is not None:

@@ -17,8 +17,8 @@ from ator_ros.world.state import World
 
 AGAIN_AFTER = 0.15
 """Distance in m by which the world must differ from what was expected before refinement is asked again."""
-_NOT_ASKED = "executed as sent: the goal does not ask for refinement"
-_NOT_REACHED = "refinement was not asked"
+_NOT_ASKED = "executed as sent; the goal has refine: false"
+_NOT_REACHED = "refinement not requested yet"
 _UNANSWERED = "no answer from refinement yet"
 _LONGEST = 120
 """Characters of the result of a question along the way: the sentence on all questions stays readable."""

@@ -76,8 +76,8 @@ def _curve_from(curve: SearchCurve, steps: int) -> SubgoalCurve:
     names, totals = tuple(curve.variables), np.asarray(curve.totals, dtype=float)
     if curve.subgoal >= steps or len(curve.values) != len(names) * len(totals):
         raise MessageError(
-            f"curves: expected {len(names)} values for each of {len(totals)} totals, of a subgoal below "
-            f"{steps}, got {len(curve.values)} of subgoal {curve.subgoal}"
+            f"curves: expected {len(names)} values for each of {len(totals)} totals, and a subgoal "
+            f"from 0 to {steps - 1}; got {len(curve.values)} values, and subgoal {curve.subgoal}"
         )
     values = np.asarray(curve.values, dtype=float).reshape(len(totals), len(names))
     return SubgoalCurve(curve.subgoal, names, values, totals)

@@ -246,7 +246,7 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
     record = ChainPerformance(
         chain_id=id_of(handle),
         chain=conversions.echo_of(handle.request.chain),
-        refinement="never came to that",
+        refinement="not requested",
         predicted=conversions.performance_of(),
         actual=actual(0.0, ending),
         outcome=outcome,

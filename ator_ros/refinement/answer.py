@@ -108,7 +108,7 @@ def _told(chain: TopChain, not_free: Sequence[NotFree]) -> str:
     tops = [chain.calls[each.subgoal].top.name for each in not_free]
     return _listed(
         [
-            f"{each.name} of subgoal {each.subgoal + 1} ({top}) is {each.reason}"
+            f"{each.name} of step {each.subgoal + 1} ({top}) is {each.reason}"
             for each, top in zip(not_free, tops, strict=True)
         ]
     )

@@ -60,7 +60,8 @@ def fastest_alone(
         except NoCandidateError:  # the region is tiny: what is given is the only candidate
             continue
         if not math.isfinite(optimum.cost):
-            raise RefinementError(f"subgoal {index + 1}: expected a finite prediction, got none")
+            top = chain.calls[index].top.name
+            raise RefinementError(f"step {index + 1} ({top}): expected a finite prediction, got none")
         chain = replaced(chain, index, dict(zip(model.names[index], optimum.values[0], strict=True)))
     return chain
 

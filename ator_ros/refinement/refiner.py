@@ -198,8 +198,7 @@ class Refiner:
             for name, value in goal_values(call.goal).items():
                 if not math.isfinite(value):
                     raise RefinementError(
-                        f"{name} of subgoal {index + 1} ({call.top.name}): "
-                        f"expected a finite number, got {value}"
+                        f"{name} of step {index + 1} ({call.top.name}): expected a finite number, got {value}"
                     )
         return analyse(chain, self.models, self.robot, self._ranges)
 

@@ -176,7 +176,7 @@ def told(chains: Sequence[Driven], learned: str = "") -> str:
 
 
 def _row(number: int, chain: Driven, gain: float) -> str:
-    kind = "refined" if chain.refined else "as planned"
+    kind = "refined" if chain.refined else "as sent"
     actual = f"{chain.actual:.2f}" if math.isfinite(chain.actual) else plain(chain.outcome)
     cells = (
         number,

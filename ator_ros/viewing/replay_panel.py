@@ -41,7 +41,7 @@ def chain(played: PlayedChain | None, stamp: float, number: int, count: int) -> 
         ("driven", [*(_driven(step, stamp) for step in steps), *unknown, _whole(played, stamp)]),
         ("difference", errors),
     )
-    lines = [f"Chain {number} of {count}, {'refined' if driven.refined else 'as planned'}:", ""]
+    lines = [f"Chain {number} of {count}, {'refined' if driven.refined else 'as sent'}:", ""]
     lines += [f"| s | {' | '.join(heads)} |", f"|---|{'---|' * len(heads)}"]
     lines += [f"| {label} | {' | '.join(map(seconds, values))} |" for label, values in rows]
     return "\n".join([*lines, "", plain(played.chain.reason) if is_over else "under way"])

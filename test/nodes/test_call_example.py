@@ -11,8 +11,9 @@ import pytest
 from conftest import Host, Start
 from ros_client import Client
 
+from ator_interfaces.msg import SearchCurve, TopCall, TopChain
 from ator_interfaces.srv import PlaceObject, RefineSubgoal
-from ator_ros.examples.call import CallError, filled
+from ator_ros.examples.call import CallError, filled, lines
 
 pytestmark = pytest.mark.node
 
@@ -40,7 +41,47 @@ def test_a_service_is_called_and_its_answer_printed(host: Host, client: Client, 
     client.robot()
     done = call("place_ball", PLACE, "{position: {point: {x: 1, y: -0.5}}}", domain=domain)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "success=True, message='ball at x 1.000 m, y -0.500 m'" in done.stdout
+    assert done.stdout == "success: true\nmessage: ball at x 1.000 m, y -0.500 m\n"
+
+
+def test_a_topic_is_echoed_one_field_per_line(host: Host, client: Client, domain: int) -> None:
+    host("simulation")
+    client.robot()
+    done = call("echo", "odom", "--once", domain=domain)
+    assert (done.returncode, done.stderr) == (0, "")
+    printed = done.stdout.splitlines()
+    assert printed[:2] == ["header:", "  stamp:"]
+    assert "child_frame_id: base_link" in printed
+    assert "      x: -2" in printed  # pose.pose.position.x, a float
+
+
+def test_echo_names_a_topic_without_publisher(domain: int) -> None:
+    done = call("echo", "/nothing", domain=domain)
+    assert (done.returncode, done.stderr) == (
+        1,
+        "call: expected a publisher on /nothing within 10 s, found none\n",
+    )
+
+
+def test_messages_are_printed_one_field_per_line() -> None:
+    calls = [TopCall(top="goToBall", open=["yaw"]), TopCall(speed=1.0 / 3.0)]
+    request = RefineSubgoal.Request(chain=TopChain(calls=calls), as_given=True)
+    printed = list(lines(request))
+    assert "  calls[0]:" in printed
+    assert "    top: goToBall" in printed
+    assert "    open: [yaw]" in printed
+    assert "    speed: 0.333333" in printed
+    assert "as_given: true" in printed
+    assert "alternatives: []" in printed
+    assert all(line.split(":")[0].strip() for line in printed)
+
+
+def test_long_lists_and_control_characters_are_shortened_and_quoted() -> None:
+    answer = RefineSubgoal.Response(reason="one\ntwo", curves=[SearchCurve(values=[0.5] * 30)])
+    printed = list(lines(answer))
+    assert 'reason: "one\\ntwo"' in printed
+    (values,) = [line for line in printed if line.startswith("  values")]
+    assert values.endswith("0.5, … 30 in all]")
 
 
 INSTALLED = "an installed PACKAGE/srv/NAME or PACKAGE/action/NAME"
@@ -55,10 +96,10 @@ def test_a_goal_is_sent_its_feedback_and_result_are_printed(
     client.robot()
     done = call("execute_chain", EXECUTE, CHAIN, domain=domain)
     assert (done.returncode, done.stderr) == (0, "")
-    *feedback, result = done.stdout.splitlines()
-    assert feedback
-    assert all("ExecuteChain_Feedback" in line for line in feedback)
-    assert "ExecuteChain_Result" in result
+    feedback, result = done.stdout.split("result:\n")
+    assert feedback.startswith("feedback:\n  chain_id: ")
+    assert "  status: executing" in feedback
+    assert result.startswith("  outcome:\n    code: 1\n")
     assert "arrived" in result
 
 

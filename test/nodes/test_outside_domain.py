@@ -95,7 +95,7 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert result.record.refined, result.record.refinement
     assert (
-        "cruise of subgoal 2 (pass) is bound by the pre-condition of step 2 (pass): robot.v near goal.cruise"
+        "cruise of step 2 (pass) is bound by the pre-condition of step 2 (pass): robot.v near goal.cruise"
         in result.record.refinement
     )
     # Where it is free it is as fast as it may be; where it is bound it stays.

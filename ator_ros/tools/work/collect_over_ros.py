@@ -145,6 +145,6 @@ def _driven(
             if record.outcome.code in ENDED and sound(episode := episode_of(record, domain)):
                 return episode_frame(number, episode, domain.objects)
     raise ExperienceError(
-        f"{situation.action}, drive {number}: expected a drive that ends by itself within {_TRIES} tries, "
+        f"{situation.action}, drive {number + 1}: expected a drive that ends by itself in {_TRIES} tries, "
         f"the last one ended with {reason!r}"
     )
