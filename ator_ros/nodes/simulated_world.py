@@ -94,7 +94,7 @@ class SimulatedWorld:
     Raises
     ------
     MessageError
-        A start outside the floor, or two robots that start in the same place.
+        A start outside the floor, or two bodies that overlap at the start.
     """
 
     def __init__(
@@ -110,6 +110,15 @@ class SimulatedWorld:
         for name, place in object_starts.items():
             self._check_inside(*place, f"{name}_start")
         self._begin()
+        self._check_starts()
+
+    def _check_starts(self) -> None:
+        """Raise MessageError where a robot or an object starts in another body."""
+        for name, place in self._object_starts.items():
+            self._check_clear(self._simulation.object_overlap(name, *place), f"{name}_start")
+        for number, robot in enumerate(self._robots):
+            overlap = self._simulation.robot_overlap(robot.start, number=number)
+            self._check_clear(overlap, f"robot_start {robot.name}".strip())
 
     def _begin(self) -> None:
         first, *others = (each.robot for each in self._robots)
@@ -182,7 +191,7 @@ class SimulatedWorld:
         Raises
         ------
         MessageError
-            Outside the floor, upon another robot, or faster than the robot's limits.
+            Outside the floor, in another robot, an object or a wall, or faster than the robot's limits.
         """
         placed = self._robots[number]
         limits = placed.robot.limits
@@ -193,6 +202,7 @@ class SimulatedWorld:
             if other != number:
                 there = self._simulation.world(number=other).robot.pose
                 _check_apart(placed, pose, robot, there, "pose.pose.position")
+        self._check_clear(self._simulation.robot_overlap(pose, number=number), "pose.pose.position")
         self._simulation.place_robot(pose, v=v, w=w, number=number)
         self._changed(number)
 
@@ -202,13 +212,14 @@ class SimulatedWorld:
         Raises
         ------
         MessageError
-            Outside the floor, or faster than 10 m/s.
+            Outside the floor, in a robot, another object or a wall, or faster than 10 m/s.
         """
         self._check_inside(x, y, "position.point")
         for axis, value in (("x", vx), ("y", vy)):
             checks.number(
                 value, f"velocity.{axis}", low=-checks.FASTEST_OBJECT, high=checks.FASTEST_OBJECT, unit="m/s"
             )
+        self._check_clear(self._simulation.object_overlap(name, x, y), "position.point")
         self._simulation.place_object(name, x, y, vx=vx, vy=vy)
         self._appears(name)
 
@@ -216,6 +227,11 @@ class SimulatedWorld:
         """Take an object off the floor."""
         self._simulation.remove_object(name)
         self._appears(name)
+
+    def _check_clear(self, overlap: str, where: str) -> None:
+        """Raise MessageError for a place where a body would overlap another one."""
+        if overlap:
+            raise MessageError(f"{where}: expected a free place, got one that overlaps {overlap}")
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
         x_most, y_most = self._scene.area.floor

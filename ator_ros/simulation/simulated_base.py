@@ -32,10 +32,12 @@ class SimulatedBase:
     ----------
     body : int
         Its body id.
+    robot : Robot
+        As given.
     """
 
     def __init__(self, client: int, robot: Robot, shares: tuple[float, float], *, period: float) -> None:
-        self._client, self._robot, self._shares = client, robot, shares
+        self._client, self.robot, self._shares = client, robot, shares
         self.body, self._wheels = load_base(client, robot)
         self._controller = BaseController(robot)
         self._motors = Motors(client, self.body, self._wheels, robot, period=period)
@@ -57,18 +59,23 @@ class SimulatedBase:
     def place(self, pose: Pose, v: float, w: float) -> None:
         """Put the axle at `pose`, moving at v (m/s) and w (rad/s)."""
         client, c, s = self._client, math.cos(pose.yaw), math.sin(pose.yaw)
-        # Bullet's base position is the centre of mass, not the axle.
-        position = (pose.x + c * self._com[0], pose.y + s * self._com[0], self._com[2])
         velocity = (c * v - s * w * self._com[0], s * v + c * w * self._com[0], 0.0)
-        p.resetBasePositionAndOrientation(
-            self.body, position, quaternion_from_yaw(pose.yaw), physicsClientId=client
-        )
+        self.move(pose)
         p.resetBaseVelocity(self.body, velocity, (0.0, 0.0, w), physicsClientId=client)
-        turn = w * self._robot.track / 2.0
+        turn = w * self.robot.track / 2.0
         for wheel, speed in zip(self._wheels, (v - turn, v + turn), strict=True):
-            p.resetJointState(self.body, wheel, 0.0, speed / self._robot.wheel_radius, physicsClientId=client)
+            p.resetJointState(self.body, wheel, 0.0, speed / self.robot.wheel_radius, physicsClientId=client)
         self._controller.reset(Command(v, w))
         self._motors.release()
+
+    def move(self, pose: Pose) -> None:
+        """Put the axle at `pose`; wheels, motors and firmware stay as they are."""
+        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+        # Bullet's base position is the centre of mass, not the axle.
+        position = (pose.x + c * self._com[0], pose.y + s * self._com[0], self._com[2])
+        p.resetBasePositionAndOrientation(
+            self.body, position, quaternion_from_yaw(pose.yaw), physicsClientId=self._client
+        )
 
     def command(self, command: Command, time: float) -> None:
         """Accept a command at `time` (s); raises ValueError if it is not finite."""

@@ -128,6 +128,8 @@ class Client:
 
     def place(self, robot: Pose | None = None, ball: tuple[float, float] | None = None) -> None:
         """Place robot and ball at rest."""
+        if ball is not None:  # the robot may come to where the ball is
+            assert self.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
         if robot is not None:
             request = PlaceRobot.Request()
             request.pose.pose = pose_of(robot)

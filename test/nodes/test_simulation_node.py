@@ -138,6 +138,8 @@ NONSENSE = [
     ("place_ball", "position.point.x", math.inf, "position.point.x: expected a finite number"),
     ("place_ball", "position.point.y", -500.0, "position.point.y: expected a finite number"),
     ("place_ball", "position.header.frame_id", "moon", "expected the frame 'odom', got 'moon'"),
+    ("place_robot", "pose.pose.position.x", 0.1, "expected a free place, got one that overlaps the ball"),
+    ("place_ball", "position.point.x", START.x, "expected a free place, got one that overlaps robot"),
     ("place_ball", "velocity.x", math.nan, "velocity.x: expected a finite number"),
     ("place_ball", "velocity.y", 99.0, "velocity.y: expected a finite number"),
 ]
@@ -150,7 +152,7 @@ def test_nonsense_is_answered_and_moves_nothing(
 ) -> None:
     request = KINDS[service].Request()
     if service == "place_robot":
-        request.pose.pose = pose_of(Pose(1.0, 1.0, 0.0))
+        request.pose.pose = pose_of(Pose(1.0, 0.1, 0.0))
     *path, field = where.split(".")
     setattr(functools.reduce(getattr, path, request), field, value)
     response = world.call(KINDS[service], service, request)
