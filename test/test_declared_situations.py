@@ -66,6 +66,37 @@ def test_places_that_are_too_near_are_told() -> None:
         sample(ROBOT, np.random.default_rng(0))
 
 
+def test_places_are_drawn_again_where_a_fixed_one_follows_too_near() -> None:
+    near = (DeclaredPlace((2.5, 3.5), (0.0, 1.0)),)  # most of it is within 0.5 m of DOCK
+    rng = np.random.default_rng(0)
+    drive = DrivesOf("drive_to", DeclaredDrives(near, (DOCK,), apart=0.5))
+    drives = [drive(ROBOT, rng) for _ in range(50)]
+    assert min(one.robot.pose.distance(one.goal.pose) for one in drives) >= 0.5
+    steps = (DeclaredStep("visit", near, times=(1, 3)), DeclaredStep("visit", (DOCK,)))
+    chains = ChainsOf(DeclaredChain("home", near, steps))
+    lengths = set()
+    for _ in range(50):
+        world, chain = chains(ROBOT, LIBRARY, rng)
+        places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
+        assert min(a.distance(b) for a, b in itertools.pairwise(places)) >= 0.5
+        lengths.add(len(chain))
+    assert lengths == {2, 3, 4}
+
+
+def test_fixed_places_that_follow_each_other_may_be_nearer_than_apart() -> None:
+    beside = DeclaredPlace((3.2,), (0.5,), (0.0,))
+    steps = (DeclaredStep("visit", (DOCK,)), DeclaredStep("visit", (beside,)))
+    _, chain = ChainsOf(DeclaredChain("fixed", HALL, steps))(ROBOT, LIBRARY, np.random.default_rng(0))
+    assert [call.goal.pose for call in chain.calls] == [(3.0, 0.5, 1.5), (3.2, 0.5, 0.0)]
+
+
+def test_places_that_cannot_be_so_far_apart_are_named() -> None:
+    small = (DeclaredPlace((2.9, 3.1), (0.4, 0.6)),)
+    chain = DeclaredChain("narrow", small, (DeclaredStep("visit", (DOCK,)),))
+    with pytest.raises(NoPlaceError, match=r"^chain narrow: apart: expected places 0.5 m from "):
+        ChainsOf(chain)(ROBOT, LIBRARY, np.random.default_rng(0))
+
+
 def test_no_way_is_drawn_that_takes_longer_than_the_time_limit() -> None:
     most = 4.0 * ROBOT.limits.v
     rng = np.random.default_rng(0)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,8 +23,14 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import RobotState, World
 
+T = TypeVar("T")
+
 _MOST_STEPS = 32
 _FARTHEST = 1000.0
+_MOST_PLACES = 1000
+"""Draws of one place before all places of a drive or a chain are drawn again."""
+_MOST_SEQUENCES = 100
+"""Draws of all places of a drive or a chain."""
 _ALL_ROUND = (-math.pi, math.pi)
 
 
@@ -46,12 +53,21 @@ class DeclaredPlace:
             _check_spread(name, getattr(self, name), _FARTHEST)
         _check_spread("yaw", self.yaw, math.tau)
 
+    @property
+    def is_fixed(self) -> bool:
+        """Whether x and y are numbers."""
+        return len(self.x) == len(self.y) == 1
+
     def drawn(self, rng: np.random.Generator) -> Pose:
         """Draw a pose."""
         return Pose(*(float(rng.uniform(spread[0], spread[-1])) for spread in (self.x, self.y, self.yaw)))
 
 
 Places = tuple[DeclaredPlace, ...]
+
+
+def _is_fixed(places: Places) -> bool:
+    return len(places) == 1 and places[0].is_fixed
 
 
 def _check_places(name: str, places: Places) -> None:
@@ -70,7 +86,19 @@ def _drawn(
         lambda: places[int(rng.integers(len(places)))].drawn(rng),
         lambda pose: before is None or pose.distance(before) >= apart,
         lambda: f"apart: expected places {apart:g} m from the one before",
+        most=1 if _is_fixed(places) else _MOST_PLACES,
     )
+
+
+def _drawn_again(draw: Callable[[], T]) -> T:
+    """Draw all places of a drive or a chain, again while one of them is too near the one before.
+
+    A place may be fixed, or too small for all that can precede it: then the one before must move.
+    """
+    for _ in range(_MOST_SEQUENCES - 1):
+        with suppress(NoPlaceError):
+            return draw()
+    return draw()
 
 
 @contextmanager
@@ -106,7 +134,10 @@ class DeclaredDrives:
         _check_apart(self.apart)
 
     def drawn(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
-        """Draw start and destination of a drive."""
+        """Draw start and destination of a drive; raises NoPlaceError."""
+        return _drawn_again(lambda: self._drawn_once(rng))
+
+    def _drawn_once(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
         start = _drawn(self.start, rng)
         return start, _drawn(self.goal, rng, apart=self.apart, before=start)
 
@@ -179,7 +210,10 @@ class DeclaredStep:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredChain:
-    """Random chains: where the robot starts, and the steps, each at least `apart` m from the one before."""
+    """Random chains: where the robot starts, and the steps, each at least `apart` m from the one before.
+
+    Two fixed places that follow each other may be nearer.
+    """
 
     name: str
     start: Places
@@ -201,11 +235,17 @@ class DeclaredChain:
 
     def drawn(self, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
         """Draw a situation and a chain; raises NoPlaceError."""
+        return _drawn_again(lambda: self._drawn_once(library, rng))
+
+    def _drawn_once(self, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
         before = start = _drawn(self.start, rng)
+        was_fixed = _is_fixed(self.start)
         calls: list[TopCall] = []
         for step in self.steps:
+            is_fixed = _is_fixed(step.goal)
             for _ in range(int(rng.integers(step.times[0], step.times[-1] + 1))):
-                before = _drawn(step.goal, rng, apart=self.apart, before=before)
+                apart = 0.0 if was_fixed and is_fixed else self.apart
+                before, was_fixed = _drawn(step.goal, rng, apart=apart, before=before), is_fixed
                 top = library[step.top]
                 calls.append(TopCall(top, library.goal(top, before), frozenset(step.open)))
         return World(0.0, RobotState(start)), TopChain(tuple(calls))
