@@ -15,6 +15,7 @@ from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.world.state import Command
 
 ROBOT = SOCCER.robot()
+START = Pose(-2.0, 0.0, 0.0)
 
 
 def test_placing_a_robot_leaves_the_odometry_of_the_others() -> None:
@@ -40,7 +41,7 @@ BAY = ROBOT.scene.bays[0]
 
 
 def single(
-    start: Pose = Pose(-2.0, 0.0, 0.0), ball: tuple[float, float] = (0.0, 0.0)
+    start: Pose = START, ball: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[SimulatedWorld, SimulatedRobot]:
     robot = SimulatedRobot("", ROBOT, Sensors(SensorConfig(), 1), start)
     return SimulatedWorld([robot], {"ball": ball}), robot
