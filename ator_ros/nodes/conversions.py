@@ -1,4 +1,4 @@
-"""Messages to the core's types and back; everything that comes in is checked (see `checks`).
+"""Our messages to the core's types, checked as in `world.messages`, and the core's types to messages.
 
 Every function that reads a message raises MessageError, with `where` naming the message in its text.
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
@@ -19,41 +18,29 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, GoalVariable
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.nodes import checks
-from ator_ros.nodes.checks import WIDEST, MessageBounds, MessageError
 from ator_ros.refinement.alternatives import MOST_ALTERNATIVES
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import LeftOutError, TopLibrary
+from ator_ros.world import messages
+from ator_ros.world.messages import MessageError, pose_from, seconds_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 MOST_OBJECTS = 16
 """Objects that a situation may hold."""
+_FASTEST_GOAL = 3.0
+"""Greatest speed of a goal in multiples of the robot's limit: limits are estimates, units in km/h are 3.6."""
 
 
 # Time, poses and velocities
-
-
-def seconds_from(stamp: Time) -> float:
-    """Return a stamp as seconds."""
-    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
 def stamp_of(seconds: float) -> Time:
     """Return seconds as a stamp, to the nanosecond."""
     nanoseconds = round(seconds * 1e9)
     return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-
-
-def pose_from(pose: PoseMessage, where: str, bounds: MessageBounds = WIDEST) -> Pose:
-    """Read a planar pose."""
-    return Pose(
-        checks.position(pose.position.x, f"{where}.position.x", most=bounds.x),
-        checks.position(pose.position.y, f"{where}.position.y", most=bounds.y),
-        checks.planar_yaw(pose.orientation, f"{where}.orientation"),
-    )
 
 
 def pose_of(pose: Pose) -> PoseMessage:
@@ -64,17 +51,6 @@ def pose_of(pose: Pose) -> PoseMessage:
     return message
 
 
-def command_from(twist: Twist, where: str) -> Command:
-    """Read a velocity command of the topic `where`; components but linear.x and angular.z must be 0."""
-    linear, angular = twist.linear, twist.angular
-    others = (linear.y, linear.z, angular.x, angular.y)
-    checks.zero(others, f"{where}: linear.y, linear.z, angular.x, angular.y")
-    return Command(
-        checks.velocity(linear.x, f"{where}.linear.x"),
-        checks.velocity(angular.z, f"{where}.angular.z", "rad/s"),
-    )
-
-
 def twist_of(command: Command) -> Twist:
     """Write a velocity command."""
     message = Twist()
@@ -83,40 +59,6 @@ def twist_of(command: Command) -> Twist:
 
 
 # The state of the world
-
-
-def robot_from(
-    odometry: Odometry, *, frame: str, where: str = "odom", bounds: MessageBounds = WIDEST
-) -> tuple[float, RobotState]:
-    """Read time in s and state of the robot from its odometry, whose twist is in the robot's own frame."""
-    checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
-    twist = odometry.twist.twist
-    state = RobotState(
-        pose_from(odometry.pose.pose, f"{where}.pose.pose", bounds),
-        checks.velocity(twist.linear.x, f"{where}.twist.twist.linear.x", most=bounds.v),
-        checks.velocity(twist.angular.z, f"{where}.twist.twist.angular.z", "rad/s", most=bounds.w),
-    )
-    return seconds_from(odometry.header.stamp), state
-
-
-def object_from(
-    odometry: Odometry, *, frame: str, where: str, bounds: MessageBounds = WIDEST
-) -> tuple[float, ObjectState]:
-    """Read time in s and state of an object, whose twist is in the header's frame, as child_frame_id says."""
-    checks.frame(odometry.header.frame_id, f"{where}.header.frame_id", expected=frame)
-    checks.frame(odometry.child_frame_id, f"{where}.child_frame_id", expected=frame)
-    position, linear = odometry.pose.pose.position, odometry.twist.twist.linear
-    there = _object(position, linear, f"{where}.pose", f"{where}.twist", bounds)
-    return seconds_from(odometry.header.stamp), there
-
-
-def _object(position: Any, linear: Any, place: str, motion: str, bounds: MessageBounds) -> ObjectState:
-    return ObjectState(
-        checks.position(position.x, f"{place}: x", most=bounds.x),
-        checks.position(position.y, f"{place}: y", most=bounds.y),
-        checks.velocity(linear.x, f"{motion}: x", most=bounds.object_speed),
-        checks.velocity(linear.y, f"{motion}: y", most=bounds.object_speed),
-    )
 
 
 def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Odometry:
@@ -138,29 +80,26 @@ def object_odometry_of(time: float, there: ObjectState, *, frame: str, height: f
     return message
 
 
-def world_from(
-    situation: msg.Situation, *, frame: str, where: str = "situation", bounds: MessageBounds = WIDEST
-) -> World:
+def world_from(situation: msg.Situation, *, frame: str, where: str = "situation") -> World:
     """Read a situation."""
-    checks.frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
+    messages.frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
     robot = RobotState(
-        pose_from(situation.robot, f"{where}.robot", bounds),
-        checks.velocity(situation.v, f"{where}.v", most=bounds.v),
-        checks.velocity(situation.w, f"{where}.w", "rad/s", most=bounds.w),
+        pose_from(situation.robot, f"{where}.robot"),
+        messages.velocity(situation.v, f"{where}.v"),
+        messages.velocity(situation.w, f"{where}.w", "rad/s"),
     )
-    checks.count(situation.objects, f"{where}.objects", least=0, most=MOST_OBJECTS)
+    messages.count(situation.objects, f"{where}.objects", least=0, most=MOST_OBJECTS)
     objects = dict(
-        _named_object(item, f"{where}.objects[{number}]", bounds)
-        for number, item in enumerate(situation.objects)
+        _named_object(item, f"{where}.objects[{number}]") for number, item in enumerate(situation.objects)
     )
     if len(objects) != len(situation.objects):
         raise MessageError(f"{where}.objects: expected each name once, got one twice")
-    return World(seconds_from(situation.header.stamp), robot, objects)
+    return World(seconds_from(situation.header.stamp, f"{where}.header.stamp"), robot, objects)
 
 
-def _named_object(item: msg.ObjectState, where: str, bounds: MessageBounds) -> tuple[str, ObjectState]:
-    name = checks.plain_name(item.name, f"{where}.name")
-    return name, _object(item.position, item.velocity, f"{where}.position", f"{where}.velocity", bounds)
+def _named_object(item: msg.ObjectState, where: str) -> tuple[str, ObjectState]:
+    name = messages.plain_name(item.name, f"{where}.name")
+    return name, messages.object_from(item.position, item.velocity, where)
 
 
 def situation_of(world: World, *, frame: str) -> msg.Situation:
@@ -181,7 +120,7 @@ def situation_of(world: World, *, frame: str) -> msg.Situation:
 
 def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str = "chain") -> str:
     """Read the name of a chain's action set, of those in `allowed`; empty means the default."""
-    return checks.name(chain.action_set or DEFAULT_SET, f"{where}.action_set", allowed=allowed)
+    return messages.name(chain.action_set or DEFAULT_SET, f"{where}.action_set", allowed=allowed)
 
 
 def echo_of(chain: msg.TopChain) -> msg.TopChain:
@@ -194,7 +133,7 @@ def echo_of(chain: msg.TopChain) -> msg.TopChain:
         if len(call.values) > most or len(call.open) > len(GOAL_VARIABLES) + most + 1:  # and `EVERYTHING`
             return msg.TopChain()
         texts += [call.top, call.goal.header.frame_id, *call.open, *(item.name for item in call.values)]
-    return chain if all(len(text) <= checks.LONGEST_NAME for text in texts) else msg.TopChain()
+    return chain if all(len(text) <= messages.LONGEST_NAME for text in texts) else msg.TopChain()
 
 
 def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: str = "chain") -> TopChain:
@@ -207,7 +146,7 @@ def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: s
     frame : str
         The frame that goals must be given in.
     """
-    checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
+    messages.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     calls = [_call_from(call, library, frame, f"{where}.calls[{i}]") for i, call in enumerate(chain.calls)]
     return TopChain(tuple(calls))
 
@@ -216,7 +155,7 @@ def alternatives_from(
     chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str
 ) -> list[TopChain | str]:
     """Read the alternatives of a chain: each as a chain, or why it cannot be used."""
-    checks.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)
+    messages.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)
     return [
         _alternative_from(chain, library, frame, f"alternatives[{number}]")
         for number, chain in enumerate(chains)
@@ -233,15 +172,15 @@ def _alternative_from(chain: msg.TopChain, library: TopLibrary, frame: str, wher
 
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:
     try:
-        top = library[checks.name(call.top, f"{where}.top", allowed=[*library, *library.left_out])]
+        top = library[messages.name(call.top, f"{where}.top", allowed=[*library, *library.left_out])]
     except LeftOutError as error:
         raise MessageError(f"{where}.top: {error}") from None
-    checks.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
-    bounds = checks.bounds_of(library.robot)
-    speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=bounds.v, unit="m/s")
-    pose = pose_from(call.goal.pose, f"{where}.goal.pose", bounds)
+    messages.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
+    fastest = _FASTEST_GOAL * library.robot.limits.v
+    speed = messages.number(call.speed, f"{where}.speed", low=0.0, high=fastest, unit="m/s")
+    pose = pose_from(call.goal.pose, f"{where}.goal.pose")
     values = _values_from(call.values, library.goal_variables(top), f"{where}.values")
-    opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *values, EVERYTHING))
+    opened = messages.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *values, EVERYTHING))
     return TopCall(top, Goal(pose, speed, top.point, values), opened)
 
 
@@ -250,12 +189,12 @@ def _values_from(
 ) -> dict[str, float]:
     """Read the values of the goal variables that an action declares."""
     wanted = [variable.name for variable in declared]
-    given = checks.names([item.name for item in values], where, allowed=wanted)
+    given = messages.names([item.name for item in values], where, allowed=wanted)
     if missing := [name for name in wanted if name not in given]:
         raise MessageError(f"{where}: expected values of {wanted}, {missing} are missing")
     by_name = {item.name: item.value for item in values}
     return {
-        variable.name: checks.number(
+        variable.name: messages.number(
             by_name[variable.name],
             f"{where}: {variable.name}",
             low=variable.low,

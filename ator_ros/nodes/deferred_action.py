@@ -10,9 +10,9 @@ from rclpy.action import ActionServer, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 
 from ator_ros.nodes.bounded import bounded, with_parts
-from ator_ros.nodes.checks import MOST_ITEMS
 from ator_ros.nodes.pacing import Pace
 from ator_ros.nodes.qos import SERVICES
+from ator_ros.world.messages import MOST_ITEMS
 
 _RESULT_KEPT = 60
 """Time in s for which a result is kept. rclpy's 900 s keep hundreds of chains' records in memory."""

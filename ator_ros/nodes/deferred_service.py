@@ -12,9 +12,9 @@ from rclpy.node import Node
 from rclpy.service import Service
 
 from ator_ros.nodes.bounded import bounded, with_parts
-from ator_ros.nodes.checks import MOST_ITEMS
 from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.qos import SERVICES
+from ator_ros.world.messages import MOST_ITEMS
 
 Answer = Callable[[Any], None]
 """Sends the response to one request."""

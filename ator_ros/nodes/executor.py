@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any
 
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
@@ -13,7 +12,6 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.execution.driving import Driving
 from ator_ros.execution.phases import Ending, Phase
-from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
@@ -24,20 +22,21 @@ from ator_ros.nodes.gathering import Gathering
 from ator_ros.nodes.goal_run import GoalRun, run_of, unstarted
 from ator_ros.nodes.loading import rehearsed_predictors
 from ator_ros.nodes.model_sets import problems_of, told_of
-from ator_ros.nodes.object_sources import ObjectSources, Reader
+from ator_ros.nodes.object_sources import ObjectSources
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
 from ator_ros.nodes.plan_client import PREEMPTED, PlannedGoals
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement_client import refinement_client
 from ator_ros.nodes.remote_servers import RemoteServers
-from ator_ros.nodes.robot_source import Read, RobotSource
+from ator_ros.nodes.robot_source import RobotSource
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.nodes.watchdog import Watchdog
 from ator_ros.robot.description import Robot
 from ator_ros.world.inputs import ClockJumpError
+from ator_ros.world.messages import MessageError
 from ator_ros.world.sightings import StampError
-from ator_ros.world.state import STOP, Command, World
+from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 _WARNING_PERIOD = 2.0
 _DEAF = 1.0  # real s in which a base whose odometry has begun may not have found our publisher of commands
@@ -98,7 +97,7 @@ class ExecutorNode(FrugalNode):
         self.get_logger().info("ready for chains")
 
     def _offer(self, robot: Robot) -> None:
-        settings, bounds = self._settings, bounds_of(robot)
+        settings = self._settings
         frame, child, stamped = (settings[name] for name in ("frame", "robot_frame", "stamped_commands"))
         self._commands = CommandPublisher(self, stamped=stamped, frame=child)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
@@ -112,9 +111,11 @@ class ExecutorNode(FrugalNode):
         self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
         self.gathering = Gathering()
         self._objects = ObjectSources(
-            self, sources, self._take_object, self._tf, frame=frame, bounds=bounds, group=self.gathering
+            self, sources, self._take_object, self._ignore, self._tf, frame=frame, group=self.gathering
         )
-        self._state = RobotSource(self, settings, robot, self._take_robot, self._tf, self.gathering)
+        self._state = RobotSource(
+            self, settings, robot, self._take_robot, self._ignore, self._note, self._tf, self.gathering
+        )
         self._server = DeferredActionServer(
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
         )
@@ -127,20 +128,21 @@ class ExecutorNode(FrugalNode):
             return 0.0
         return rest_of(self._settings, self._domain.objects, self._inputs.pace, watched=self._drawing.watched)
 
-    def _take_object(self, name: str, read: Reader, message: Any) -> None:
+    def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         try:
-            remark = self._inputs.object(name, *read(message))
-        except (MessageError, StampError) as error:
-            remark = f"ignored: {error}"
+            remark = self._inputs.object(name, stamp, there)
+        except StampError as error:
+            self._ignore(str(error))
+            return
         if remark is not None:
             self._note(remark)
 
-    def _take_robot(self, read: Read) -> None:
+    def _take_robot(self, stamp: float, robot: RobotState) -> None:
         now = time.monotonic()
         try:
-            world = self._inputs.robot(*read(), now)
-        except (MessageError, StampError) as error:
-            self._note(f"ignored: {error}")
+            world = self._inputs.robot(stamp, robot, now)
+        except StampError as error:
+            self._ignore(str(error))
             return
         except ClockJumpError as error:
             self._take_jump(error)
@@ -296,6 +298,9 @@ class ExecutorNode(FrugalNode):
             self._driving.sent(self._inputs.time + (0.0 if answers else now - self._heard), command, now)
         if command is not None:
             self._commands.publish(command, self._inputs.time or 0.0)
+
+    def _ignore(self, error: str) -> None:
+        self._note(f"ignored: {error}")
 
     def _note(self, error: str) -> None:
         self._last_error = error

@@ -12,9 +12,7 @@ from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.geometry import Pose
-from ator_ros.nodes import checks
-from ator_ros.nodes.checks import MessageError
-from ator_ros.nodes.conversions import chain_of, pose_from
+from ator_ros.nodes.conversions import chain_of
 from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -29,6 +27,8 @@ from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.driving import driving_top
+from ator_ros.world import messages
+from ator_ros.world.messages import MessageError, pose_from
 
 _PERIOD = 0.2
 """Real s between two goals: the executor refuses floods, and the last pose of one must not be refused."""
@@ -73,7 +73,7 @@ class GoalPoseNode(FrugalNode):
 
     def _take(self, message: PoseStamped) -> None:
         try:
-            checks.frame(message.header.frame_id, "goal_pose.header.frame_id", expected=self._frame)
+            messages.frame(message.header.frame_id, "goal_pose.header.frame_id", expected=self._frame)
             pose = pose_from(message.pose, "goal_pose.pose")
         except MessageError as error:
             self.get_logger().warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)

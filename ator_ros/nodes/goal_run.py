@@ -21,7 +21,6 @@ from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, Refining
 from ator_ros.execution.rolling import Rolling
 from ator_ros.nodes import conversions
-from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.execution_records import (
     action_record_of,
     actual,
@@ -33,6 +32,7 @@ from ator_ros.nodes.executor_settings import deadlines_of
 from ator_ros.printable import printable
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
 _FEEDBACK_PERIOD = 0.1

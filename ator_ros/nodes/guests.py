@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from action_msgs.srv import CancelGoal
 
 from ator_interfaces.msg import ChainPerformance, Outcome
-from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.conversions import action_set_from, chain_from, world_from
 from ator_ros.nodes.qos import LATCHED, SERVICES
 from ator_ros.nodes.silence import Silence, lose
@@ -18,6 +17,7 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.guest import OTHERS, Guest
 from ator_ros.viewing.runs import Run
+from ator_ros.world.messages import MessageError
 
 _TOPIC = "chain_under_way"
 _LONGEST = 300

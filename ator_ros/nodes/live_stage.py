@@ -15,7 +15,6 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.advice import advice_from, goal_of, request_of
-from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.guests import Guests
 from ator_ros.nodes.heard import Heard
 from ator_ros.nodes.live_chain import LiveChain
@@ -30,6 +29,7 @@ from ator_ros.viewing.draft import Draft
 from ator_ros.viewing.guest import Guest
 from ator_ros.viewing.runs import Run
 from ator_ros.viewing.stage import AbsentError, StageError
+from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
 _PATIENCE = 5.0

@@ -18,6 +18,7 @@ from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.world.messages import plain_frame
 
 
 class SetupError(Exception):
@@ -57,6 +58,11 @@ class Parameter:
     choices: tuple[str, ...] = ()
     smallest: float = 0.0
     live: bool = False
+
+    @property
+    def names_frame(self) -> bool:
+        """Whether its value is the name of a frame."""
+        return self.name.rpartition("_")[2] == "frame"
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor, which `ros2 param describe` shows."""
@@ -217,7 +223,7 @@ def _declared(node: Node, parameter: Parameter) -> Any:
         raise SetupError(f"parameter {name} ({parameter.description}): {error}{point}") from error
     value = node.get_parameter(name).value
     parameter.check(value)
-    return value
+    return plain_frame(value) if parameter.names_frame else value
 
 
 def _holds_decimals(default: Any) -> bool:

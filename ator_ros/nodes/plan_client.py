@@ -14,10 +14,10 @@ from ator_interfaces.srv import PlanChains
 from ator_ros.execution.phases import Ending
 from ator_ros.nodes import conversions
 from ator_ros.nodes.bounded import bounded, with_parts
-from ator_ros.nodes.checks import LONGEST_NAME
 from ator_ros.nodes.plan_messages import is_asked_for
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.printable import printable
+from ator_ros.world.messages import LONGEST_NAME
 from ator_ros.world.state import World
 
 _MOST_IN_ANSWERS = 256

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 
 from ator_interfaces.msg import GoalTerm, PlanGoal
 from ator_interfaces.srv import PlanChains
-from ator_ros.nodes import checks
-from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.conversions import chain_of
 from ator_ros.planning.wanted import MOST_STATEMENTS, Unspecified, Wish
 from ator_ros.printable import quoted
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.conditions import Condition, Region
+from ator_ros.world import messages
+from ator_ros.world.messages import MessageError
 
 _LARGEST = 10_000.0
 
@@ -40,15 +40,15 @@ def wishes_from(
     if goal.name and goal.terms:
         raise MessageError(f"{where}: expected a name or terms, got both")
     if goal.name:
-        return list(named[checks.name(goal.name, f"{where}.name", allowed=named)].terms)
-    checks.count(goal.terms, f"{where}.terms", least=1, most=MOST_STATEMENTS)
+        return list(named[messages.name(goal.name, f"{where}.name", allowed=named)].terms)
+    messages.count(goal.terms, f"{where}.terms", least=1, most=MOST_STATEMENTS)
     return [_wish_from(term, variables, f"{where}.terms[{i}]") for i, term in enumerate(goal.terms)]
 
 
 def _wish_from(term: GoalTerm, variables: Sequence[str], where: str) -> Wish:
-    variable = checks.name(term.variable, f"{where}.variable", allowed=variables)
+    variable = messages.name(term.variable, f"{where}.variable", allowed=variables)
     value, low, high = (
-        checks.number(getattr(term, name), f"{where}.{name}", low=-_LARGEST, high=_LARGEST)
+        messages.number(getattr(term, name), f"{where}.{name}", low=-_LARGEST, high=_LARGEST)
         for name in ("value", "low", "high")
     )
     if low > high:
@@ -56,7 +56,7 @@ def _wish_from(term: GoalTerm, variables: Sequence[str], where: str) -> Wish:
     near = low == high == 0.0
     if not term.relative_to:
         return Unspecified(variable, value) if near else Region(variable, value, low, high)
-    other = checks.name(term.relative_to, f"{where}.relative_to", allowed=variables)
+    other = messages.name(term.relative_to, f"{where}.relative_to", allowed=variables)
     if other == variable:
         raise MessageError(f"{where}.relative_to: expected another variable, got {quoted(other)}")
     if near and value == 0.0:

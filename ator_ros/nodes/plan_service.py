@@ -15,8 +15,7 @@ from rclpy.node import Node
 from ator_interfaces.srv import PlanChains
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
-from ator_ros.nodes import checks, conversions
-from ator_ros.nodes.checks import MessageError, bounds_of
+from ator_ros.nodes import conversions
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.plan_messages import answered, refused, wishes_from
 from ator_ros.planning.errors import PlanningError
@@ -24,6 +23,8 @@ from ator_ros.planning.process import PlanProcess
 from ator_ros.planning.wanted import Wish, known_variables
 from ator_ros.printable import printable
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world import messages
+from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
 _MOST_WAITING = 8
@@ -104,11 +105,10 @@ class PlanService:
             self._thread.start()
 
     def _read(self, request: PlanChains.Request, answer: Answer, began: float) -> _Asked:
-        name = checks.name(request.action_set or DEFAULT_SET, "action_set", allowed=self._libraries)
+        name = messages.name(request.action_set or DEFAULT_SET, "action_set", allowed=self._libraries)
         library = self._libraries[name]
         wishes = wishes_from(request.goal, self._goals, self._variables)
-        bounds = bounds_of(library.robot)
-        world = conversions.world_from(request.situation, frame=self._frame, bounds=bounds)
+        world = conversions.world_from(request.situation, frame=self._frame)
         return _Asked(wishes, world, library, answer, began)
 
     def _plan(self) -> None:

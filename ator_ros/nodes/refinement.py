@@ -15,7 +15,6 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.cores import use_cores
 from ator_ros.learning.exploring import Explorer
 from ator_ros.nodes import conversions
-from ator_ros.nodes.checks import MessageError, bounds_of
 from ator_ros.nodes.deferred_service import Answer, DeferredService
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.drawn import Drawn
@@ -45,6 +44,7 @@ from ator_ros.refinement.objective import LEAST_WEIGHT, MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import Slices
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.messages import MessageError, pose_from
 
 PARAMETERS = (
     Parameter("frame", "odom", "frame that situations and goals must be given in"),
@@ -220,7 +220,7 @@ class RefinementNode(FrugalNode):
             wanted = request.want_curve
             response = answer_of(choice, request, action_set=action_set, frame=frame, want_curve=wanted)
             yield
-            start = conversions.pose_from(request.situation.robot, "situation.robot")
+            start = pose_from(request.situation.robot, "situation.robot")
             self._markers.offer(functools.partial(markers_of, choice.refinement, start=start, frame=frame))
         self._last_time = response.computation_time = time.perf_counter() - began
         return response
@@ -235,7 +235,7 @@ class RefinementNode(FrugalNode):
         if self._settings["explore"] == 0.0 or request.as_given:
             return choice
         yield
-        world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
+        world = conversions.world_from(request.situation, frame=frame)
         objective = conversions.objective_from(request.objective, refiner.failure_cost)
         found = self._explorer.explored(
             choice.refinement,
@@ -284,7 +284,7 @@ def refining_of(
     MessageError, RefinementError
         The request cannot be read, or none of its chains is a valid plan from its situation.
     """
-    world = conversions.world_from(request.situation, frame=frame, bounds=bounds_of(library.robot))
+    world = conversions.world_from(request.situation, frame=frame)
     chain = conversions.chain_from(request.chain, library, frame=frame)
     others = conversions.alternatives_from(request.alternatives, library, frame=frame)
     objective = conversions.objective_from(request.objective, refiner.failure_cost)

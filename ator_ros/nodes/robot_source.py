@@ -1,46 +1,44 @@
-"""Where the robot's state comes from: odometry or tf."""
+"""Subscriptions to the robot's state: odometry or tf."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
-from ator_ros.geometry import Pose
-from ator_ros.nodes import checks, conversions
-from ator_ros.nodes.checks import MessageBounds, bounds_of
 from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.tf_listener import Found, TfListener
 from ator_ros.robot.description import Robot
+from ator_ros.world.messages import MessageError, OdometryReader, robot_from_placement
 from ator_ros.world.state import RobotState
 from ator_ros.world.velocity import RobotVelocity
 
 STATE = Parameter(
     "robot_from", "odom", "where the robot's state comes from: odom, or tf", choices=("odom", "tf")
 )
-Read = Callable[[], tuple[float, RobotState]]
-"""Returns time in s and state of the robot; raises MessageError."""
 
 
 class RobotSource:
-    """Listens to the robot's state.
+    """Subscribes to the robot's state.
 
     Parameters
     ----------
     node : Node
-        Who listens.
+        The node that subscribes.
     settings : mapping
         The parameters `STATE`, `frame` and `robot_frame`.
     robot : Robot
-        Its limits.
+        Its limits, for velocities that are estimated from tf.
     take : callable
-        Is given what reads a message that has come.
+        Is given time in s and state of the robot for each message.
+    reject : callable
+        Is given the error of a message that cannot be used.
+    warn : callable
+        Is given what is doubtful about messages that are used.
     tf : TfListener
         Looks up the robot in tf.
     group : CallbackGroup, optional
@@ -57,10 +55,13 @@ class RobotSource:
         node: Node,
         settings: Mapping[str, Any],
         robot: Robot,
-        take: Callable[[Read], None],
+        take: Callable[[float, RobotState], None],
+        reject: Callable[[str], None],
+        warn: Callable[[str], None],
         tf: TfListener,
         group: CallbackGroup | None = None,
     ) -> None:
+        self._take, self._reject, self._warn = take, reject, warn
         self._tf, self._frames = tf, (settings["frame"], settings["robot_frame"])
         self._from_tf = settings[STATE.name] == "tf"
         if self._from_tf and len(set(self._frames)) < 2:
@@ -68,36 +69,38 @@ class RobotSource:
                 f"parameter robot_frame: expected another frame than frame, got {self._frames[1]}"
             )
         self.topics: dict[str, type] = {} if self._from_tf else {"odom": Odometry}
-        bounds, frame = bounds_of(robot), settings["frame"]
+        self._velocity = RobotVelocity(robot.limits.v, robot.limits.w)
+        self._reader = OdometryReader(settings["frame"])
+        self._rejected = ""
         if self._from_tf:
-            estimate = RobotVelocity(robot.limits.v, robot.limits.w)
-            tf.follow(*self._frames, lambda found: take(partial(robot_in_tf, found, estimate, bounds)))
+            tf.follow(*self._frames, self._take_found)
+        else:
+            node.create_subscription(Odometry, "odom", self._take_odometry, SENSOR_DATA, callback_group=group)
+
+    def _take_odometry(self, message: Odometry) -> None:
+        try:
+            time, robot = self._reader.read(message)
+        except MessageError as error:
+            self._rejected = str(error)
+            self._reject(self._rejected)
             return
-        read = partial(conversions.robot_from, frame=frame, bounds=bounds)
+        self._rejected = ""
+        if self._reader.remark:
+            self._warn(self._reader.remark)
+        self._take(time, robot)
 
-        def hear(message: Odometry) -> None:
-            take(partial(read, message))
-
-        node.create_subscription(Odometry, "odom", hear, SENSOR_DATA, callback_group=group)
+    def _take_found(self, found: Found) -> None:
+        try:
+            robot = robot_from_placement(found.time, found.placement, self._velocity)
+        except MessageError as error:
+            self._reject(str(error))
+            return
+        self._take(found.time, robot)
 
     def missing(self) -> str:
-        """Return what is said where no state has come."""
+        """Return what is said where no state has come, or none that can be used."""
         if not self._from_tf:
-            return "odom is missing"
+            return self._rejected or "odom is missing"
         frame, child = self._frames
         known = self._tf.connects(frame, child)
         return f"tf is {'old' if known else 'missing'}: expected transforms from {frame} to {child}"
-
-
-def robot_in_tf(found: Found, estimate: RobotVelocity, bounds: MessageBounds) -> tuple[float, RobotState]:
-    """Read the robot's state from tf; its velocities are differences. Raises MessageError."""
-    (x, y, _), (i, j, k, w) = found.placement
-    pose = Pose(
-        checks.position(x, "robot in tf: x", most=bounds.x),
-        checks.position(y, "robot in tf: y", most=bounds.y),
-        checks.planar_yaw(Quaternion(x=i, y=j, z=k, w=w), "robot in tf: rotation"),
-    )
-    state = estimate.state(found.time, pose)
-    checks.velocity(state.v, "robot in tf: v", most=bounds.v)
-    checks.velocity(state.w, "robot in tf: w", "rad/s", most=bounds.w)
-    return found.time, state

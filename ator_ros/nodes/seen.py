@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rclpy.node import Node
 
 from ator_ros.domains.domain import Domain
-from ator_ros.nodes.checks import MessageError, bounds_of
-from ator_ros.nodes.object_sources import ObjectSources, Reader
-from ator_ros.nodes.robot_source import Read, RobotSource
+from ator_ros.nodes.object_sources import ObjectSources
+from ator_ros.nodes.robot_source import RobotSource
 from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -45,8 +44,8 @@ class SeenWorld:
         self._heard_at = time.monotonic()
         self._heard = Counter[str]()
         self._source: RobotSource | None = None
-        sources, bounds = map(domain.source, domain.objects), bounds_of(robot)
-        self._sources = ObjectSources(node, sources, self._take_object, self._tf, frame=frame, bounds=bounds)
+        sources = map(domain.source, domain.objects)
+        self._sources = ObjectSources(node, sources, self._take_object, self._ignore, self._tf, frame=frame)
 
     def follow(self, settings: Mapping[str, Any]) -> None:
         """Listen to the robot from now on, as the parameters of its executor say; once.
@@ -58,25 +57,23 @@ class SeenWorld:
         """
         if self._source is None:
             known = {**settings, "frame": self._frame}
-            self._source = RobotSource(self._node, known, self._robot, self._take_robot, self._tf)
+            self._source = RobotSource(
+                self._node, known, self._robot, self._take_robot, self._ignore, self._warn, self._tf
+            )
 
-    def _take_robot(self, read: Read) -> None:
-        self._read(_ROBOT, read)
+    def _take_robot(self, stamp: float, robot: RobotState) -> None:
+        self._newest, self._heard_at = (stamp, robot), time.monotonic()
+        self._heard[_ROBOT] += 1
 
-    def _take_object(self, name: str, read: Reader, message: Any) -> None:
-        self._read(name, lambda: read(message))
-
-    def _read(self, name: str, read: Callable[[], tuple[float, Any]]) -> None:
-        try:
-            found = read()
-        except MessageError as error:
-            self._node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
-            return
-        if name == _ROBOT:
-            self._newest, self._heard_at = found, time.monotonic()
-        else:
-            self._objects[name] = found
+    def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
+        self._objects[name] = stamp, there
         self._heard[name] += 1
+
+    def _ignore(self, error: str) -> None:
+        self._warn(f"ignored: {error}")
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text, throttle_duration_sec=2.0)
 
     @property
     def silence(self) -> float:

@@ -7,13 +7,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes import checks
-from ator_ros.nodes.checks import MessageError
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.base_controller import COMMAND_TIMEOUT
 from ator_ros.simulation.sensors import Sensors
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.world import messages
+from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, Command, World
+
+_FASTEST = 10.0
+"""Greatest speed in m/s that an object is placed with: in one step of the physics it moves by its radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,8 +199,8 @@ class SimulatedWorld:
         placed = self._robots[number]
         limits = placed.robot.limits
         self._check_inside(pose.x, pose.y, "pose.pose.position")
-        checks.number(v, "v", low=-limits.v, high=limits.v, unit="m/s")
-        checks.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
+        messages.number(v, "v", low=-limits.v, high=limits.v, unit="m/s")
+        messages.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
         for other, robot in enumerate(self._robots):
             if other != number:
                 there = self._simulation.world(number=other).robot.pose
@@ -216,9 +219,7 @@ class SimulatedWorld:
         """
         self._check_inside(x, y, "position.point")
         for axis, value in (("x", vx), ("y", vy)):
-            checks.number(
-                value, f"velocity.{axis}", low=-checks.FASTEST_OBJECT, high=checks.FASTEST_OBJECT, unit="m/s"
-            )
+            messages.number(value, f"velocity.{axis}", low=-_FASTEST, high=_FASTEST, unit="m/s")
         self._check_clear(self._simulation.object_overlap(name, x, y), "position.point")
         self._simulation.place_object(name, x, y, vx=vx, vy=vy)
         self._appears(name)
@@ -235,8 +236,8 @@ class SimulatedWorld:
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
         x_most, y_most = self._scene.area.floor
-        checks.number(x, f"{where}.x", low=-x_most, high=x_most, unit="m")
-        checks.number(y, f"{where}.y", low=-y_most, high=y_most, unit="m")
+        messages.number(x, f"{where}.x", low=-x_most, high=x_most, unit="m")
+        messages.number(y, f"{where}.y", low=-y_most, high=y_most, unit="m")
 
 
 def _check_apart(robot: SimulatedRobot, pose: Pose, other: SimulatedRobot, there: Pose, where: str) -> None:

@@ -12,8 +12,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
-from ator_ros.nodes import checks, conversions
-from ator_ros.nodes.checks import MessageError
+from ator_ros.nodes import conversions
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
 from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of
@@ -23,6 +22,8 @@ from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import Stop
 from ator_ros.nodes.simulation_settings import names_of, parameters_for, robots_of, simulated_of, world_of
 from ator_ros.simulation.simulation import TICK
+from ator_ros.world import messages
+from ator_ros.world.messages import MessageError
 
 _FASTEST_PERIOD = 0.0005
 _PAUSED_PERIOD = 0.05
@@ -168,9 +169,9 @@ class SimulationNode(FrugalNode):
         try:
             where = topics.resolved("cmd_vel")
             if isinstance(message, TwistStamped):
-                checks.frame(message.header.frame_id, f"{where}.header.frame_id", expected=topics.robot_frame)
-                message = message.twist
-            self._world.command(conversions.command_from(message, where), number)
+                given = message.header.frame_id
+                messages.frame(given, f"{where}.header.frame_id", expected=topics.robot_frame)
+            self._world.command(messages.command_from(message, where), number)
         except MessageError as error:
             self._reject(str(error))
             return
@@ -204,8 +205,8 @@ class SimulationNode(FrugalNode):
 
     def _place_robot(self, number: int, request: PlaceRobot.Request) -> str:
         frame = self._topics[number].frame
-        checks.frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
-        pose = conversions.pose_from(request.pose.pose, "pose.pose")
+        messages.frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
+        pose = messages.pose_from(request.pose.pose, "pose.pose")
         self._world.place_robot(pose, number, v=request.v, w=request.w)
         who = self._names[number] or "robot"
         return f"{who} at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
@@ -215,7 +216,7 @@ class SimulationNode(FrugalNode):
             self._world.remove_object(name)
             return f"{name} removed"
         frame = self._topics[number].frame
-        checks.frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
+        messages.frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
         point, velocity = request.position.point, request.velocity
         self._world.place_object(name, point.x, point.y, vx=velocity.x, vy=velocity.y)
         return f"{name} at x {point.x:.3f} m, y {point.y:.3f} m"

@@ -8,13 +8,13 @@ from typing import Any
 
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose
-from ator_ros.nodes import checks
-from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError, robot_of
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import SensorConfig, Sensors, Sight
+from ator_ros.world import messages
+from ator_ros.world.messages import MessageError
 
 _COMMON = (
     Parameter("frame", "odom", "frame of poses and of the objects"),
@@ -46,6 +46,8 @@ _COMMON = (
 )
 _ASIDE = 1.0
 """m between objects, and between robots, that are where they start by default."""
+_MOST_YAW = 1e6
+"""rad; far more than turns that a start is given in, and a float64 still resolves 1e-10."""
 _MOST = 16
 """Robots of one simulation."""
 
@@ -105,7 +107,7 @@ def world_of(settings: Mapping[str, Any], robots: Sequence[SimulatedRobot]) -> S
 def _object_starts(settings: Mapping[str, Any], robot: Robot) -> dict[str, tuple[float, float]]:
     places = {name: settings[f"{name}_start"] for name in robot.scene.objects}
     for name, place in places.items():
-        checks.count(place, f"parameter {name}_start", least=2, most=2)
+        messages.count(place, f"parameter {name}_start", least=2, most=2)
     return {name: (place[0], place[1]) for name, place in places.items()}
 
 
@@ -130,12 +132,11 @@ def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[S
 
 def _starts(numbers: Sequence[float], count: int) -> list[Pose]:
     """Return the start of each robot: those given, then each `_ASIDE` to the left of the last."""
-    checks.count(numbers, "parameter robot_start", least=3, most=3 * count)
+    messages.count(numbers, "parameter robot_start", least=3, most=3 * count)
     if len(numbers) % 3:
         raise SetupError(f"parameter robot_start: expected x, y and yaw of each, got {len(numbers)} numbers")
     for yaw in numbers[2::3]:
-        bound = checks.FARTHEST
-        checks.number(yaw, "parameter robot_start: yaw", low=-bound, high=bound, unit="rad")
+        messages.number(yaw, "parameter robot_start: yaw", low=-_MOST_YAW, high=_MOST_YAW, unit="rad")
     starts = [Pose(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
     while len(starts) < count:
         starts.append(starts[-1].compose(Pose(0.0, _ASIDE, 0.0)))

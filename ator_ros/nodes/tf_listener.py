@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -12,11 +11,9 @@ from typing import Any, NamedTuple
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from ator_ros.nodes.checks import LONGEST_NAME, MessageError
-from ator_ros.nodes.conversions import seconds_from
 from ator_ros.nodes.parameters import SetupError
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.printable import quoted
+from ator_ros.world.messages import transform_from
 from ator_ros.world.transforms import MOST_FRAMES, Placement, Transforms
 
 try:
@@ -31,7 +28,6 @@ _FIXED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """For /tf_static, on which each of many publishers keeps its last message."""
-_UNIT_TOLERANCE = 1e-3
 _WARNING_PERIOD = 2.0
 
 
@@ -110,14 +106,5 @@ class TfListener:
             followed.look(self._transforms)
 
     def _add(self, message: Any, *, fixed: bool) -> None:
-        frame, child = message.header.frame_id.removeprefix("/"), message.child_frame_id.removeprefix("/")
-        if not (frame and child and frame != child and max(len(frame), len(child)) <= LONGEST_NAME):
-            raise MessageError(f"tf: expected two frames, got {quoted(frame)} and {quoted(child)}")
-        moved, turned = message.transform.translation, message.transform.rotation
-        origin, turn = (moved.x, moved.y, moved.z), (turned.x, turned.y, turned.z, turned.w)
-        if not all(map(math.isfinite, origin)):
-            raise MessageError(f"tf: {quoted(child)}: expected a finite translation, got {origin}")
-        if not abs(math.hypot(*turn) - 1.0) <= _UNIT_TOLERANCE:
-            raise MessageError(f"tf: {quoted(child)}: expected a quaternion of length 1, got {turn}")
-        time = seconds_from(message.header.stamp)
-        self._transforms.add(frame, child, time, Placement(origin, turn), fixed=fixed)
+        frame, child, time, placement = transform_from(message)
+        self._transforms.add(frame, child, time, placement, fixed=fixed)

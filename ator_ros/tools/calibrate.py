@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.tools.guard import guarded
-from ator_ros.tools.option_types import destination
+from ator_ros.tools.option_types import destination, frame
 
 _GREATEST = 50.0  # m, m/s or rad/s
 
@@ -37,7 +37,9 @@ def arguments() -> argparse.ArgumentParser:
         "--w", type=_positive, help="greatest command in rad/s (default: 1.5 times the limit of --robot)"
     )
     parser.add_argument("--stamped", action="store_true", help="cmd_vel is a TwistStamped")
-    parser.add_argument("--frame", default="odom", help="frame of the odometry (default: %(default)s)")
+    parser.add_argument(
+        "--frame", type=frame, default="odom", help="frame of the odometry (default: %(default)s)"
+    )
     return parser
 
 

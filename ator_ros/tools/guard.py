@@ -61,10 +61,11 @@ def _expected() -> tuple[type[Exception], ...]:
     from ator_ros.robot.description import ConfigError
     from ator_ros.robot.probe_drive import DriveError
     from ator_ros.tools.processes import NodesError
+    from ator_ros.world.messages import MessageError
 
     ours = (BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError)
     of_models = (ModelFileError, PlanningError, RefinementError, TrainingError)
-    return (*ours, *of_models, MachineError, NodesError, OSError)
+    return (*ours, *of_models, MachineError, MessageError, NodesError, OSError)
 
 
 @contextlib.contextmanager

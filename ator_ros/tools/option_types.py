@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ator_ros.files import reserved
+from ator_ros.world.messages import plain_frame
 
 _NAMESPACE = re.compile(r"(?!__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 _FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
@@ -86,9 +87,8 @@ def namespace(text: str) -> str:
 
 
 def frame(text: str) -> str:
-    """Read the name of a frame; a type for argparse."""
-    if len(text) > _LONGEST_NAME or not _FRAME.fullmatch(text):
-        raise argparse.ArgumentTypeError(
-            f"expected the name of a frame, without a / before it, got {text[:80]!r}"
-        )
-    return text
+    """Read the name of a frame, with or without a / before it, which is left out; a type for argparse."""
+    name = plain_frame(text)
+    if len(name) > _LONGEST_NAME or not _FRAME.fullmatch(name):
+        raise argparse.ArgumentTypeError(f"expected the name of a frame, got {text[:80]!r}")
+    return name

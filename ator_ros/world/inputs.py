@@ -43,6 +43,7 @@ class Inputs:
         self._objects = objects
         self._time: float | None = None
         self._ahead: float | None = None
+        self._older, self._older_at = 0, -math.inf
         self._came = 0.0
         self.since = -math.inf
         """Real time in s since which odometry has come without a gap of more than `GAP`."""
@@ -77,6 +78,8 @@ class Inputs:
     def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
         """Process odometry; return the world at its stamp, or None if the stamp has not advanced.
 
+        One message that is older than the last one came late and is ignored; two in a row are a reset.
+
         Parameters
         ----------
         time : float
@@ -89,22 +92,38 @@ class Inputs:
         Raises
         ------
         StampError
-            The stamp is far ahead of the last one: the message is ignored. The next one may confirm it.
+            The stamp is far ahead of the last one, or again older than it within a second: the message is
+            ignored. The next one may confirm it.
         ClockJumpError
-            The stamp is older than the last one, or confirms a clock far ahead. All objects are forgotten;
-            the new clock counts.
+            The second stamp in a row is older than the last one, or confirms a clock far ahead. All objects
+            are forgotten; the new clock counts.
         """
         last, most = self._time, JUMP + _FASTEST * min(now - self._came, _LONGEST)
         if now - self._came > GAP:
             self.since = now
-        if last is not None and now > self._came:
+        if last is not None and time >= last and now > self._came:
             self.pace = (time - last) / (now - self._came)
         self._came = now
+        if last is not None and time < last and self._is_late(time, last, now):
+            return None
         self._check_stamp(time, last, most)
-        self._time, self._ahead = time, None
+        self._time, self._ahead, self._older = time, None, 0
         known = {name: sightings.at(time) for name, sightings in self._objects.items()}
         objects = {name: there for name, there in known.items() if there is not None}
         return None if time == last else World(time, robot, objects)
+
+    def _is_late(self, time: float, last: float, now: float) -> bool:
+        """Return whether odometry older than the `last` came late, not after a reset; see `robot`."""
+        self._older += 1
+        if self._older > 1:
+            return False
+        again, self._older_at = now - self._older_at < GAP, now
+        if again:
+            raise StampError(
+                f"odom.header.stamp: expected after {last:.2f} s, got {time:.2f} s: messages often come out "
+                "of order, or two nodes publish it"
+            )
+        return True
 
     def _check_stamp(self, time: float, last: float | None, most: float) -> None:
         """Check that odometry's clock has advanced from `last` by at most `most` s."""
@@ -117,7 +136,7 @@ class Inputs:
                 f"odom.header.stamp: expected soon after {last:.2f} s, got {time:.2f} s, "
                 f"{time - last:.2f} s ahead: another clock, or odometry had ceased"
             )
-        self._time, self._ahead = time, None
+        self._time, self._ahead, self._older = time, None, 0
         self._forget()
         if time > last:
             raise ClockJumpError(

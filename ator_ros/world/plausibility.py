@@ -1,11 +1,11 @@
-"""Check of an object's reported velocity against its positions."""
+"""Checks of reported velocities against positions: of objects, and of the robot."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 
-from ator_ros.world.state import ObjectState
+from ator_ros.world.state import ObjectState, RobotState
 
 _BASELINE = 0.2
 """Time in s over which velocities are derived from positions; a jump is believed as long."""
@@ -108,4 +108,75 @@ class VelocityCheck:
         return (
             f"{self._name}.twist.twist.linear: expected about ({seen.vx:.2f}, {seen.vy:.2f}) m/s, as its "
             f"positions tell, got ({reported.vx:.2f}, {reported.vy:.2f}) m/s: not trusted"
+        )
+
+
+_WINDOW = 0.5
+"""Time in s over which the motion of a robot's poses is compared with that of its twist."""
+_LONGEST_STEP = 0.3
+"""Time in s between two messages beyond which the twist does not tell the motion between them."""
+_JUMP = 0.3
+"""m or rad by which the motion between two messages may differ from that before; more is a corrected pose."""
+_MOST_OFF = 0.05
+"""m or rad in one window that filters, slip and late stamps explain at any speed."""
+_MOST_SHARE = 0.3
+"""Further difference that they explain, as a share of the greater motion."""
+_CONFIRMED = 3
+"""Windows that must contradict, more than agree, before it is reported: one may be a corrected pose."""
+
+
+class TwistCheck:
+    """Compares the twist in a robot's odometry with the differences of its poses."""
+
+    def __init__(self) -> None:
+        self._last: tuple[float, RobotState] | None = None
+        self._step = (0.0, 0.0)
+        self._windows, self._reported = 0, False
+        self._restart()
+
+    def _restart(self) -> None:
+        """Begin a window."""
+        self._elapsed, self._by_pose, self._by_twist = 0.0, [0.0, 0.0], [0.0, 0.0]
+
+    def contradiction(self, time: float, robot: RobotState) -> str:
+        """Process odometry of `time` (s); return how pose and twist contradict each other: once, else ""."""
+        last, self._last = self._last, (time, robot)
+        if last is None or self._reported:
+            return ""
+        elapsed = time - last[0]
+        moved = last[1].pose.relative(robot.pose)
+        half = moved.yaw / 2.0
+        step = moved.x * math.cos(half) + moved.y * math.sin(half), moved.yaw
+        jumps = any(abs(now - before) > _JUMP for now, before in zip(step, self._step, strict=True))
+        self._step = step
+        if jumps or not 0.0 <= elapsed <= _LONGEST_STEP:
+            self._restart()
+            return ""
+        twist = (last[1].v + robot.v) / 2.0, (last[1].w + robot.w) / 2.0
+        for axis in (0, 1):
+            self._by_pose[axis] += step[axis]
+            self._by_twist[axis] += twist[axis] * elapsed
+        self._elapsed += elapsed
+        return self._judge() if self._elapsed >= _WINDOW - _ROUNDING else ""
+
+    def _judge(self) -> str:
+        """Judge a window that is complete, and begin the next one."""
+        pairs, elapsed = list(zip(self._by_pose, self._by_twist, strict=True)), self._elapsed
+        self._restart()
+        sizes = [max(abs(pose), abs(twist)) for pose, twist in pairs]
+        if max(sizes) <= _MOST_OFF:
+            return ""  # the robot stands, which shows nothing
+        off = [
+            abs(pose - twist) - _MOST_SHARE * size for (pose, twist), size in zip(pairs, sizes, strict=True)
+        ]
+        self._windows = self._windows + 1 if max(off) > _MOST_OFF else max(0, self._windows - 1)
+        if self._windows < _CONFIRMED:
+            return ""
+        self._reported = True
+        axis = off.index(max(off))
+        (pose, twist), unit = pairs[axis], ("m/s", "rad/s")[axis]
+        name = ("twist.linear", "twist.angular")[axis]
+        return (
+            f"pose and {name} contradict each other: expected about {pose / elapsed:.2f} {unit} as the poses "
+            f"tell, got {twist / elapsed:.2f} {unit}"
         )

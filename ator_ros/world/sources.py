@@ -13,7 +13,7 @@ Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped", "tf"]
 """Message types of objects, or tf. Where they lack a velocity, it is estimated from the positions."""
 RESERVED = ("robot", "hold", "goal")
 """What conditions speak of beside objects."""
-_FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
+_FRAME = re.compile(r"/?[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
 _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
@@ -48,11 +48,11 @@ class ObjectSource:
         right = not self.topic or bool(_TOPIC.fullmatch(self.topic))
         require(right, "topic", "the name of a topic", self.topic)
         named = not self.frame or bool(_FRAME.fullmatch(self.frame))
-        require(named, "frame", "the name of a frame, without a / before it", self.frame)
+        require(named, "frame", "the name of a frame", self.frame)
         other = "frame" if self.type != "tf" else "topic"
         require(not getattr(self, other), other, f"none with type {self.type}", getattr(self, other))
 
     @property
     def listened(self) -> str:
-        """The name of the topic, or of the frame."""
-        return self.topic or self.frame or self.name
+        """The name of the topic, or of the frame, of which tf2 ignores a leading slash."""
+        return self.topic or self.frame.removeprefix("/") or self.name

@@ -24,7 +24,6 @@ from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
 from ator_ros.formats import Format
 from ator_ros.nodes import conversions
-from ator_ros.nodes.checks import FARTHEST, MessageBounds, MessageError, bounds_of
 from ator_ros.nodes.refinement import refining_of
 from ator_ros.nodes.refinement_answers import answer_of
 from ator_ros.performance.model_file import load_models
@@ -34,6 +33,7 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.slices import completed
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.messages import FARTHEST, FASTEST, MessageError
 
 FORMAT = Format("ator_ros fuzz", 1, "report of the fuzz test")
 
@@ -48,18 +48,17 @@ _PROGRESS = 1000
 class Generator:
     """Makes requests: mostly valid plans, with edges, and now and then nonsense in one of the numbers."""
 
-    def __init__(self, seed: int, tops: list[str], bounds: MessageBounds) -> None:
+    def __init__(self, seed: int, tops: list[str], fastest_goal: float) -> None:
         self._random = random.Random(seed)
         self._tops = tops
-        self._bounds = bounds
+        self._fastest_goal = fastest_goal
 
     def request(self) -> RefineSubgoal.Request:
         """Return the next request."""
         draw = self._random
         request = RefineSubgoal.Request(want_curve=draw.random() < 0.3)
         self._fill(request.situation.robot)
-        bounds = self._bounds
-        request.situation.v, request.situation.w = self._number(bounds.v), self._number(bounds.w)
+        request.situation.v, request.situation.w = self._number(FASTEST), self._number(FASTEST)
         length = draw.choice(LENGTHS) if draw.random() < 0.99 else draw.randint(5, 200)
         request.chain.calls = [self._call(top) for top in self._plan(length)]
         if draw.random() < 0.95:
@@ -85,15 +84,14 @@ class Generator:
         draw = self._random
         call = TopCall(top=top)
         self._fill(call.goal.pose)
-        call.speed = abs(self._number(self._bounds.v))
+        call.speed = abs(self._number(self._fastest_goal))
         call.open = [name for name in (*GOAL_VARIABLES, "*") if draw.random() < 0.4]
         if draw.random() < 0.005:
             call.open.append(draw.choice(("x", "beauty")))
         return call
 
     def _fill(self, pose: conversions.PoseMessage) -> None:
-        bounds = self._bounds
-        pose.position.x, pose.position.y = self._number(bounds.x), self._number(bounds.y)
+        pose.position.x, pose.position.y = self._number(FARTHEST), self._number(FARTHEST)
         half = self._random.uniform(-math.pi, math.pi)
         pose.orientation.z = math.sin(half)
         pose.orientation.w = math.cos(half) if self._random.random() < 0.99 else self._number(1.0)
@@ -143,7 +141,7 @@ def kind_of(error: str) -> str:
 def fuzz(requests: int, seed: int, refiner: Refiner) -> Counter[str]:
     """Serve generated requests and count the outcomes."""
     library = SOCCER.library(refiner.robot)
-    generator = Generator(seed, list(library), bounds_of(refiner.robot))
+    generator = Generator(seed, list(library), 3.0 * refiner.robot.limits.v)
     counts: Counter[str] = Counter()
     for number in range(requests):
         request = generator.request()

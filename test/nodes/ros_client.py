@@ -16,10 +16,12 @@ from rclpy.node import Node
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import object_from, pose_of, robot_from, seconds_from
+from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.meeting import nobodys_goal
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 from ator_ros.nodes.spinning import Spinning
+from ator_ros.world.messages import ObjectReader, robot_from, seconds_from
+from ator_ros.world.sources import ObjectSource
 from ator_ros.world.state import ObjectState, RobotState
 
 RETRY = 8.0
@@ -46,6 +48,7 @@ class Client:
         self.node = Node("test_client", namespace=namespace, context=self._context)
         self.robots: list[tuple[float, RobotState]] = []
         self.balls: list[tuple[float, ObjectState]] = []
+        self._ball = ObjectReader(ObjectSource("ball"), frame)
         self._callers: dict[str, Any] = {}
         self.node.create_subscription(Odometry, "odom", self._hear_robot, SENSOR_DATA)
         self.node.create_subscription(Odometry, "ball", self._hear_ball, SENSOR_DATA)
@@ -59,7 +62,7 @@ class Client:
         self.robots.append(robot_from(message, frame=self._frame))
 
     def _hear_ball(self, message: Odometry) -> None:
-        self.balls.append(object_from(message, frame=self._frame, where="ball"))
+        self.balls.append(self._ball.read(message))
 
     def listen(self, kind: type, topic: str, qos: Any) -> list[Any]:
         """Subscribe to a topic; the list that is returned grows with every message."""

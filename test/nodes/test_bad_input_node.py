@@ -90,20 +90,12 @@ def no_quaternion(message: Odometry) -> None:
     message.pose.pose.orientation.w = 0.0
 
 
-def long_quaternion(message: Odometry) -> None:
-    message.pose.pose.orientation.w = 7.0
-
-
 def tilted(message: Odometry) -> None:
     message.pose.pose.orientation.x = message.pose.pose.orientation.w = math.sqrt(0.5)
 
 
 def strange_frame(message: Odometry) -> None:
     message.header.frame_id = "moon"
-
-
-def strange_child(message: Odometry) -> None:
-    message.child_frame_id = "moon"
 
 
 def of_another_clock(message: Odometry) -> None:
@@ -114,14 +106,12 @@ NONSENSE = [
     (not_a_number, False, "odom.pose.pose.position.x: expected a finite number"),
     (infinite_speed, False, "odom.twist.twist.linear.x: expected a finite number"),
     (no_quaternion, False, "odom.pose.pose.orientation: expected a quaternion"),
-    (long_quaternion, False, "odom.pose.pose.orientation: expected a quaternion"),
-    (tilted, False, "expected roll and pitch 0"),
+    (tilted, False, "expected roll and pitch of at most 30 degrees"),
     (strange_frame, False, "odom.header.frame_id: expected the frame 'odom', got 'moon'"),
-    (not_a_number, True, "ball.pose: x: expected a finite number"),
+    (not_a_number, True, "ball.pose: position.x: expected a finite number"),
     (infinite_speed, True, "ball.twist: x: expected a finite number"),
     (strange_frame, True, "ball.header.frame_id: expected the frame 'odom', got 'moon'"),
     (of_another_clock, True, "ball.header.stamp: expected at most 0.6 s more than odometry's"),
-    (strange_child, True, "ball.child_frame_id: expected the frame 'odom', got 'moon'"),
 ]
 
 

@@ -17,8 +17,8 @@ from ros_client import Client
 from ator_interfaces.msg import Outcome, TopChain
 from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_from
 from ator_ros.nodes.network import free_domain
+from ator_ros.world.messages import pose_from
 
 pytestmark = pytest.mark.node
 

@@ -7,10 +7,9 @@ from typing import Any, get_args
 import pytest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from ator_ros.nodes.checks import WIDEST, MessageError
 from ator_ros.nodes.conversions import object_odometry_of, stamp_of
-from ator_ros.nodes.object_sources import TYPES, reader_of
-from ator_ros.nodes.tf_listener import Found
+from ator_ros.nodes.object_sources import TYPES
+from ator_ros.world.messages import MessageError, ObjectReader
 from ator_ros.world.sources import Kind, ObjectSource
 from ator_ros.world.state import ObjectState
 from ator_ros.world.transforms import Placement
@@ -34,7 +33,7 @@ def test_every_kind_that_a_domain_may_declare_is_read() -> None:
 
 @pytest.mark.parametrize("kind", sorted(TYPES))
 def test_position_and_velocity_are_read_or_estimated(kind: str) -> None:
-    read = reader_of(ObjectSource("cart", type=kind), frame="map", bounds=WIDEST)
+    read = ObjectReader(ObjectSource("cart", type=kind), "map").read
     for tick in range(20):
         time = 5.0 + 0.02 * tick
         stamp, there = read(message_of(kind, time, 1.0 + 0.01 * tick, 2.0 - 0.004 * tick))
@@ -44,7 +43,7 @@ def test_position_and_velocity_are_read_or_estimated(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", sorted(TYPES))
 def test_what_cannot_be_used_is_told_and_not_remembered(kind: str) -> None:
-    read = reader_of(ObjectSource("cart", type=kind), frame="map", bounds=WIDEST)
+    read = ObjectReader(ObjectSource("cart", type=kind), "map").read
     for tick in range(10):
         read(message_of(kind, 0.02 * tick, 0.01 * tick, -0.004 * tick))
         with pytest.raises(MessageError, match=r"^cart"):
@@ -58,15 +57,15 @@ def test_what_cannot_be_used_is_told_and_not_remembered(kind: str) -> None:
 
 
 def test_where_tf_finds_an_object_is_read_and_its_velocity_estimated() -> None:
-    read = reader_of(ObjectSource("cart", type="tf", frame="cart_link"), frame="map", bounds=WIDEST)
+    read = ObjectReader(ObjectSource("cart", type="tf", frame="cart_link"), "map").read_placement
     for tick in range(20):
         time = 5.0 + 0.02 * tick
         place = Placement((1.0 + 0.01 * tick, 2.0 - 0.004 * tick, 0.3), (0.0, 0.0, 0.0, 1.0))
-        stamp, there = read(Found(time, place))
+        stamp, there = read(time, place)
     assert stamp == pytest.approx(time)
     assert (there.x, there.y, there.vx, there.vy) == pytest.approx((1.19, 1.924, 0.5, -0.2))
     with pytest.raises(MessageError, match=r"^cart in tf.x: expected a finite number"):
-        read(Found(6.0, Placement((1e9, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))))
+        read(6.0, Placement((1e9, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
 
 
 @pytest.mark.parametrize(
@@ -81,3 +80,4 @@ def test_a_source_is_a_topic_or_a_frame(given: dict[str, Any], expected: str) ->
     with pytest.raises(ValueError, match=expected):
         ObjectSource("cart", **given)
     assert ObjectSource("cart", type="tf").listened == "cart"
+    assert ObjectSource("cart", type="tf", frame="/cart_link").listened == "cart_link"

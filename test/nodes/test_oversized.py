@@ -20,19 +20,21 @@ import ator_interfaces.msg as msg
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.nodes import checks, conversions
+from ator_ros.nodes import conversions
 from ator_ros.nodes.bounded import bounded
-from ator_ros.nodes.checks import MOST_ITEMS, MessageError
 from ator_ros.nodes.refinement_answers import refused
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.benchmarks.requests import worst_request
 from ator_ros.tools.benchmarks.service import resident_mib
+from ator_ros.world import messages
+from ator_ros.world.messages import MOST_ITEMS, MessageError, ObjectReader
+from ator_ros.world.sources import ObjectSource
 
 LIBRARY = SOCCER.library(load_robot())
 MEGABYTES = 10_000_000
 FOREIGN = "\x1b[2J\u202e\n\x00" * (MEGABYTES // 7)
 LONGEST_LINE = 200
-object_from = partial(conversions.object_from, frame="odom", where="ball")
+BALL = ObjectReader(ObjectSource("ball"), "odom")
 LIMIT = 0.01  # s
 
 
@@ -55,8 +57,8 @@ def read(message: msg.TopChain) -> None:
     conversions.chain_from(message, LIBRARY, frame="odom")
 
 
-def odometry(child: str = "odom", frame: str = "odom") -> Odometry:
-    message = Odometry(child_frame_id=child)
+def odometry(frame: str) -> Odometry:
+    message = Odometry()
     message.header.frame_id = frame
     return message
 
@@ -73,10 +75,9 @@ HOSTILE: dict[str, Callable[[str], Callable[[], Any]]] = {
     "open": lambda text: partial(read, chain(open=[text])),
     "action set": lambda text: partial(read, msg.TopChain(calls=chain().calls, action_set=text)),
     "situation": lambda text: lambda: conversions.world_from(situation(text), frame="odom"),
-    "odom": lambda text: lambda: conversions.robot_from(odometry(frame=text), frame="odom"),
-    "ball": lambda text: lambda: object_from(odometry(frame=text)),
-    "child of the ball": lambda text: lambda: object_from(odometry(child=text)),
-    "cmd_vel, place_robot and place_ball": lambda text: lambda: checks.frame(text, "pose", expected="odom"),
+    "odom": lambda text: lambda: messages.robot_from(odometry(frame=text), frame="odom"),
+    "ball": lambda text: lambda: BALL.read(odometry(frame=text)),
+    "cmd_vel, place_robot and place_ball": lambda text: lambda: messages.frame(text, "pose", expected="odom"),
 }
 
 

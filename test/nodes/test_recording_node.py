@@ -21,11 +21,11 @@ from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, To
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_from
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.performance.model_file import load_model
 from ator_ros.robot.description import load_robot
+from ator_ros.world.messages import pose_from
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
 

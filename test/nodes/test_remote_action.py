@@ -11,7 +11,7 @@ from action_servers import Deaf, Echo, Mute, Server
 from remote_bench import GOAL, Bench
 
 from ator_ros.actions.base import Status
-from ator_ros.nodes.conversions import pose_from
+from ator_ros.world.messages import pose_from
 from ator_ros.world.state import STOP
 
 SLACK = 1.0

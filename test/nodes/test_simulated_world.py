@@ -9,9 +9,9 @@ import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.nodes.checks import MessageError
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.simulation.sensors import SensorConfig, Sensors
+from ator_ros.world.messages import MessageError
 from ator_ros.world.state import Command
 
 ROBOT = SOCCER.robot()

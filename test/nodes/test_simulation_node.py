@@ -26,10 +26,11 @@ from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
-from ator_ros.nodes.conversions import pose_of, robot_from
+from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.robot.description import load_robot
+from ator_ros.world.messages import robot_from
 
 pytestmark = pytest.mark.node
 

@@ -18,11 +18,11 @@ from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import command_from
 from ator_ros.nodes.embodiment import transform_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.robot.description import StopBraking, load_robot
 from ator_ros.robot.ramp import ramped
+from ator_ros.world.messages import command_from
 from ator_ros.world.state import STOP, Command
 
 PERIOD = 0.025
@@ -192,14 +192,14 @@ def test_nonsense_on_tf_is_named_and_used_by_nobody(host: Host, client: Client, 
     node = host("executor", **SETTINGS)
     publisher = client.node.create_publisher(TFMessage, "/tf", RESULTS)
     client.eventually(publisher.get_subscription_count, "a listener")
-    tilted = transform_of(1e6, Pose(0.0, 0.0, 0.0), frame="map", child="odom")
-    tilted.transform.rotation.x = 0.7
+    directionless = transform_of(1e6, Pose(0.0, 0.0, 0.0), frame="map", child="odom")
+    directionless.transform.rotation.w = directionless.transform.rotation.z = 0.0
     lost = transform_of(1e6, Pose(math.nan, 0.0, 0.0), frame="map", child="odom")
     nameless = transform_of(1e6, Pose(0.0, 0.0, 0.0), frame="map", child="")
-    words = "ignored: tf: 'odom': expected a quaternion of length 1"
+    words = "ignored: tf: 'odom': expected a quaternion (x, y, z, w) with a direction"
 
     def named() -> bool:  # the listener may find the publisher later than the publisher finds it
-        publisher.publish(TFMessage(transforms=[tilted, lost, nameless]))
+        publisher.publish(TFMessage(transforms=[directionless, lost, nameless]))
         return words in node.output
 
     client.eventually(named, "a log")

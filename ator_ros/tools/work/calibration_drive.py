@@ -12,11 +12,11 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.conversions import robot_from
 from ator_ros.nodes.machine import MachineError, check_machine
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
+from ator_ros.world.messages import FrameError, OdometryReader
 from ator_ros.world.state import STOP
 
 _SILENCE = 2.0  # s of real time without odometry after which the drive is broken off
@@ -65,7 +65,7 @@ class _Driver:
     """Answers each odometry message with the command of the drive."""
 
     def __init__(self, node: Node, drive: ProbeDrive, *, stamped: bool, frame: str) -> None:
-        self._node, self._drive, self._frame = node, drive, frame
+        self._node, self._drive, self._reader = node, drive, OdometryReader(frame)
         self._commands = CommandPublisher(node, stamped=stamped, frame="base_link")
         self._heard: float | None = None
         self._stamp = -1.0
@@ -103,11 +103,16 @@ class _Driver:
 
     def _hear(self, message: Odometry) -> None:
         try:
-            stamp, robot = robot_from(message, frame=self._frame)
+            stamp, robot = self._reader.read(message)
+            if self._reader.remark:
+                self._node.get_logger().warning(self._reader.remark)
             if stamp <= self._stamp or self._done:
                 return
             self._stamp, self._heard = stamp, time.monotonic()
             command = self._drive.command(stamp, robot)
+        except FrameError as error:
+            self._fault = DriveError(f"{error}; --frame sets what is expected")
+            return
         except ValueError as error:  # of the message, or of the drive
             self._fault = error
             return

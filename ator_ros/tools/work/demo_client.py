@@ -16,12 +16,13 @@ from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import robot_from, situation_of
+from ator_ros.nodes.conversions import situation_of
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.tools.processes import NodesError
 from ator_ros.tools.work.demo_report import DemoRun
+from ator_ros.world.messages import robot_from
 from ator_ros.world.state import World
 
 _FRAME = "odom"

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 
-from ator_ros.nodes.conversions import seconds_from
 from ator_ros.nodes.qos import COMMANDS
 from ator_ros.tools.work.demo_client import DemoClient
 from ator_ros.tools.work.soak_report import Answer
+from ator_ros.world.messages import seconds_from
 
 
 class SoakClient(DemoClient):

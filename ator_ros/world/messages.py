@@ -1,0 +1,318 @@
+"""Read ROS messages by their fields, checked and repaired: the one reader of nodes and recordings.
+
+Every function raises MessageError, whose text says where, what was expected and what came. Repairs:
+quaternions of any length are normalized, a leading slash of frames is ignored as tf2 does, and a velocity is
+rotated from the frame that `child_frame_id` names.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Sized
+from typing import Any
+
+from ator_ros.files import is_name
+from ator_ros.geometry import Pose, yaw_from_quaternion
+from ator_ros.printable import quoted
+from ator_ros.world.plausibility import TwistCheck
+from ator_ros.world.sources import ObjectSource
+from ator_ros.world.state import Command, ObjectState, RobotState
+from ator_ros.world.transforms import Placement, Quaternion
+from ator_ros.world.velocity import RobotVelocity, VelocityEstimate
+
+FARTHEST = 1e8
+"""Greatest coordinate in m: projected maps stay below the Earth's circumference, 4e7 m, and beyond 1e8 m the
+15 nm that a float64 resolves begin to matter to motions of one control tick."""
+FASTEST = 100.0
+"""Greatest velocity in m/s or rad/s: far above wheeled robots and what they push; more is a wrong unit."""
+MOST_ITEMS = 64
+"""Items of a sequence that are converted: twice the longest sequence that is accepted."""
+LONGEST_NAME = 200
+"""Greatest number of characters in a name: ROS limits topics to 255, and names are quoted in answers."""
+_NO_DIRECTION = 1e-6
+"""Length of a quaternion up to which it has no direction: drivers without orientation send zeros."""
+_MOST_TILTED = math.radians(30.0)
+"""Tilt of a robot or goal up to which the floor is a plane; steeper than any ramp, so the axes are others."""
+
+
+class MessageError(ValueError):
+    """A message that cannot be used; the text says which field, what was expected and what came."""
+
+
+class FrameError(MessageError):
+    """A message in another frame than expected."""
+
+
+# Numbers, names and sequences
+
+
+def number(value: float, where: str, *, low: float, high: float, unit: str = "") -> float:
+    """Return `value` if it is a finite number in [low, high]; raise MessageError otherwise."""
+    if not (math.isfinite(value) and low <= value <= high):
+        bounds = f"a finite number from {low:g} to {high:g} {unit}".rstrip()
+        raise MessageError(f"{where}: expected {bounds}, got {value!r}")
+    return float(value)
+
+
+def position(value: float, where: str) -> float:
+    """Return a coordinate in m if it is finite and at most `FARTHEST`; raise MessageError otherwise."""
+    return number(value, where, low=-FARTHEST, high=FARTHEST, unit="m")
+
+
+def velocity(value: float, where: str, unit: str = "m/s") -> float:
+    """Return a velocity if it is finite and at most `FASTEST`; raise MessageError otherwise."""
+    return number(value, where, low=-FASTEST, high=FASTEST, unit=unit)
+
+
+def zero(values: Iterable[float], where: str) -> None:
+    """Raise MessageError unless all components that have no meaning in the plane are 0."""
+    values = tuple(values)
+    if any(value != 0.0 for value in values):
+        raise MessageError(f"{where}: expected 0, since the robot moves in the plane, got {values}")
+
+
+def name(text: str, where: str, *, allowed: Collection[str]) -> str:
+    """Return a name if it is allowed; raise MessageError otherwise."""
+    if len(text) > LONGEST_NAME or text not in allowed:
+        raise MessageError(f"{where}: expected one of {sorted(allowed)}, got {quoted(text)}")
+    return text
+
+
+def plain_name(text: str, where: str) -> str:
+    """Return a short name of letters, digits and _; raise MessageError for any other text."""
+    if len(text) > LONGEST_NAME or not is_name(text):
+        raise MessageError(f"{where}: expected a name of letters, digits and _, got {quoted(text)}")
+    return text
+
+
+def count(items: Sized, where: str, *, least: int, most: int) -> None:
+    """Raise MessageError unless there are `least` to `most` items."""
+    if not least <= len(items) <= most:
+        expected = f"{least}" if least == most else f"{least} to {most}"
+        more = " or more" if len(items) >= MOST_ITEMS else ""
+        raise MessageError(f"{where}: expected {expected} items, got {len(items)}{more}")
+
+
+def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> frozenset[str]:
+    """Return the names as a set; raise MessageError if one is not allowed, or comes twice."""
+    expected = f"{where}: expected names of {sorted(allowed)}, each once"
+    if len(items) > len(allowed):
+        more = " or more" if len(items) >= MOST_ITEMS else ""
+        raise MessageError(f"{expected}, got {len(items)}{more} items")
+    unknown = [item for item in items if len(item) > LONGEST_NAME or item not in allowed]
+    if unknown:
+        raise MessageError(f"{expected}, got {quoted(unknown[0])}")
+    if len(set(items)) != len(items):
+        raise MessageError(f"{expected}, got a name twice")
+    return frozenset(items)
+
+
+# Stamps, frames and poses
+
+
+def seconds_from(stamp: Any, where: str = "header.stamp") -> float:
+    """Return a builtin_interfaces/Time in s; a float64 resolves 0.24 us of stamps since 1970."""
+    if stamp.sec < 0 or not 0 <= stamp.nanosec < 1_000_000_000:
+        got = f"{stamp.sec} s and {stamp.nanosec} ns"
+        raise MessageError(f"{where}: expected a time since 0 s, with less than 1e9 ns, got {got}")
+    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+
+
+def plain_frame(frame_id: str) -> str:
+    """Return a frame's name without a leading slash, which tf2 ignores."""
+    return frame_id.removeprefix("/")
+
+
+def frame(frame_id: str, where: str, *, expected: str) -> None:
+    """Raise FrameError unless a frame is the expected one, or empty, which means the same."""
+    if plain_frame(frame_id) not in ("", plain_frame(expected)):
+        raise FrameError(f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}")
+
+
+def rotation_from(quaternion: Any, where: str) -> Quaternion:
+    """Return a quaternion (x, y, z, w) of length 1; raise MessageError if it has no direction."""
+    parts = (quaternion.x, quaternion.y, quaternion.z, quaternion.w)
+    length = math.hypot(*parts)
+    if not _NO_DIRECTION < length < math.inf:
+        raise MessageError(f"{where}: expected a quaternion (x, y, z, w) with a direction, got {parts}")
+    x, y, z, w = (float(part) / length for part in parts)
+    return x, y, z, w
+
+
+def planar_yaw(quaternion: Any, where: str) -> float:
+    """Return the heading in rad of a quaternion; raise MessageError if it is tilted or has no direction."""
+    return _planar_yaw(rotation_from(quaternion, where), where)
+
+
+def _planar_yaw(rotation: Quaternion, where: str) -> float:
+    x, y, z, w = rotation
+    tilt = 2.0 * math.asin(min(1.0, math.hypot(x, y)))
+    if tilt > _MOST_TILTED:
+        raise MessageError(
+            f"{where}: expected roll and pitch of at most {math.degrees(_MOST_TILTED):.0f} degrees, "
+            f"got the quaternion (x, y, z, w) ({x:.3f}, {y:.3f}, {z:.3f}, {w:.3f})"
+        )
+    return yaw_from_quaternion(x, y, z, w)
+
+
+def pose_from(pose: Any, where: str) -> Pose:
+    """Read a geometry_msgs/Pose as a pose in the plane."""
+    return Pose(
+        position(pose.position.x, f"{where}.position.x"),
+        position(pose.position.y, f"{where}.position.y"),
+        planar_yaw(pose.orientation, f"{where}.orientation"),
+    )
+
+
+def transform_from(message: Any) -> tuple[str, str, float, Placement]:
+    """Read a geometry_msgs/TransformStamped: frame, child frame, time in s, and placement of the child."""
+    parent, child = plain_frame(message.header.frame_id), plain_frame(message.child_frame_id)
+    if not (parent and child and parent != child and max(len(parent), len(child)) <= LONGEST_NAME):
+        raise MessageError(f"tf: expected two frames, got {quoted(parent)} and {quoted(child)}")
+    where, moved = f"tf: {quoted(child)}", message.transform.translation
+    origin = (
+        position(moved.x, f"{where}: x"),
+        position(moved.y, f"{where}: y"),
+        position(moved.z, f"{where}: z"),
+    )
+    turn = rotation_from(message.transform.rotation, where)
+    return parent, child, seconds_from(message.header.stamp, f"{where}: stamp"), Placement(origin, turn)
+
+
+# Commands, robots and objects
+
+
+def command_from(message: Any, where: str) -> Command:
+    """Read a geometry_msgs/Twist or TwistStamped; components but linear.x and angular.z must be 0."""
+    twist = getattr(message, "twist", message)
+    linear, angular = twist.linear, twist.angular
+    others = (linear.y, linear.z, angular.x, angular.y)
+    zero(others, f"{where}: linear.y, linear.z, angular.x, angular.y")
+    return Command(
+        velocity(linear.x, f"{where}.linear.x"), velocity(angular.z, f"{where}.angular.z", "rad/s")
+    )
+
+
+def robot_from(odometry: Any, *, frame: str = "", where: str = "odom") -> tuple[float, RobotState]:
+    """Read time in s and state of a robot from a nav_msgs/Odometry.
+
+    The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated.
+
+    Parameters
+    ----------
+    odometry : nav_msgs/Odometry
+        From rclpy or rosbags.
+    frame : str
+        The frame that the pose must be in; empty: any.
+    where : str
+        How errors name the message.
+    """
+    given = odometry.header.frame_id
+    _expect_frame(given, f"{where}.header.frame_id", frame)
+    pose = pose_from(odometry.pose.pose, f"{where}.pose.pose")
+    twist = odometry.twist.twist
+    v = velocity(twist.linear.x, f"{where}.twist.twist.linear.x")
+    if _is_pose_frame(odometry.child_frame_id, given, frame):
+        sideways = velocity(twist.linear.y, f"{where}.twist.twist.linear.y")
+        v = v * math.cos(pose.yaw) + sideways * math.sin(pose.yaw)
+    w = velocity(twist.angular.z, f"{where}.twist.twist.angular.z", "rad/s")
+    return seconds_from(odometry.header.stamp, f"{where}.header.stamp"), RobotState(pose, v, w)
+
+
+def robot_from_placement(time: float, placement: Placement, estimate: RobotVelocity) -> RobotState:
+    """Read the state of the robot from its placement in tf at `time` (s); its velocity is estimated."""
+    where, (x, y, _) = "robot in tf", placement.origin
+    yaw = _planar_yaw(placement.turn, f"{where}: rotation")
+    return estimate.state(time, Pose(position(x, f"{where}: x"), position(y, f"{where}: y"), yaw))
+
+
+class OdometryReader:
+    """Reads the odometry of one robot in the order of arrival.
+
+    Parameters
+    ----------
+    frame : str
+        The frame that poses must be in; empty: that of the first message.
+
+    Attributes
+    ----------
+    frame : str
+        The frame of the poses; empty before the first message, if none was given.
+    remark : str
+        That pose and twist contradict each other, where the message read last showed it; once, else empty.
+    """
+
+    def __init__(self, frame: str = "") -> None:
+        self.frame = plain_frame(frame)
+        self.remark = ""
+        self._check = TwistCheck()
+
+    def read(self, odometry: Any) -> tuple[float, RobotState]:
+        """Return time in s and state of the robot, see `robot_from`."""
+        time, robot = robot_from(odometry, frame=self.frame)
+        self.frame = self.frame or plain_frame(odometry.header.frame_id)
+        found = self._check.contradiction(time, robot)
+        child = quoted(odometry.child_frame_id)
+        self.remark = f"odom: {found}; is the twist in the frame child_frame_id {child}?" if found else ""
+        return time, robot
+
+
+class ObjectReader:
+    """Reads the messages of one object in the order of arrival; without a velocity, it is estimated.
+
+    Parameters
+    ----------
+    source : ObjectSource
+        The object, and the type of its messages.
+    frame : str
+        The frame that positions must be in; empty: any.
+    """
+
+    def __init__(self, source: ObjectSource, frame: str = "") -> None:
+        self._source, self.frame = source, frame
+        self._estimate = VelocityEstimate()
+
+    def read(self, message: Any) -> tuple[float, ObjectState]:
+        """Return time in s and state of the object from a message of the source's type."""
+        where, given = self._source.name, message.header.frame_id
+        _expect_frame(given, f"{where}.header.frame_id", self.frame)
+        time = seconds_from(message.header.stamp, f"{where}.header.stamp")
+        pose = message.pose if self._source.type == "PoseStamped" else message.pose.pose
+        x = position(pose.position.x, f"{where}.pose: position.x")
+        y = position(pose.position.y, f"{where}.pose: position.y")
+        if self._source.type != "Odometry":
+            return time, self._estimate.state(time, x, y)
+        linear = message.twist.twist.linear
+        vx, vy = velocity(linear.x, f"{where}.twist: x"), velocity(linear.y, f"{where}.twist: y")
+        child = message.child_frame_id
+        if child and not _is_pose_frame(child, given, self.frame) and (vx or vy):
+            vz = velocity(linear.z, f"{where}.twist: z")
+            turn = rotation_from(pose.orientation, f"{where}.pose.pose.orientation")
+            vx, vy, _ = Placement((0.0, 0.0, 0.0), turn).compose(Placement((vx, vy, vz), turn)).origin
+        return time, ObjectState(x, y, vx, vy)
+
+    def read_placement(self, time: float, placement: Placement) -> tuple[float, ObjectState]:
+        """Return time in s and state of the object from its placement in tf."""
+        where = f"{self._source.name} in tf"
+        x, y = position(placement.origin[0], f"{where}.x"), position(placement.origin[1], f"{where}.y")
+        return time, self._estimate.state(time, x, y)
+
+
+def object_from(position_of: Any, velocity_of: Any, where: str) -> ObjectState:
+    """Read an object's position and velocity in the world frame, as ator_interfaces/ObjectState has them."""
+    return ObjectState(
+        position(position_of.x, f"{where}.position: x"),
+        position(position_of.y, f"{where}.position: y"),
+        velocity(velocity_of.x, f"{where}.velocity: x"),
+        velocity(velocity_of.y, f"{where}.velocity: y"),
+    )
+
+
+def _expect_frame(given: str, where: str, expected: str) -> None:
+    if expected:
+        frame(given, where, expected=expected)
+
+
+def _is_pose_frame(child: str, given: str, expected: str) -> bool:
+    """Return whether a twist is in the frame of the pose."""
+    return plain_frame(child) in {plain_frame(given), plain_frame(expected)} - {""}

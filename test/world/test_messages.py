@@ -1,0 +1,217 @@
+"""Odometry, objects and transforms read by their fields: checks, repairs, and what is reported."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.world.messages import (
+    FrameError,
+    MessageError,
+    ObjectReader,
+    OdometryReader,
+    command_from,
+    pose_from,
+    robot_from,
+    transform_from,
+)
+from ator_ros.world.sources import ObjectSource
+from ator_ros.world.state import Command, ObjectState, RobotState
+
+EPOCH = 1_764_000_000
+
+
+def vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
+    return SimpleNamespace(x=x, y=y, z=z)
+
+
+def quaternion(x: float, y: float, z: float, w: float) -> Any:
+    return SimpleNamespace(x=x, y=y, z=z, w=w)
+
+
+def turned(yaw: float, length: float = 1.0) -> Any:
+    return quaternion(0.0, 0.0, length * math.sin(yaw / 2.0), length * math.cos(yaw / 2.0))
+
+
+def header(time: float, frame: str) -> Any:
+    nanoseconds = round(time * 1e9)
+    stamp = SimpleNamespace(sec=EPOCH + nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+    return SimpleNamespace(stamp=stamp, frame_id=frame)
+
+
+def odometry(
+    pose: Pose,
+    linear: Any,
+    w: float = 0.0,
+    *,
+    time: float = 0.0,
+    frame: str = "odom",
+    child: str = "base_link",
+    orientation: Any = None,
+) -> Any:
+    planar = SimpleNamespace(position=vector(pose.x, pose.y), orientation=orientation or turned(pose.yaw))
+    twist = SimpleNamespace(linear=linear, angular=vector(z=w))
+    return SimpleNamespace(
+        header=header(time, frame),
+        child_frame_id=child,
+        pose=SimpleNamespace(pose=planar),
+        twist=SimpleNamespace(twist=twist),
+    )
+
+
+FAR = Pose(691_608.25, 5_334_761.5, 2.0)  # UTM coordinates, in m
+
+
+def test_stamps_since_1970_and_projected_coordinates_keep_their_precision() -> None:
+    first, robot = robot_from(odometry(FAR, vector(15.0), 0.5, time=0.02), frame="odom")
+    second, _ = robot_from(odometry(FAR, vector(15.0), time=0.04), frame="odom")
+    assert second - first == pytest.approx(0.02, abs=1e-6)
+    assert (robot.pose.x, robot.pose.y, robot.v, robot.w) == (FAR.x, FAR.y, 15.0, 0.5)
+
+
+@pytest.mark.parametrize("length", [1e-3, 0.7, 1.01, 1.5, 1e3])
+def test_a_quaternion_of_any_length_is_normalized(length: float) -> None:
+    for yaw in (-3.0, -1.2, 0.0, 0.4, 1.687, 3.1):
+        message = odometry(FAR._replace(yaw=0.0), vector(), orientation=turned(yaw, length))
+        _, robot = robot_from(message)
+        assert wrap_angle(robot.pose.yaw - yaw) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_tilt_on_a_ramp_is_no_error_but_another_axis_is() -> None:
+    ramp = quaternion(0.0, math.sin(0.1), 0.0, math.cos(0.1))  # pitched by 11 degrees
+    _, robot = robot_from(odometry(FAR, vector(0.3), orientation=ramp))
+    assert robot.pose.yaw == pytest.approx(0.0)
+    half = math.sqrt(0.5)
+    with pytest.raises(MessageError, match=r"orientation: expected roll and pitch of at most 30 degrees"):
+        robot_from(odometry(FAR, vector(), orientation=quaternion(half, 0.0, 0.0, half)))
+
+
+@pytest.mark.parametrize("parts", [(0.0,) * 4, (0.0, 0.0, math.nan, 1.0), (0.0, 0.0, math.inf, 1.0)])
+def test_a_quaternion_without_direction_is_refused(parts: tuple[float, float, float, float]) -> None:
+    with pytest.raises(MessageError, match=r"^odom\.pose\.pose\.orientation: expected a quaternion .* got"):
+        robot_from(odometry(FAR, vector(), orientation=quaternion(*parts)))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "expected"),
+    [
+        ("x", math.nan, r"odom\.pose\.pose\.position\.x: expected a finite number"),
+        ("x", 1e12, r"odom\.pose\.pose\.position\.x: expected a finite number from -1e\+08 to 1e\+08 m"),
+        ("v", 1e4, r"odom\.twist\.twist\.linear\.x: expected a finite number from -100 to 100 m/s"),
+        ("sec", -EPOCH - 1, r"odom\.header\.stamp: expected a time since 0 s"),
+    ],
+)
+def test_numbers_that_nothing_real_has_are_refused(field: str, value: Any, expected: str) -> None:
+    message = odometry(FAR, vector())
+    owner = {"x": message.pose.pose.position, "v": message.twist.twist.linear, "sec": message.header.stamp}
+    setattr(owner[field], "x" if field == "v" else field, value)
+    with pytest.raises(MessageError, match=expected):
+        robot_from(message)
+
+
+@pytest.mark.parametrize("given", ["map", "/map", ""])
+@pytest.mark.parametrize("expected", ["map", "/map"])
+def test_a_leading_slash_of_a_frame_is_ignored(given: str, expected: str) -> None:
+    reader = OdometryReader(expected)
+    reader.read(odometry(FAR, vector(), frame=given))
+    with pytest.raises(FrameError, match=r"header\.frame_id: expected the frame 'map', got 'robot1/map'"):
+        reader.read(odometry(FAR, vector(), frame="robot1/map"))
+
+
+@pytest.mark.parametrize("child", ["odom", "/odom"])
+def test_a_twist_in_the_frame_of_the_pose_is_rotated(child: str) -> None:
+    for yaw in (-2.5, 0.0, 0.9, 3.0):
+        linear = vector(-0.4 * math.cos(yaw), -0.4 * math.sin(yaw))
+        _, robot = robot_from(odometry(FAR._replace(yaw=yaw), linear, 0.7, child=child), frame="/odom")
+        assert (robot.v, robot.w) == (pytest.approx(-0.4), 0.7)
+
+
+def remarks(
+    *, scale: float = 1.0, in_world: bool = False, jump: float = 0.0, seconds: float = 8.0
+) -> list[str]:
+    """Drive arcs with a twist that is scaled or in the world, or with poses that jump; return the remarks."""
+    reader, pose, found = OdometryReader("odom"), FAR, list[str]()
+    for tick in range(int(20 * seconds)):
+        v, w = (0.5, 0.8) if tick % 60 < 40 else (0.0, 0.0)
+        linear = vector(v * math.cos(pose.yaw), v * math.sin(pose.yaw)) if in_world else vector(scale * v)
+        reader.read(odometry(pose, linear, scale * w, time=0.05 * tick))
+        found += [reader.remark] * bool(reader.remark)
+        pose = pose.compose(Pose(0.05 * v, 0.0, 0.05 * w))
+        if tick % 50 == 25:
+            pose = pose._replace(x=pose.x + jump)
+    return found
+
+
+@pytest.mark.parametrize("wrong", [{"scale": 0.0}, {"scale": 3.6}, {"scale": -1.0}, {"in_world": True}])
+def test_a_twist_that_contradicts_the_poses_is_reported_in_one_line_once(wrong: dict[str, Any]) -> None:
+    (line,) = remarks(**wrong)
+    assert line.startswith("odom: pose and twist.")
+    assert "contradict each other" in line
+    assert "'base_link'" in line
+    assert "\n" not in line
+
+
+@pytest.mark.parametrize("right", [{}, {"scale": 0.8}, {"scale": 1.2}, {"jump": 2.0}, {"jump": 0.4}])
+def test_slip_and_corrected_poses_are_no_contradiction(right: dict[str, Any]) -> None:
+    assert remarks(**right, seconds=60.0) == []
+
+
+def test_the_velocity_of_an_object_is_in_the_frame_that_its_message_names() -> None:
+    reader = ObjectReader(ObjectSource("cart"), "map")
+    here = Pose(3.0, 4.0, math.pi / 2.0)
+    same, own = (0.5, 0.1), (-0.1, 0.5)
+    for child, expected in (("", same), ("map", same), ("/map", same), ("cart", own)):
+        _, there = reader.read(odometry(here, vector(0.5, 0.1), frame="/map", child=child))
+        assert (there.x, there.y) == (3.0, 4.0)
+        assert (there.vx, there.vy) == pytest.approx(expected)
+
+
+def test_an_object_that_has_no_orientation_needs_none_unless_its_velocity_is_its_own() -> None:
+    reader, nowhere = ObjectReader(ObjectSource("cart"), "map"), quaternion(0.0, 0.0, 0.0, 0.0)
+    message = odometry(FAR, vector(0.5), frame="map", child="map", orientation=nowhere)
+    assert reader.read(message)[1] == ObjectState(FAR.x, FAR.y, 0.5, 0.0)
+    message.child_frame_id = "cart"
+    with pytest.raises(MessageError, match=r"^cart\.pose\.pose\.orientation: expected a quaternion"):
+        reader.read(message)
+
+
+def test_commands_are_read_from_both_types() -> None:
+    twist = SimpleNamespace(linear=vector(0.5), angular=vector(z=-0.3))
+    for message in (twist, SimpleNamespace(twist=twist, header=header(0.0, "base_link"))):
+        assert command_from(message, "cmd_vel") == Command(0.5, -0.3)
+    twist.linear.y = 0.1
+    with pytest.raises(MessageError, match=r"^cmd_vel: linear\.y, .* expected 0"):
+        command_from(twist, "cmd_vel")
+
+
+def test_a_transform_is_normalized_and_its_frames_lose_their_slashes() -> None:
+    transform = SimpleNamespace(translation=vector(FAR.x, FAR.y), rotation=turned(0.6, 1.7))
+    message = SimpleNamespace(header=header(0.0, "/map"), child_frame_id="/base_link", transform=transform)
+    parent, child, time, placement = transform_from(message)
+    assert (parent, child, time) == ("map", "base_link", float(EPOCH))
+    assert placement.origin == (FAR.x, FAR.y, 0.0)
+    assert placement.turn == pytest.approx((0.0, 0.0, math.sin(0.3), math.cos(0.3)))
+    transform.rotation = quaternion(0.0, 0.0, 0.0, 0.0)
+    with pytest.raises(MessageError, match=r"^tf: 'base_link': expected a quaternion"):
+        transform_from(message)
+
+
+def test_a_goal_without_orientation_is_refused_with_its_place() -> None:
+    with pytest.raises(MessageError, match=r"^goal_pose\.pose\.orientation: expected a quaternion"):
+        pose_from(
+            SimpleNamespace(position=vector(), orientation=quaternion(0.0, 0.0, 0.0, 0.0)), "goal_pose.pose"
+        )
+
+
+def test_a_message_that_is_refused_leaves_no_trace() -> None:
+    reader = OdometryReader()
+    with pytest.raises(MessageError):
+        reader.read(odometry(FAR, vector(math.nan), frame="camera"))
+    assert reader.read(odometry(FAR, vector(0.1), frame="/odom"))[1] == RobotState(
+        pytest.approx(FAR), 0.1, 0.0
+    )
+    assert reader.frame == "odom"
