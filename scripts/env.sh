@@ -22,7 +22,8 @@ export ATOR_ROS_ROOT
 _venv=$ATOR_ROS_ROOT/.venv
 _install=$ATOR_ROS_ROOT/install
 
-# Print the list of folders $1 without those of the checkout that was sourced before, and without empty entries.
+# Print the list of folders $1 without what env.sh has added of this checkout or of the one that was sourced
+# before, without empty entries, and without those for which the command $2 succeeds.
 _others() {
     _rest=$1:
     _kept=
@@ -30,24 +31,55 @@ _others() {
         _entry=${_rest%%:*}
         _rest=${_rest#*:}
         case $_entry in
-        '') ;;
-        "${_former:-/none}"/*) ;;
-        *) _kept=${_kept:+$_kept:}$_entry ;;
+        '') continue ;;
+        "$ATOR_ROS_ROOT"/.venv* | "$ATOR_ROS_ROOT"/install* | "$ATOR_ROS_ROOT"/build*) continue ;;
+        "${_former:-/none}"/.venv* | "${_former:-/none}"/install* | "${_former:-/none}"/build*) continue ;;
         esac
+        "$2" "$_entry" || _kept=${_kept:+$_kept:}$_entry
     done
     printf %s "$_kept"
 }
 
-PATH=$(_others "$PATH")
-AMENT_PREFIX_PATH=$(_others "${AMENT_PREFIX_PATH:-}")
-CMAKE_PREFIX_PATH=$(_others "${CMAKE_PREFIX_PATH:-}")
-LD_LIBRARY_PATH=$(_others "${LD_LIBRARY_PATH:-}")
-PYTHONPATH=$(_others "${PYTHONPATH:-}")
+# Succeed if the folder $1 is, or lies in, a ROS installation: /opt/ros, or a prefix with rclpy.
+_in_ros() {
+    _folder=$1
+    while :; do
+        case $_folder in /opt/ros/*) return 0 ;; /*) ;; *) return 1 ;; esac
+        [ -d "$_folder/share/rclpy" ] && return 0
+        _folder=${_folder%/*}
+    done
+}
 
-if [ "$(cat "$_venv/ros_prefix" 2>/dev/null)" = wheels ]; then
-    # ROS lives in the virtual environment: nothing of another ROS may shine through.
+# Succeed if the folder $1 lies in none of the workspaces whose prefixes are on AMENT_PREFIX_PATH.
+_in_no_workspace() {
+    _prefixes=$AMENT_PREFIX_PATH
+    while [ -n "$_prefixes" ]; do
+        _prefix=${_prefixes%%:*}
+        case $1 in "${_prefix%/install*}"/*) return 1 ;; esac
+        _prefixes=${_prefixes#"$_prefix"}
+        _prefixes=${_prefixes#:}
+    done
+    return 0
+}
+
+# With ROS in the virtual environment, nothing of another ROS stays. A workspace that was sourced stays, behind ours.
+# Of PYTHONPATH only workspaces stay, because it precedes the packages of the virtual environment.
+_ros=$(cat "$_venv/ros_prefix" 2>/dev/null)
+_foreign=false
+_outside=false
+if [ "$_ros" = wheels ]; then
+    _foreign=_in_ros
+    _outside=_in_no_workspace
+fi
+PATH=$(_others "$PATH" false)
+AMENT_PREFIX_PATH=$(_others "${AMENT_PREFIX_PATH:-}" "$_foreign")
+CMAKE_PREFIX_PATH=$(_others "${CMAKE_PREFIX_PATH:-}" "$_foreign")
+LD_LIBRARY_PATH=$(_others "${LD_LIBRARY_PATH:-}" "$_foreign")
+PYTHONPATH=$(_others "${PYTHONPATH:-}" "$_outside")
+if [ "$_ros" = wheels ]; then
     export ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 RMW_IMPLEMENTATION=rmw_fastrtps_cpp
-    AMENT_PREFIX_PATH=$_venv CMAKE_PREFIX_PATH=$_venv PYTHONPATH=
+    AMENT_PREFIX_PATH=$_venv${AMENT_PREFIX_PATH:+:$AMENT_PREFIX_PATH}
+    CMAKE_PREFIX_PATH=$_venv${CMAKE_PREFIX_PATH:+:$CMAKE_PREFIX_PATH}
     # The wheels extend LD_LIBRARY_PATH at the start of Python unless this is set (perhaps by another venv).
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE
 fi
@@ -62,5 +94,5 @@ export CMAKE_PREFIX_PATH="$_install${CMAKE_PREFIX_PATH:+:$CMAKE_PREFIX_PATH}"
 export LD_LIBRARY_PATH="$_install/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}"
 # build/ator_ros links to the sources: an edited Python file needs no build.
 export PYTHONPATH="$ATOR_ROS_ROOT/build/ator_ros:$_install/lib/$_site/site-packages${PYTHONPATH:+:$PYTHONPATH}"
-unset _former _shell _file _venv _install _site _rest _kept _entry
-unset -f _others
+unset _former _shell _file _venv _install _site _rest _kept _entry _folder _prefix _prefixes _ros _foreign _outside
+unset -f _others _in_ros _in_no_workspace

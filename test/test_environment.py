@@ -74,6 +74,31 @@ def test_twice_is_once(shell: str, one: Path) -> None:
     assert {name: twice[name] for name in LISTS} == {name: once[name] for name in LISTS}
 
 
+@pytest.mark.parametrize("shell", SHELLS)
+def test_a_workspace_that_was_sourced_before_stays_behind_ours(shell: str, one: Path, tmp_path: Path) -> None:
+    prefix, humble = tmp_path / "ws" / "install" / "fleet", tmp_path / "humble"
+    (humble / "share" / "rclpy").mkdir(parents=True)
+    packages = f"{prefix}/lib/python3.11/site-packages"
+    sourced = {
+        "AMENT_PREFIX_PATH": f"{prefix}:{humble}:/opt/ros/humble",
+        "CMAKE_PREFIX_PATH": f"{prefix}:{humble}",
+        "LD_LIBRARY_PATH": f"{prefix}/lib:{humble}/lib:/usr/local/lib:relative",
+        "PYTHONPATH": f"{packages}:{tmp_path}/ws/build/fleet:{humble}/lib/python3.10/site-packages:/home/mine",
+    }
+    found = after(shell, ". scripts/env.sh; . scripts/env.sh", cwd=one, **sourced)
+    assert found["AMENT_PREFIX_PATH"] == f"{one}/install:{one}/.venv:{prefix}"
+    assert found["CMAKE_PREFIX_PATH"] == f"{one}/install:{one}/.venv:{prefix}"
+    assert found["LD_LIBRARY_PATH"] == f"{one}/install/lib:{prefix}/lib:/usr/local/lib:relative"
+    assert found["PYTHONPATH"].endswith(f"/site-packages:{packages}:{tmp_path}/ws/build/fleet")
+    assert found["PYTHONPATH"].startswith(f"{one}/build/ator_ros:{one}/install/lib/")
+
+
+def test_without_a_workspace_pythonpath_is_ours_alone(one: Path) -> None:
+    alone = after("sh", ". scripts/env.sh", cwd=one)
+    found = after("sh", ". scripts/env.sh", cwd=one, PYTHONPATH="/home/mine:/opt/ros/humble/lib/python3")
+    assert found["PYTHONPATH"] == alone["PYTHONPATH"]
+
+
 def test_a_ros_that_was_sourced_before_stays(tmp_path: Path, two: Path) -> None:
     one = checkout(tmp_path / "apt", ros="/opt/ros/jazzy")
     ros = {"AMENT_PREFIX_PATH": "/opt/ros/jazzy", "PYTHONPATH": "/opt/ros/jazzy/lib/python3.12/site-packages"}
