@@ -58,7 +58,8 @@ def fitted(
     row = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"t": 0.0, "success": True, "yawg": 0.5 * np.pi}
     row["duration"] = float(models["goToPose", 0].predict({"yawg": row["yawg"]}).duration[0]) + late
     rows = pd.DataFrame([row | {"episode": number} for number in range(6)])
-    return CrossFit(ROBOT, {"goToPose": rows, "dribbleBall": rows.assign(duration=3.0 + late)}, ())
+    tables = {"goToPose": rows, "dribbleBall": rows.assign(duration=3.0 + late)}
+    return CrossFit(ROBOT, tables, dict.fromkeys(tables, ()))
 
 
 def test_a_gain_that_only_the_choosing_half_sees_is_none(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,8 @@ from selection import few
 
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Experience, read_experience, write_experience
+from ator_ros.refinement.gate import ThresholdGate
+from ator_ros.refinement.gate_file import load_gate, save_gate
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, train
 from ator_ros.tools.guard import INTERRUPTED
@@ -40,7 +42,8 @@ def table(path: Path, seed: int, **metadata: Any) -> Path:
 @pytest.fixture
 def learned(tmp_path: Path) -> Path:
     experience, fresh = table(tmp_path / "a.parquet", 1), table(tmp_path / "b.parquet", 2)
-    assert train.main([str(experience), "--fresh", str(fresh), "--models", str(tmp_path / "models")]) == 0
+    words = [str(experience), "--fresh", str(fresh), "--models", str(tmp_path / "models"), "--no-gate"]
+    assert train.main(words) == 0
     return tmp_path / "models"
 
 
@@ -219,8 +222,39 @@ def test_train_writes_models_with_their_accuracy(learned: Path) -> None:
 def test_training_twice_gives_the_same_bytes(learned: Path, tmp_path: Path) -> None:
     before = (learned / "goToPose.json").read_bytes()
     words = [str(tmp_path / "a.parquet"), "--fresh", str(tmp_path / "b.parquet"), "--models", str(learned)]
-    assert train.main(words) == 0
+    assert train.main([*words, "--no-gate"]) == 0
     assert (learned / "goToPose.json").read_bytes() == before
+
+
+def test_train_learns_the_gate_from_the_same_episodes(
+    learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not (learned / "gate.json").exists()  # --no-gate
+    capsys.readouterr()
+    models = tmp_path / "gated"
+    assert train.main([str(tmp_path / "a.parquet"), "--models", str(models)]) == 0
+    gate = load_gate(models / "gate.json")
+    assert isinstance(gate, ThresholdGate)
+    told = f"{models}/gate.json: refines where the predicted gain is above {gate.gain:.2f} s"
+    assert told in capsys.readouterr().out
+    assert json.loads((models / "gate.json").read_text())["training"]["command"].startswith("train ")
+
+
+def test_train_says_in_one_line_why_there_is_no_gate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = {"seed": 1, "robot_digest": ROBOT.digest(), "action_set": "default"}
+    write_experience(tmp_path / "one.parquet", Experience(made_up_experience("dribbleBall", seed=1), given))
+    models = tmp_path / "models"
+    words = [str(tmp_path / "one.parquet"), "--models", str(models)]
+    assert train.main(words) == 0
+    why = f"{models}: no gate: domain soccer has no chain with only dribbleBall; "
+    assert capsys.readouterr().out.endswith(f"{why}refinement accepts every predicted gain\n")
+    assert not (models / "gate.json").exists()
+    save_gate(models / "gate.json", ThresholdGate(0.2), {})
+    assert train.main(words) == 0
+    assert capsys.readouterr().out.endswith(f"{why}{models}/gate.json stays as it is\n")
+    assert load_gate(models / "gate.json") == ThresholdGate(0.2)
 
 
 def test_rules_are_printed_for_the_tree_and_for_one_situation(

@@ -61,8 +61,8 @@ class CrossFit:
         The robot of the experience.
     rows : mapping
         Rows of an experience table by action.
-    features : tuple of Feature
-        Candidate features of every action.
+    features : mapping of str to tuple of Feature
+        Candidate features by action.
     ranges : mapping, optional
         Goal variable to its range.
     failure_cost : float
@@ -73,14 +73,17 @@ class CrossFit:
         self,
         robot: Robot,
         rows: Mapping[str, pd.DataFrame],
-        features: tuple[Feature, ...],
+        features: Mapping[str, tuple[Feature, ...]],
         ranges: Ranges = USUAL_RANGES,
         failure_cost: float = 0.0,
     ) -> None:
         self.robot, self.ranges, self.failure_cost = robot, ranges, failure_cost
         parts = {action: _halves(table) for action, table in rows.items()}
         first, second = (
-            {action: observed_model(action, part[half], robot, features) for action, part in parts.items()}
+            {
+                action: observed_model(action, part[half], robot, features[action])
+                for action, part in parts.items()
+            }
             for half in (0, 1)
         )
         self.models: Halves = (first, second)
@@ -138,15 +141,15 @@ def usual_widths(robot: Robot) -> dict[str, float]:
 
 
 def learn_from_episodes(
-    fitted: CrossFit, trials: list[Trial], *, seed: int
+    fitted: CrossFit, trials: list[Trial], *, seed: int, widths: Widths | None = None
 ) -> tuple[ThresholdGate, LearnedGates]:
-    """Return the gate of observed models, and what it was compared with.
+    """Return the gate of models, and what it was compared with; `widths` is as in `CrossFit.examples`.
 
     It is the threshold, whatever the comparison says: it grows with the spread, so it also holds for models
     that are learned later from more episodes, or from fewer. It asks for a gain of one `CONTROL_PERIOD` at
     least: a smaller one does not show in how long an executed chain takes.
     """
-    widths = usual_widths(fitted.robot)
+    widths = usual_widths(fitted.robot) if widths is None else widths
     examples = fitted.examples(trials, seed=seed, widths=widths)
     learned = learn_gates(examples, partial(fit_threshold, keep=KEPT))
     comparison = {kind: _per_chain(judged) for kind, judged in learned.comparison.items()}
@@ -169,8 +172,9 @@ def gate_of_episodes(
     *,
     seed: int,
     situations: int,
+    features: Mapping[str, tuple[Feature, ...]] | None = None,
 ) -> tuple[ThresholdGate, LearnedGates]:
-    """Learn the gate of observed models from tables of episodes, as `learn_from_episodes` says.
+    """Learn the gate of models from tables of episodes, as `learn_from_episodes` says.
 
     Parameters
     ----------
@@ -182,6 +186,9 @@ def gate_of_episodes(
         Name of the domain's chain.
     seed, situations : int
         Of the situations in which chains are chosen.
+    features : mapping of str to tuple of Feature, optional
+        Candidate features of the models by action; by default those of observed models. Costs are averaged,
+        see `usual_widths`, unless the models know the ideal times of their actions.
 
     Raises
     ------
@@ -192,8 +199,10 @@ def gate_of_episodes(
     actions = {call.top.action for call in trials[0].chain.calls}
     used = {action: table for action, table in rows.items() if action in actions}
     _require_enough(used)
-    fitted = CrossFit(library.robot, used, OBSERVED, domain.ranges, domain.time_limit)
-    return learn_from_episodes(fitted, trials, seed=seed)
+    known = {action: (features or {}).get(action, OBSERVED) for action in used}
+    fitted = CrossFit(library.robot, used, known, domain.ranges, domain.time_limit)
+    described = any(feature.ideal for names in known.values() for feature in names)
+    return learn_from_episodes(fitted, trials, seed=seed, widths={} if described else None)
 
 
 def _require_enough(rows: Mapping[str, pd.DataFrame]) -> None:

@@ -1,4 +1,4 @@
-"""Learn performance models from experience, show their rules, report their accuracy (paper, section 3)."""
+"""Learn performance models and the gate from experience, show rules, report accuracy (paper, sections 3, 5)."""
 
 from __future__ import annotations
 
@@ -32,6 +32,11 @@ def arguments() -> argparse.ArgumentParser:
         "--action-set",
         metavar="NAME",
         help="of odometry and commands that were recorded (tables and records know their own)",
+    )
+    parser.add_argument(
+        "--no-gate",
+        action="store_true",
+        help="do not learn the gate from the same episodes (`gate` learns one from executed chains)",
     )
     parser.add_argument(
         "--ablation", type=destination, metavar="FILE", help="write the feature ablation as Markdown"

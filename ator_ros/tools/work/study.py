@@ -144,7 +144,7 @@ def _trained(
     print("study: models", flush=True)
     words = [str(table) for table in tables["experience"].values()]
     words += ["--fresh", *map(str, tables["fresh"].values()), "--models", source.models]
-    words += _setting(options)[:2] + (["--robot", options.robot] if options.robot else [])
+    words += ["--no-gate", *_setting(options)[:2]] + (["--robot", options.robot] if options.robot else [])
     parsed, domain = settled(train.arguments(), words)
     training.run(parsed, domain, "train of study")
 

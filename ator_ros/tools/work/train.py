@@ -1,4 +1,4 @@
-"""Learn performance models from experience, show their rules, report their accuracy (paper, section 3)."""
+"""Learn performance models and the gate from experience, show rules, report accuracy (paper, sections 3, 5)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import pandas as pd
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.compiled import compiles
 from ator_ros.domains.domain import Domain, installed_domains
+from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.experience.columns import FARTHEST
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
@@ -34,10 +35,14 @@ from ator_ros.performance.training import (
     start_ranges,
     train,
 )
+from ator_ros.refinement.gate_file import save_gate
 from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
-from ator_ros.robot.description import Robot
+from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.tools.work.possible import possible_chain
 
 _MODELS_BYTES = 1_000_000
+_GATE_SEED, _GATE_SITUATIONS = 1, 60
+"""Of the situations in which the gate is learned."""
 
 
 def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
@@ -71,6 +76,7 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         fresh = _read(domain, options.fresh, robot, source["action_set"])
     by_action = dict(iter(rows.groupby("action", sort=False)))
     errors: list[str] = []
+    used: dict[str, tuple[Feature, ...]] = {}
     for action, examples in by_action.items():
         if options.observed:
             features = (*OBSERVED, *domain.goal_features(action, source["action_set"]))
@@ -82,6 +88,7 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         except TrainingError as error:
             errors.append(str(error))
             continue
+        used[action] = features
         tests = fresh.frame[fresh.frame["action"] == action]
         measured = _measure(model, tests, fresh.seed) if len(tests) else {}
         training = {
@@ -106,11 +113,50 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         raise TrainingError("; ".join(errors))
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
+    if not options.no_gate:
+        _learn_gate(domain, robot, folder, {name: by_action[name] for name in used}, used, source, command)
     if options.ablation and len(fresh.frame):
         others = dict(iter(fresh.frame.groupby("action")))
         suited = partial(_suited, robot=robot, domain=domain)
         lines = ablation_table(by_action, others, robot, domain, seed=fresh.seed, suited=suited)
         write_text(options.ablation, _document("Feature ablation", command, "\n".join(lines)))
+
+
+def _learn_gate(
+    domain: Domain,
+    robot: Robot,
+    folder: Path,
+    rows: Mapping[str, pd.DataFrame],
+    features: Mapping[str, tuple[Feature, ...]],
+    source: Mapping[str, Any],
+    command: str,
+) -> None:
+    """Learn the gate beside models from the episodes of these; report where that is not possible."""
+    action_set = source["action_set"]
+    file = folder / model_path("gate", action_set)
+    library = domain.library(robot, action_set)
+    try:
+        chain = possible_chain(domain, library, None, list(rows))
+        if chain is None:
+            raise TrainingError(f"domain {domain.name} has no chain with only {', '.join(rows)}")
+        print(f"train: learning the gate in {_GATE_SITUATIONS} situations of the chain {chain} …", flush=True)
+        gate, learned = gate_of_episodes(
+            domain, library, rows, chain, seed=_GATE_SEED, situations=_GATE_SITUATIONS, features=features
+        )
+    except (TrainingError, ConfigError) as error:
+        result = f"{file} stays as it is" if file.exists() else "refinement accepts every predicted gain"
+        print(f"{folder}: no gate: {error}; {result}")
+        return
+    training = {
+        "command": command,
+        "seed": _GATE_SEED,
+        "situations": _GATE_SITUATIONS,
+        "cross_validation": learned.comparison,
+        "tree_rules": learned.tree.rules(),
+    }
+    save_gate(file, gate, training, action_set)
+    needed = f"{gate.gain:.2f} s + {gate.spread_factor:g} times the spread of the two predictions"
+    print(f"{file}: refines where the predicted gain is above {needed}")
 
 
 def _is_own(robot: Robot, domain: Domain) -> bool:
