@@ -83,7 +83,7 @@ def test_a_workspace_that_was_sourced_before_stays_behind_ours(shell: str, one: 
         "AMENT_PREFIX_PATH": f"{prefix}:{humble}:/opt/ros/humble",
         "CMAKE_PREFIX_PATH": f"{prefix}:{humble}",
         "LD_LIBRARY_PATH": f"{prefix}/lib:{humble}/lib:/usr/local/lib:relative",
-        "PYTHONPATH": f"{packages}:{tmp_path}/ws/build/fleet:{humble}/lib/python3.10/site-packages:/home/mine",
+        "PYTHONPATH": f"{packages}:{tmp_path}/ws/build/fleet:{humble}/lib/python3:/home/mine",
     }
     found = after(shell, ". scripts/env.sh; . scripts/env.sh", cwd=one, **sourced)
     assert found["AMENT_PREFIX_PATH"] == f"{one}/install:{one}/.venv:{prefix}"

@@ -1,4 +1,4 @@
-"""Learn performance models and the gate from experience, show rules, report accuracy (paper, sections 3, 5)."""
+"""Learn performance models and the gate from experience; show rules and accuracy (paper, sections 3, 5)."""
 
 from __future__ import annotations
 
