@@ -60,7 +60,7 @@ BY_TEST = {
     r"(scripts/run )?python benchmarks/motion_fam.*": "test_benchmarks.py::test_chosen_kinds_of_motion",
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
-    r".*examples\.call|ros2 (service call|action send_goal)": "nodes/test_call_example.py::test_a_service_is_",
+    r".*examples\.call|ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
     r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",
     r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 service call /plan_chains .*": f"{_ROS}::test_the_printed_requests",
