@@ -240,6 +240,11 @@ class Execution:
             self.reason = reason
         self.end(Ending.BASE_FAULT, reason)
 
+    def explain(self, cause: str) -> None:
+        """Add the cause of the end to its reason; empty: none is known."""
+        if cause and cause not in self.reason:
+            self.reason = f"{self.reason}; {cause}"
+
     def drop(self) -> None:
         """End a goal that stops at once, without waiting until the robot stands."""
         if self.phase is Phase.STOPPING:

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import time
+from typing import Any
+
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 
 from ator_ros.nodes.conversions import stamp_of, twist_of
+from ator_ros.nodes.diagnosis import is_base, motion_cause, node_of, subscriptions_of, type_name
+from ator_ros.nodes.parameters import Parameter
 from ator_ros.nodes.qos import COMMANDS
 from ator_ros.world.state import Command
+
+STAMPED = Parameter(
+    "stamped_commands",
+    "auto",
+    "whether cmd_vel is a TwistStamped; auto: what the base subscribes to",
+    choices=("auto", "true", "false"),
+)
+_TOPIC = "cmd_vel"
 
 
 class CommandPublisher:
@@ -17,15 +30,37 @@ class CommandPublisher:
     ----------
     node : Node
         The node that publishes.
-    stamped : bool
-        Whether the messages are geometry_msgs/TwistStamped instead of Twist.
+    stamped : str
+        "true": geometry_msgs/TwistStamped; "false": Twist; "auto": what the base subscribes to, and Twist
+        without a base, or if bases want both. `adapt` has to be called now and then.
     frame : str
         The robot's own frame, for stamped ones.
+    option : str
+        How a user sets `stamped`, for messages.
+
+    Attributes
+    ----------
+    changed : float
+        Real time in s at which the type was last chosen; DDS then takes a moment to connect the base.
     """
 
-    def __init__(self, node: Node, *, stamped: bool, frame: str) -> None:
-        self._stamped, self._frame = stamped, frame
-        self._publisher = node.create_publisher(TwistStamped if stamped else Twist, "cmd_vel", COMMANDS)
+    def __init__(self, node: Node, *, stamped: str, frame: str, option: str = f"{STAMPED.name}:=") -> None:
+        self._node, self._setting, self._frame, self._option = node, stamped, frame, option
+        self._use(stamped == "true")
+
+    def _use(self, stamped: bool) -> None:
+        self._stamped, self.changed = stamped, time.monotonic()
+        self._publisher = self._node.create_publisher(self.kind, _TOPIC, COMMANDS)
+
+    @property
+    def kind(self) -> Any:
+        """The type of the messages."""
+        return TwistStamped if self._stamped else Twist
+
+    @property
+    def connected(self) -> bool:
+        """Whether any subscription receives the commands."""
+        return bool(self._publisher.get_subscription_count() > 0)
 
     def publish(self, command: Command, time: float) -> None:
         """Publish a command, with odometry's `time` (s) as its stamp if it has one."""
@@ -36,3 +71,38 @@ class CommandPublisher:
         message = TwistStamped(twist=twist)
         message.header.stamp, message.header.frame_id = stamp_of(time), self._frame
         self._publisher.publish(message)
+
+    def adapt(self) -> None:
+        """Publish the other type from now on if all bases subscribe to that one and "auto" is set."""
+        if self._setting != "auto" or self.connected:
+            return
+        other = Twist if self._stamped else TwistStamped
+        if set(self._bases().values()) == {type_name(other)}:
+            self._node.destroy_publisher(self._publisher)
+            self._use(not self._stamped)
+
+    def mismatch(self) -> str:
+        """Return which base subscribes to another type, and what to do about it; empty if none does."""
+        strange = {node: kind for node, kind in self._bases().items() if kind != type_name(self.kind)}
+        if not strange:
+            return ""
+        node, kind = next(iter(strange.items()))
+        told = (
+            f"{_TOPIC}: the base {node} subscribes to {kind.replace('/msg/', '/')}, "
+            f"this node publishes {self.kind.__name__}"
+        )
+        if kind not in (type_name(Twist), type_name(TwistStamped)):
+            return f"{told}; expected a base that subscribes to Twist or TwistStamped"
+        return f"{told}; set {self._option}{'false' if self._stamped else 'true'}"
+
+    def cause(self) -> str:
+        """Return why a base may not follow the commands; empty if nothing is known."""
+        infos = self._node.get_publishers_info_by_topic(_TOPIC)
+        rivals = {node_of(info) for info in infos} - {self._node.get_fully_qualified_name()}
+        facts = subscriptions_of(self._node, _TOPIC, self.kind, COMMANDS)
+        return motion_cause(facts, self.mismatch(), rivals)
+
+    def _bases(self) -> dict[str, str]:
+        """Return the types that bases subscribe to, by node."""
+        infos = self._node.get_subscriptions_info_by_topic(_TOPIC)
+        return {node_of(info): info.topic_type for info in infos if is_base(info)}

@@ -14,8 +14,8 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
+from ator_ros.nodes.diagnosis import rival_senders, strange_senders
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.nodes.senders import rival_senders, strange_senders
 from ator_ros.printable import printable
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)

@@ -11,6 +11,7 @@ from rclpy.action.server import ServerGoalHandle
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.execution.driving import Driving
+from ator_ros.execution.execution import Execution
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
@@ -39,7 +40,7 @@ from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 _WARNING_PERIOD = 2.0
-_DEAF = 1.0  # real s in which a base whose odometry has begun may not have found our publisher of commands
+_DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
 _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
 _HURRIED = 2.0  # times real time
 _ENDED = "the executor was ended"
@@ -61,7 +62,8 @@ class ExecutorNode(FrugalNode):
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
         `latency` later, are the time of the control programs.
     Publishes
-        cmd_vel (geometry_msgs/Twist or TwistStamped): while a goal is active, unless a server executes it.
+        cmd_vel (geometry_msgs/Twist or TwistStamped, see `stamped_commands`): while a goal is active, unless
+        a server executes it.
         performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
         chain_under_way, planned_path and markers (see `ExecutionDrawing`); /diagnostics, once a second.
@@ -167,9 +169,10 @@ class ExecutorNode(FrugalNode):
         self._drawing.objects(world)
 
     def _is_new(self, run: GoalRun, now: float) -> bool:
-        """Return whether a goal would begin on a base that may not hear commands yet, as if blocked."""
-        deaf = min(_DEAF, 0.5 * self._settings["start_timeout"])
-        return run.execution.phase is Phase.WAITING and now - self._inputs.since < deaf
+        """Return whether a goal would begin on a base that may not receive commands yet, as if blocked."""
+        grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
+        connecting = now - max(self._inputs.since, self._commands.changed) < grace
+        return run.execution.phase is Phase.WAITING and connecting
 
     def _stand_by(self, run: GoalRun) -> None:
         """Send stop commands, while a canceled server may still drive or before a new base listens."""
@@ -193,6 +196,7 @@ class ExecutorNode(FrugalNode):
     def _watch(self) -> None:
         for remark in self._remotes.remarks():
             self._note(remark)
+        self._commands.adapt()
         now = time.monotonic()
         silence, ending = now - self._heard, self._remotes.ending()
         fresh = silence <= self._settings["odom_timeout"]
@@ -225,6 +229,7 @@ class ExecutorNode(FrugalNode):
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, PREEMPTED, at_once=True)
         self._run = run
+        self._commands.adapt()
         self._adjust_watchdog()
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
@@ -284,12 +289,17 @@ class ExecutorNode(FrugalNode):
         self._run = None
         self._adjust_watchdog()
         self._send(STOP)
+        run.execution.explain(self._cause(run.execution))
         result = run.result(self._world)
         self._chains.publish(result.record)
         self._server.finish(run.handle, result)
         if run.execution.ending is not Ending.SUCCEEDED:
             self._last_error = run.execution.reason
         self.get_logger().info(f"goal ended: {run.summary}")
+
+    def _cause(self, execution: Execution) -> str:
+        """Return the most likely cause of an ending that inputs or the base have brought about."""
+        return self._commands.cause() if execution.ending is Ending.BASE_FAULT else ""
 
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
         """Send a command, as of now or of the state that it `answers`; None where others move the robot."""
@@ -324,7 +334,12 @@ class ExecutorNode(FrugalNode):
             **self._sets.told(),
         }
         missing = self._state.missing() if stale else self._objects.missing(known)
-        problems = missing, problems_of(self._sets.present.models), self._remotes.problem
+        problems = (
+            missing,
+            self._commands.mismatch(),
+            problems_of(self._sets.present.models),
+            self._remotes.problem,
+        )
         return Health("; ".join(filter(None, problems)), error=stale and self._run is not None, values=values)
 
     def stop(self) -> None:

@@ -10,8 +10,9 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
+from ator_ros.nodes.commands import STAMPED
 from ator_ros.nodes.learned_sets import LEARNED
-from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError
+from ator_ros.nodes.parameters import DOMAIN, FRAME, MODELS, ROBOT, ROBOT_FRAME, Parameter, SetupError
 from ator_ros.nodes.robot_source import STATE
 from ator_ros.robot.description import Robot
 from ator_ros.world.inputs import Inputs
@@ -25,13 +26,13 @@ _REST, _REST_WATCHED = 0.15, 0.1
 _APART = 0.2
 """Stamped s that inputs may gather: positions tell a velocity while they are at most 0.3 s apart."""
 _COMMON = (
-    Parameter("frame", "odom", "frame of odom, objects and the goals of chains"),
-    Parameter("robot_frame", "base_link", "the robot's own frame, for stamped commands and tf"),
+    FRAME,
+    ROBOT_FRAME,
     STATE,
-    Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
+    STAMPED,
     DOMAIN,
     ROBOT,
-    Parameter("models", "", "folder of the performance models; empty: those that are shipped"),
+    MODELS,
     LEARNED,
     Parameter("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, 3600.0, live=True),
     Parameter(

@@ -16,8 +16,8 @@ from ator_ros.nodes.conversions import chain_of
 from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.parameters import (
     DOMAIN,
+    FRAME,
     ROBOT,
-    Parameter,
     SetupError,
     declare_parameters,
     domain_of,
@@ -35,7 +35,7 @@ _PERIOD = 0.2
 _WARNING_PERIOD = 2.0  # s
 
 PARAMETERS = (
-    Parameter("frame", "odom", "frame that poses must be given in; an empty frame_id means it"),
+    FRAME,
     DOMAIN,
     ROBOT,
 )

@@ -28,6 +28,7 @@ from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.model_sets import read_models
 from ator_ros.nodes.parameters import (
     DOMAIN,
+    MODELS,
     ROBOT,
     Parameter,
     SetupError,
@@ -42,7 +43,7 @@ from ator_ros.printable import printable
 PARAMETERS = (
     DOMAIN,
     ROBOT,
-    Parameter("models", "", "folder of the models to begin with; empty: those that are shipped"),
+    MODELS,
     Parameter("learned", "", "folder of records and learned sets; empty: ~/.ros/ator_ros/learned"),
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),

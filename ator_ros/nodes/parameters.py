@@ -43,7 +43,7 @@ class Parameter:
     low, high : float, optional
         Bounds of a number.
     choices : tuple of str, optional
-        Allowed texts.
+        Allowed texts; where "true" is one of them, the boolean true means it, and false likewise.
     smallest : float, optional
         Least magnitude of a number that is not 0.
     live : bool
@@ -67,6 +67,7 @@ class Parameter:
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor, which `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(description=self.description, read_only=not self.live)
+        descriptor.dynamic_typing = self._takes_bool
         allowed = f"one of {', '.join(self.choices)}" if self.choices else ""
         descriptor.additional_constraints = "; ".join(filter(None, (allowed, "" if self.live else FIXED)))
         if isinstance(self.default, bool | str) or not math.isfinite(self.high - self.low):
@@ -78,17 +79,23 @@ class Parameter:
             descriptor.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high)]
         return descriptor
 
-    def check(self, value: Any) -> None:
-        """Check that `value` is allowed.
+    @property
+    def _takes_bool(self) -> bool:
+        return "true" in self.choices
+
+    def read(self, value: Any) -> Any:
+        """Return `value` as the node uses it, if it is allowed.
 
         Raises
         ------
         SetupError
             It is not finite, out of bounds, too small, or none of the choices.
         """
-        expected = self._expected_instead_of(value)
-        if expected:
+        if self._takes_bool and isinstance(value, bool):
+            value = str(value).lower()
+        if expected := self._expected_instead_of(value):
             raise SetupError(f"parameter {self.name}: expected {expected}, got {quoted(value)}")
+        return plain_frame(value) if self.names_frame else value
 
     def _expected_instead_of(self, value: Any) -> str:
         """Return what is allowed, empty if `value` is."""
@@ -106,6 +113,9 @@ class Parameter:
 _WHOLE = (RosParameter.Type.INTEGER, RosParameter.Type.INTEGER_ARRAY)
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
 DOMAIN = Parameter("domain", DEFAULT, "name of an installed domain, or the YAML file of one")
+FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
+ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
+MODELS = Parameter("models", "", "folder of the performance models and the gate; empty: the shipped ones")
 OBJECT = "OBJECT"
 """Placeholder for the name of an object in descriptions of parameters."""
 Changed = Callable[[Mapping[str, Any]], None]
@@ -197,10 +207,8 @@ def _follow_changes(
     known = {parameter.name: parameter for parameter in parameters}
 
     def take(wanted: Sequence[Any]) -> SetParametersResult:
-        values = {item.name: item.value for item in wanted if item.name in known}
         try:
-            for name, value in values.items():
-                known[name].check(value)
+            values = {item.name: known[item.name].read(item.value) for item in wanted if item.name in known}
             if changed is not None and values:
                 changed(values)
         except SetupError as error:
@@ -221,9 +229,7 @@ def _declared(node: Node, parameter: Parameter) -> Any:
         whole = name in (given := _given(node)) and given[name].type_ in _WHOLE
         point = "; write 5.0 for 5" if whole and _holds_decimals(parameter.default) else ""
         raise SetupError(f"parameter {name} ({parameter.description}): {error}{point}") from error
-    value = node.get_parameter(name).value
-    parameter.check(value)
-    return plain_frame(value) if parameter.names_frame else value
+    return parameter.read(node.get_parameter(name).value)
 
 
 def _holds_decimals(default: Any) -> bool:

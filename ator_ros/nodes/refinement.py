@@ -25,6 +25,8 @@ from ator_ros.nodes.model_sets import problems_of, told_of
 from ator_ros.nodes.pacing import Outbox, Pace
 from ator_ros.nodes.parameters import (
     DOMAIN,
+    FRAME,
+    MODELS,
     ROBOT,
     Parameter,
     declare_parameters,
@@ -47,10 +49,10 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import MessageError, pose_from
 
 PARAMETERS = (
-    Parameter("frame", "odom", "frame that situations and goals must be given in"),
+    FRAME,
     DOMAIN,
     ROBOT,
-    Parameter("models", "", "folder of the performance models and the gate; empty: those that are shipped"),
+    MODELS,
     LEARNED,
     Parameter("gate", True, "whether to refine only where the gate expects that it pays", live=True),
     Parameter(

@@ -8,7 +8,7 @@ from typing import Any
 
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose
-from ator_ros.nodes.parameters import DOMAIN, ROBOT, Parameter, SetupError, robot_of
+from ator_ros.nodes.parameters import DOMAIN, FRAME, ROBOT, ROBOT_FRAME, Parameter, SetupError, robot_of
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
@@ -17,8 +17,8 @@ from ator_ros.world import messages
 from ator_ros.world.messages import MessageError
 
 _COMMON = (
-    Parameter("frame", "odom", "frame of poses and of the objects"),
-    Parameter("robot_frame", "base_link", "frame of the robot, in the middle of its axle"),
+    FRAME,
+    ROBOT_FRAME,
     DOMAIN,
     ROBOT,
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
@@ -37,7 +37,7 @@ _COMMON = (
     ),
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
-    Parameter("stamped_commands", False, "whether cmd_vel is a TwistStamped"),
+    Parameter("stamped_commands", False, "whether the robots subscribe to TwistStamped instead of Twist"),
     Parameter("robot_start", [-2.0, 0.0, 0.0], "x, y, yaw of each robot after a reset; else beside the last"),
     Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
     Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),

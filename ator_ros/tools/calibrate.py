@@ -36,7 +36,12 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--w", type=_positive, help="greatest command in rad/s (default: 1.5 times the limit of --robot)"
     )
-    parser.add_argument("--stamped", action="store_true", help="cmd_vel is a TwistStamped")
+    parser.add_argument(
+        "--stamped",
+        choices=("auto", "true", "false"),
+        default="auto",
+        help="whether cmd_vel is a TwistStamped; auto: what the base subscribes to (default: %(default)s)",
+    )
     parser.add_argument(
         "--frame", type=frame, default="odom", help="frame of the odometry (default: %(default)s)"
     )

@@ -67,15 +67,19 @@ class ChainClient:
     ----------
     client : Client
         On the domain of the executor.
+    commands : type, optional
+        The type of the commands to listen to; None: to none.
     """
 
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: Client, commands: type | None = Twist) -> None:
         self.ros = client
         self.actions: list[ActionPerformance] = client.listen(
             ActionPerformance, "performance/action", RESULTS
         )
         self.chains: list[ChainPerformance] = client.listen(ChainPerformance, "performance/chain", LATCHED)
-        self.commands: list[Twist] = client.listen(Twist, "cmd_vel", SENSOR_DATA)
+        self.commands: list[Any] = []
+        if commands is not None:
+            self.commands = client.listen(commands, "cmd_vel", SENSOR_DATA)
         self._server = ActionClient(client.node, ExecuteChain, "execute_chain")
         self._known = False
 

@@ -39,9 +39,11 @@ class Client:
         Of the robot that it listens to.
     frame : str
         The frame of that robot's odometry.
+    steers : bool
+        Whether it publishes commands: one process cannot have a topic with two types.
     """
 
-    def __init__(self, domain: int, namespace: str = "", frame: str = "odom") -> None:
+    def __init__(self, domain: int, namespace: str = "", frame: str = "odom", *, steers: bool = True) -> None:
         self.domain, self._frame = domain, frame
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
@@ -52,7 +54,7 @@ class Client:
         self._callers: dict[str, Any] = {}
         self.node.create_subscription(Odometry, "odom", self._hear_robot, SENSOR_DATA)
         self.node.create_subscription(Odometry, "ball", self._hear_ball, SENSOR_DATA)
-        self._commands = self.node.create_publisher(Twist, "cmd_vel", COMMANDS)
+        self._commands = self.node.create_publisher(Twist, "cmd_vel", COMMANDS) if steers else None
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._spinning = Spinning(self._executor)
@@ -97,6 +99,7 @@ class Client:
         """Send one velocity command."""
         message = Twist()
         message.linear.x, message.angular.z = v, w
+        assert self._commands is not None
         self._commands.publish(message)
 
     def drive_a_tick(self, v: float) -> None:

@@ -28,8 +28,10 @@ def calibrate(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.long
-def test_a_base_is_described(start: Start, domain: int, tmp_path: Path) -> None:
-    start("simulation", real_time_factor=5.0, command_wait=0.5, latency=0.1, ball_start=AWAY)
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_base_is_described(start: Start, domain: int, tmp_path: Path, stamped: bool) -> None:
+    timing = {"real_time_factor": 5.0, "command_wait": 0.5, "latency": 0.1}
+    start("simulation", **timing, stamped_commands=stamped, ball_start=AWAY)
     file = tmp_path / "mine.yaml"
     shipped = str(resource_path("config", "pioneer.yaml"))
     done = calibrate(domain, "--robot", shipped, "--name", "mine", "--out", str(file))
@@ -60,4 +62,14 @@ def test_another_publisher_of_commands_is_refused(
 def test_without_odometry_it_says_so(start: Start, domain: int, tmp_path: Path) -> None:
     done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1] == "calibrate: odom: expected a message within 5 s, got none"
+    told = done.stderr.splitlines()[-1]
+    assert told.startswith("calibrate: odom: expected a message within 5 s, got none; nobody publishes /odom")
+
+
+@pytest.mark.long
+def test_a_base_of_the_other_type_of_commands_is_named(start: Start, domain: int, tmp_path: Path) -> None:
+    start("simulation", stamped_commands=True)
+    done = calibrate(domain, "--stamped", "false", "--out", str(tmp_path / "mine.yaml"))
+    assert done.returncode == 1
+    assert " subscribes to geometry_msgs/TwistStamped, this node publishes Twist" in done.stderr
+    assert "set --stamped true" in done.stderr

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ator_ros.nodes.commands import CommandPublisher
+from ator_ros.nodes.diagnosis import ClockFacts, Reception, input_cause, publishers_of
 from ator_ros.nodes.machine import MachineError, check_machine
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.qos import SENSOR_DATA
@@ -24,9 +25,7 @@ _FIRST = 5.0  # s of real time to wait for odometry
 _STOPS = 10  # commands to stand at the end, in case some are lost
 
 
-def drive_over_ros(
-    drive: ProbeDrive, words: Sequence[str], *, stamped: bool, frame: str
-) -> list[DriveSample]:
+def drive_over_ros(drive: ProbeDrive, words: Sequence[str], *, stamped: str, frame: str) -> list[DriveSample]:
     """Drive the base that listens to cmd_vel, and stop it whatever happens.
 
     Parameters
@@ -35,8 +34,8 @@ def drive_over_ros(
         The drive.
     words : sequence of str
         The command line, which may hold ROS's own arguments.
-    stamped : bool
-        Whether cmd_vel is a TwistStamped.
+    stamped : str
+        See `CommandPublisher`.
     frame : str
         Frame of the odometry.
 
@@ -64,9 +63,9 @@ def drive_over_ros(
 class _Driver:
     """Answers each odometry message with the command of the drive."""
 
-    def __init__(self, node: Node, drive: ProbeDrive, *, stamped: bool, frame: str) -> None:
+    def __init__(self, node: Node, drive: ProbeDrive, *, stamped: str, frame: str) -> None:
         self._node, self._drive, self._reader = node, drive, OdometryReader(frame)
-        self._commands = CommandPublisher(node, stamped=stamped, frame="base_link")
+        self._commands = CommandPublisher(node, stamped=stamped, frame="base_link", option="--stamped ")
         self._heard: float | None = None
         self._stamp = -1.0
         self._fault: Exception | None = None
@@ -92,10 +91,16 @@ class _Driver:
                 time.sleep(0.02)
 
     def _check(self, now: float, began: float) -> None:
+        self._commands.adapt()
+        if not self._commands.connected and (mismatch := self._commands.mismatch()):
+            raise DriveError(mismatch)
         if self._fault is not None:
-            raise self._fault
+            cause = self._commands.cause() if isinstance(self._fault, DriveError) else ""
+            raise DriveError("; ".join(filter(None, (str(self._fault), cause)))) from self._fault
         if self._heard is None and now - began > _FIRST:
-            raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none")
+            facts = publishers_of(self._node, "odom", Odometry)
+            cause = input_cause(facts, Reception(), ClockFacts(), timeout=_FIRST)
+            raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none; {cause}")
         if self._heard is not None and now - self._heard > _SILENCE:
             raise DriveError(f"odom: expected a message every {_SILENCE:g} s, the last came earlier")
         if self._node.count_publishers("cmd_vel") > 1:

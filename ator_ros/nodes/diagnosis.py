@@ -1,0 +1,386 @@
+"""Why inputs do not arrive, or the robot does not move: facts of the ROS graph, and their likely cause."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rosgraph_msgs.msg import Clock
+
+from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.printable import printable
+
+_MOST_NAMED = 4
+_WALL = 1e9
+"""s; greater stamps are of a wall clock, which counts from 1970, others of one that counts from a start."""
+_REPEATS = 3
+"""Messages in a row that repeat a stamp: a message that is sent twice by accident is no reason."""
+_SAMPLE, _REST = 1.0, 4.0
+"""Real s for which /clock is subscribed to while odometry is missing, and between two such samples."""
+_SHORTEST_SAMPLE = 0.1
+"""Real s after which a clock counts as standing; simulators publish it at 100 Hz or more."""
+
+
+# Facts
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """A publisher or subscription of another node.
+
+    Attributes
+    ----------
+    node : str
+        Full name of the node.
+    type : str
+        Type of the messages, such as nav_msgs/msg/Odometry.
+    incompatible : str
+        Why its quality of service does not fit ours; empty if it does.
+    pauses : bool
+        Whether the node has a service `pause`.
+    """
+
+    node: str
+    type: str
+    incompatible: str = ""
+    pauses: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class TopicFacts:
+    """What the ROS graph shows of a topic.
+
+    Attributes
+    ----------
+    name : str
+        The name that the node uses, before remapping.
+    resolved : str
+        The full name.
+    type : str
+        The type that the node subscribes to or publishes.
+    others : tuple of Endpoint
+        The publishers if the node subscribes, the subscriptions if it publishes.
+    elsewhere : tuple of str
+        Other topics with such endpoints of this type.
+    domain : int
+        The ROS domain.
+    """
+
+    name: str
+    resolved: str
+    type: str
+    others: tuple[Endpoint, ...] = ()
+    elsewhere: tuple[str, ...] = ()
+    domain: int = 0
+
+
+@dataclass(slots=True)
+class Reception:
+    """What became of the messages of one topic.
+
+    Attributes
+    ----------
+    came : float
+        Real time in s of the last message, usable or not; -inf before the first.
+    stamp : float
+        Stamp in s of the last message that could be read; NaN before the first.
+    repeats : int
+        Number of later messages with the same stamp.
+    gap : float
+        Real s between the last two messages with different stamps; 0 before the second.
+    error : Exception or None
+        Why the last message was ignored.
+    """
+
+    came: float = -math.inf
+    stamp: float = math.nan
+    repeats: int = 0
+    gap: float = 0.0
+    error: Exception | None = None
+    _advanced: float = math.nan
+
+    def read(self, stamp: float, now: float) -> None:
+        """Record a message that could be read."""
+        self.came, self.error = now, None
+        if stamp == self.stamp:
+            self.repeats += 1
+            return
+        self.gap = 0.0 if math.isnan(self._advanced) else now - self._advanced
+        self.stamp, self.repeats, self._advanced = stamp, 0, now
+
+    def reject(self, error: Exception, now: float) -> None:
+        """Record a message that was ignored."""
+        self.came, self.error = now, error
+
+
+@dataclass(frozen=True, slots=True)
+class ClockFacts:
+    """Who publishes /clock, and for how many real s it has stood; 0 if it advances or is not known."""
+
+    publishers: tuple[str, ...] = ()
+    stands: float = 0.0
+
+
+class ClockSampler:
+    """Subscribes to /clock for a second now and then: some simulators publish it at 1000 Hz."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._subscription: Any = None
+        self._began = self._advanced = self._last = math.nan
+        self._next = -math.inf
+        self._stood = 0.0
+
+    def sample(self, now: float) -> None:
+        """Continue a sample, or begin one if it is time; `now` is real time in s."""
+        if self._subscription is None and now >= self._next and self._node.count_publishers("/clock"):
+            self._began = self._advanced = now
+            self._last = math.nan
+            self._subscription = self._node.create_subscription(Clock, "/clock", self._take, SENSOR_DATA)
+        elif self._subscription is not None:
+            stood = now - self._advanced
+            self._stood = stood if stood >= _SHORTEST_SAMPLE else 0.0
+            if now - self._began > _SAMPLE:
+                self._stop()
+                self._next = now + _REST
+
+    def reset(self) -> None:
+        """Stop sampling, and forget what was found: odometry arrives."""
+        self._stop()
+        self._next, self._stood = -math.inf, 0.0
+
+    def _stop(self) -> None:
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def _take(self, message: Clock) -> None:
+        stamp = message.clock.sec + 1e-9 * message.clock.nanosec
+        if stamp != self._last:
+            self._last, self._advanced = stamp, time.monotonic()
+
+    def facts(self) -> ClockFacts:
+        """Return what is known."""
+        infos = self._node.get_publishers_info_by_topic("/clock")
+        return ClockFacts(tuple(node_of(info) for info in infos), self._stood)
+
+
+def publishers_of(
+    node: Node, topic: str, kind: type, qos: QoSProfile = SENSOR_DATA, *, known: Collection[str] = ()
+) -> TopicFacts:
+    """Gather what the graph shows of a topic that `node` subscribes to with the profile `qos`.
+
+    `known` are other topics that the node subscribes to: they are no candidates for this one.
+    """
+    infos = node.get_publishers_info_by_topic(topic)
+    others = tuple(_endpoint(node, info, qos_check_compatible(info.qos_profile, qos)) for info in infos)
+    return _facts(node, topic, kind, others, node.count_publishers, known)
+
+
+def subscriptions_of(node: Node, topic: str, kind: type, qos: QoSProfile) -> TopicFacts:
+    """Gather what the graph shows of a topic that `node` publishes with the profile `qos`.
+
+    Subscriptions of programs that only record or print are left out.
+    """
+    infos = node.get_subscriptions_info_by_topic(topic)
+    others = tuple(
+        _endpoint(node, info, qos_check_compatible(qos, info.qos_profile)) for info in infos if is_base(info)
+    )
+    return _facts(node, topic, kind, others, node.count_subscribers, ())
+
+
+def _facts(
+    node: Node, topic: str, kind: type, others: tuple[Endpoint, ...], count: Any, known: Collection[str]
+) -> TopicFacts:
+    resolved, name = node.resolve_topic_name(topic), type_name(kind)
+    skipped = {resolved, *map(node.resolve_topic_name, known)}
+    elsewhere = tuple(
+        other
+        for other, types in node.get_topic_names_and_types()
+        if name in types and other not in skipped and count(other)
+    )
+    return TopicFacts(topic, resolved, name, others, elsewhere, node.context.get_domain_id())
+
+
+def _endpoint(node: Node, info: TopicEndpointInfo, fit: tuple[QoSCompatibility, str]) -> Endpoint:
+    verdict, reason = fit
+    try:
+        services = node.get_service_names_and_types_by_node(info.node_name, info.node_namespace)
+    except RuntimeError:  # its name is not known yet, or it has just ended
+        services = []
+    pauses = any(name.rpartition("/")[2] == "pause" for name, _ in services)
+    wrong = printable(reason).strip("; ") if verdict == QoSCompatibility.ERROR else ""
+    return Endpoint(node_of(info), printable(info.topic_type), wrong, pauses)
+
+
+def is_base(info: TopicEndpointInfo) -> bool:
+    """Return whether a subscription may be that of a base: not one of a program that records or prints."""
+    return not info.node_name.startswith(("_ros2cli", "rosbag2_recorder"))
+
+
+def node_of(info: TopicEndpointInfo) -> str:
+    """Return the full name of the node of a publisher or subscription."""
+    if "_UNKNOWN_" in info.node_name:  # DDS announces endpoints before the names of their nodes
+        return "(unknown)"
+    return f"{printable(info.node_namespace.rstrip('/'))}/{printable(info.node_name)}"
+
+
+def type_name(kind: type) -> str:
+    """Return the name of a message type, such as nav_msgs/msg/Odometry."""
+    package, folder, *_ = kind.__module__.split(".")
+    return f"{package}/{folder}/{kind.__name__}"
+
+
+# Causes
+
+
+def input_cause(
+    topic: TopicFacts, reception: Reception, clock: ClockFacts, *, timeout: float, reference: float = math.nan
+) -> str:
+    """Return the most likely cause why a topic brings no usable messages, in one sentence.
+
+    Parameters
+    ----------
+    topic : TopicFacts
+        The topic.
+    reception : Reception
+        What came.
+    clock : ClockFacts
+        What is known of /clock.
+    timeout : float
+        Real s within which messages are expected.
+    reference : float
+        Last stamp of odometry in s, with which the stamps of objects are compared.
+    """
+    name = topic.name
+    senders = [other for other in topic.others if other.type == topic.type]
+    if not senders:
+        return _no_sender(topic)
+    node = senders[0].node
+    if all(sender.incompatible for sender in senders):
+        return f"{name}: the quality of service of {node} does not fit: {senders[0].incompatible}"
+    if reception.error is not None:
+        return _rejected(name, node, reception, reference)
+    if reception.repeats >= _REPEATS:
+        return _repeated(name, senders[0], reception, clock)
+    if clock.stands:
+        return f"{_clock(clock)}: the simulation is paused or has ended"
+    if math.isinf(reception.came):
+        return f"{name}: {node} publishes it, but sends no messages"
+    if reception.gap > 0.5 * timeout:
+        return (
+            f"{name}: messages came {reception.gap:.2f} s apart, expected less than {timeout:g} s; "
+            f"set {name}_timeout:={math.ceil(40.0 * reception.gap) / 10.0:.1f}"
+        )
+    return f"{name}: {node} has sent nothing any more: it is paused, blocked or has ended"
+
+
+def _no_sender(topic: TopicFacts) -> str:
+    if topic.others:
+        other = topic.others[0]
+        return f"{topic.name}: expected {_short(topic.type)}, {other.node} publishes {_short(other.type)}"
+    return _nobody(topic, "publishes")
+
+
+def _nobody(topic: TopicFacts, does: str) -> str:
+    told = f"nobody {does} {topic.resolved} in ROS domain {topic.domain}"
+    if not topic.elsewhere:
+        return f"{told}, and there is no other topic of type {_short(topic.type)}: start the base's driver"
+    first = topic.elsewhere[0]
+    names = _several(topic.elsewhere)
+    return f"{told}; of type {_short(topic.type)} there is {names}: remap with -r {topic.name}:={first}"
+
+
+def _rejected(name: str, node: str, reception: Reception, reference: float) -> str:
+    wall = reception.stamp > _WALL
+    if math.isfinite(reception.stamp) and math.isfinite(reference) and wall != (reference > _WALL):
+        kinds = ("the wall clock", "simulated time") if wall else ("simulated time", "the wall clock")
+        told = f"{name}: {node} stamps with {kinds[0]}, odometry with {kinds[1]}"
+        return f"{told}; set use_sim_time alike for both"
+    return f"messages of {node} are ignored: {reception.error}"
+
+
+def _repeated(name: str, sender: Endpoint, reception: Reception, clock: ClockFacts) -> str:
+    told = f"{name}: the stamps of {sender.node} stay at {reception.stamp:.2f} s"
+    if sender.pauses:
+        return f"{told}: it is paused; call its service pause with data: false"
+    if clock.stands:
+        return f"{told}, {_clock(clock)}: the simulation is paused"
+    return f"{told}: expected stamps that advance; is it paused, or does its driver not set them?"
+
+
+def _clock(clock: ClockFacts) -> str:
+    return f"/clock of {_several(clock.publishers)} does not advance"
+
+
+def motion_cause(commands: TopicFacts, mismatch: str, rivals: Collection[str] = ()) -> str:
+    """Return the most likely cause why a base does not follow its commands; empty if none is known.
+
+    Parameters
+    ----------
+    commands : TopicFacts
+        The topic of the commands.
+    mismatch : str
+        What is said if subscriptions have another type.
+    rivals : collection of str
+        Other nodes that publish commands.
+    """
+    hearers = [other for other in commands.others if other.type == commands.type]
+    if mismatch:
+        return mismatch
+    if not hearers:
+        return _nobody(commands, "subscribes to")
+    if all(hearer.incompatible for hearer in hearers):
+        hearer = hearers[0]
+        return f"{commands.name}: the quality of service of {hearer.node} does not fit: {hearer.incompatible}"
+    if rivals:
+        return f"{commands.name}: {_several(sorted(rivals))} publishes commands as well"
+    return ""
+
+
+def _short(kind: str) -> str:
+    """Return a type as people write it, such as geometry_msgs/Twist."""
+    return kind.replace("/msg/", "/")
+
+
+def _several(names: Collection[str]) -> str:
+    """Return some of the names, as text."""
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return ", ".join(list(names)[:_MOST_NAMED]) + more
+
+
+# What diagnostics report without a fault
+
+
+def strange_senders(node: Node, topics: Mapping[str, type]) -> str:
+    """Return which nodes publish another type than `node` subscribes to, by topic; empty if none does.
+
+    ROS drops such messages silently.
+    """
+    return "; ".join(
+        f"{topic}: expected {name}, {node_of(sender)} publishes {printable(sender.topic_type)}"
+        for topic, kind in topics.items()
+        for name in [type_name(kind)]
+        for sender in node.get_publishers_info_by_topic(topic)
+        if sender.topic_type != name
+    )
+
+
+def rival_senders(node: Node, topics: Iterable[str]) -> str:
+    """Return the topics with several publishers, and the publishers' names. Each should have one source.
+
+    Two simulations on one domain are an example. A publisher that was killed counts until DDS drops it after
+    20 s.
+    """
+    senders = {topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics}
+    return "; ".join(
+        f"{topic}: expected one publisher, got {len(names)}: {', '.join(sorted(names[:_MOST_NAMED]))}"
+        for topic, names in senders.items()
+        if len(names) > 1
+    )

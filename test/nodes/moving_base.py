@@ -1,0 +1,79 @@
+"""A base of somebody else for tests: it follows cmd_vel of one type and publishes odometry."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
+from ros_client import Client
+
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import odometry_of
+from ator_ros.nodes.qos import SENSOR_DATA, STATES
+from ator_ros.world.state import RobotState
+
+PERIOD = 0.05
+
+
+class MovingBase:
+    """Drives as it is commanded, at once; starts at the origin.
+
+    Parameters
+    ----------
+    client : Client
+        Whose node it uses.
+    kind : type
+        Of its commands: Twist or TwistStamped.
+    topic, odom, frame : str
+        Its topics, and the frame of its odometry.
+    qos : QoSProfile
+        Of its subscription.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        kind: type[Any] = Twist,
+        *,
+        topic: str = "cmd_vel",
+        odom: str = "odom",
+        frame: str = "odom",
+        qos: QoSProfile = SENSOR_DATA,
+    ) -> None:
+        self.pose, self.commanded, self.received = Pose(0.0, 0.0, 0.0), Twist(), 0
+        self.rate = 1.0
+        """Stamped s that pass in 1 real s."""
+        self._began, self._frame = time.monotonic(), frame
+        self._odom = client.node.create_publisher(Odometry, odom, STATES)
+        client.node.create_subscription(kind, topic, self._take, qos)
+        self._time = 100.0
+        self._timer = client.node.create_timer(PERIOD, self._step)
+
+    def _take(self, message: Twist | TwistStamped) -> None:
+        self.received += 1
+        self.commanded = message.twist if isinstance(message, TwistStamped) else message
+
+    def pause(self) -> None:
+        """Publish no more."""
+        self._timer.cancel()
+
+    def slow_down(self, rate: float) -> None:
+        """Let time go slower: a tick remains PERIOD long by its stamps."""
+        self._timer.timer_period_ns = round(1e9 * PERIOD / rate)
+
+    def _step(self) -> None:
+        v, w = self.commanded.linear.x, self.commanded.angular.z
+        step = PERIOD * self.rate
+        yaw = self.pose.yaw + 0.5 * step * w
+        self.pose = Pose(
+            self.pose.x + step * v * math.cos(yaw),
+            self.pose.y + step * v * math.sin(yaw),
+            self.pose.yaw + step * w,
+        )
+        self._time += step
+        state = RobotState(self.pose, v, w)
+        self._odom.publish(odometry_of(self._time, state, frame=self._frame, child="base_link"))

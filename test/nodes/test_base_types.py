@@ -1,0 +1,81 @@
+"""Bases that subscribe to Twist or TwistStamped, and what is said if a base cannot receive commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from chain_client import ChainClient, call
+from conftest import Host
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist, TwistStamped
+from moving_base import MovingBase
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_client import Client
+
+from ator_interfaces.msg import Outcome
+from ator_ros.geometry import Pose
+from ator_ros.nodes.qos import RESULTS
+
+pytestmark = pytest.mark.node
+
+
+@pytest.fixture
+def client(domain: int) -> Iterator[Client]:
+    """Yield a client that publishes no commands."""
+    made = Client(domain, steers=False)
+    yield made
+    made.close()
+
+
+NEAR = [call("goToPose", Pose(0.5, 0.0, 0.0))]
+SETTINGS = {"odom_timeout": 2.0, "start_timeout": 20.0}
+
+
+@pytest.mark.parametrize("kind", [Twist, TwistStamped])
+def test_the_type_that_the_base_subscribes_to_is_published(host: Host, client: Client, kind: type) -> None:
+    host("executor", **SETTINGS)
+    base = MovingBase(client, kind)  # found after the start
+    chains = ChainClient(client, commands=kind)
+    outcome = chains.send(NEAR).outcome()
+    assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+    assert base.pose.x == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("set_to", "kind", "other"), [("true", Twist, "false"), ("false", TwistStamped, "true")]
+)
+def test_a_base_of_the_other_type_is_named_with_the_remedy(
+    host: Host, client: Client, set_to: str, kind: type, other: str
+) -> None:
+    node = host("executor", stamped_commands=set_to, **SETTINGS)
+    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    MovingBase(client, kind)
+    published = {"true": "TwistStamped", "false": "Twist"}[set_to]
+    told = (
+        f"cmd_vel: the base /test_client subscribes to geometry_msgs/{kind.__name__}, this node publishes "
+        f"{published}; set stamped_commands:={other}"
+    )
+    chains = ChainClient(client, commands=kind)
+    outcome = chains.send(NEAR).outcome()
+    assert outcome.code == Outcome.BASE_FAULT
+    assert told in outcome.reason
+    assert told in node.output
+    client.eventually(lambda: told in health[-1].status[0].message, "diagnostics")
+
+
+def test_a_base_that_subscribes_elsewhere_is_named(host: Host, client: Client) -> None:
+    host("executor", **SETTINGS)
+    MovingBase(client, topic="mobile_base/commands")
+    outcome = ChainClient(client, commands=None).send(NEAR).outcome()
+    assert outcome.code == Outcome.BASE_FAULT
+    assert "nobody subscribes to /cmd_vel in ROS domain" in outcome.reason
+    assert "remap with -r cmd_vel:=/mobile_base/commands" in outcome.reason
+
+
+def test_a_quality_of_service_that_does_not_fit_is_named(host: Host, client: Client) -> None:
+    host("executor", **SETTINGS)
+    MovingBase(client, qos=QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    outcome = ChainClient(client, commands=None).send(NEAR).outcome()
+    assert outcome.code == Outcome.BASE_FAULT
+    assert "cmd_vel: the quality of service of /test_client does not fit: " in outcome.reason

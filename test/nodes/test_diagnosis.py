@@ -1,0 +1,191 @@
+"""Causes of missing inputs and of a base that does not move, from facts; several publishers of one state."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from ator_ros.nodes.diagnosis import (
+    ClockFacts,
+    Endpoint,
+    Reception,
+    TopicFacts,
+    input_cause,
+    motion_cause,
+    rival_senders,
+)
+
+ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
+BASE = Endpoint("/base", ODOMETRY)
+CLOCK = ClockFacts(("/world",), 0.4)
+
+
+def topic(*others: Endpoint, elsewhere: tuple[str, ...] = ()) -> TopicFacts:
+    """Return the facts of odom."""
+    return TopicFacts("odom", "/ann/odom", ODOMETRY, others, elsewhere, domain=7)
+
+
+def received(*stamps: float, every: float = 0.05, error: Exception | None = None) -> Reception:
+    """Return what came: messages with these stamps, and one that was ignored."""
+    reception = Reception()
+    for number, stamp in enumerate(stamps):
+        reception.read(stamp, number * every)
+    if error is not None:
+        reception.reject(error, len(stamps) * every)
+    return reception
+
+
+STOPPED = received(1.0, 1.05, 1.1)
+
+
+@pytest.mark.parametrize(
+    ("facts", "reception", "clock", "expected"),
+    [
+        (
+            topic(),
+            Reception(),
+            ClockFacts(),
+            "nobody publishes /ann/odom in ROS domain 7, and there is no other topic of type "
+            "nav_msgs/Odometry: start the base's driver",
+        ),
+        (
+            topic(elsewhere=("/wheels/odom", "/filtered")),
+            Reception(),
+            ClockFacts(),
+            "nobody publishes /ann/odom in ROS domain 7; of type nav_msgs/Odometry there is /wheels/odom, "
+            "/filtered: remap with -r odom:=/wheels/odom",
+        ),
+        (
+            topic(Endpoint("/base", "geometry_msgs/msg/PoseStamped")),
+            Reception(),
+            ClockFacts(),
+            "odom: expected nav_msgs/Odometry, /base publishes geometry_msgs/PoseStamped",
+        ),
+        (
+            topic(Endpoint("/base", ODOMETRY, incompatible="DURABILITY")),
+            Reception(),
+            ClockFacts(),
+            "odom: the quality of service of /base does not fit: DURABILITY",
+        ),
+        (topic(BASE), Reception(), ClockFacts(), "odom: /base publishes it, but sends no messages"),
+        (
+            topic(BASE),
+            received(error=ValueError("odom: bad")),
+            ClockFacts(),
+            "messages of /base are ignored: odom: bad",
+        ),
+        (
+            topic(BASE),
+            received(*[3.0] * 6),
+            ClockFacts(),
+            "odom: the stamps of /base stay at 3.00 s: expected stamps that advance; is it paused, or does "
+            "its driver not set them?",
+        ),
+        (
+            topic(Endpoint("/world", ODOMETRY, pauses=True)),
+            received(*[3.0] * 6),
+            ClockFacts(),
+            "odom: the stamps of /world stay at 3.00 s: it is paused; call its service "
+            "pause with data: false",
+        ),
+        (
+            topic(BASE),
+            received(*[3.0] * 6),
+            CLOCK,
+            "odom: the stamps of /base stay at 3.00 s, /clock of /world does not advance: the "
+            "simulation is paused",
+        ),
+        (
+            topic(BASE),
+            STOPPED,
+            CLOCK,
+            "/clock of /world does not advance: the simulation is paused or has ended",
+        ),
+        (
+            topic(BASE),
+            STOPPED,
+            ClockFacts(("/world",)),
+            "odom: /base has sent nothing any more: it is paused, blocked or has ended",
+        ),
+        (
+            topic(BASE),
+            received(1.0, 1.4, every=0.4),
+            ClockFacts(),
+            "odom: messages came 0.40 s apart, expected less than 0.3 s; set odom_timeout:=1.6",
+        ),
+    ],
+)
+def test_the_cause_of_missing_odometry(
+    facts: TopicFacts, reception: Reception, clock: ClockFacts, expected: str
+) -> None:
+    assert input_cause(facts, reception, clock, timeout=0.3) == expected
+
+
+@pytest.mark.parametrize(
+    ("stamp", "reference", "expected"),
+    [
+        (1.7e9, 12.0, "the wall clock, odometry with simulated time"),
+        (12.0, 1.7e9, "simulated time, odometry with"),
+    ],
+)
+def test_stamps_of_another_clock_are_recognized(stamp: float, reference: float, expected: str) -> None:
+    reception = received(stamp, error=ValueError("another clock"))
+    said = input_cause(topic(BASE), reception, ClockFacts(), timeout=0.3, reference=reference)
+    assert f"odom: /base stamps with {expected}" in said
+    assert said.endswith("set use_sim_time alike for both")
+
+
+def test_a_message_that_is_sent_twice_is_not_a_clock_that_stands() -> None:
+    reception = received(1.0, 1.0, 1.05, 1.05, 1.1, 1.1)
+    assert "stay at" not in input_cause(topic(BASE), reception, ClockFacts(), timeout=0.3)
+
+
+@pytest.mark.parametrize(
+    ("hearers", "mismatch", "rivals", "expected"),
+    [
+        ((), "", (), "nobody subscribes to /cmd_vel in ROS domain 0, and there is no other topic of type"),
+        ((), "cmd_vel: another type", (), "cmd_vel: another type"),
+        ((Endpoint("/base", TWIST),), "", (), ""),
+        ((Endpoint("/base", TWIST),), "", ("/teleop",), "cmd_vel: /teleop publishes commands as well"),
+        (
+            (Endpoint("/base", TWIST, "DEADLINE"),),
+            "",
+            (),
+            "the quality of service of /base does not fit: DEADLINE",
+        ),
+    ],
+)
+def test_the_cause_of_a_base_that_does_not_follow(
+    hearers: tuple[Endpoint, ...], mismatch: str, rivals: tuple[str, ...], expected: str
+) -> None:
+    said = motion_cause(TopicFacts("cmd_vel", "/cmd_vel", TWIST, hearers), mismatch, rivals)
+    assert expected in said
+    assert bool(said) is bool(expected)
+
+
+def node(*names: str, topic: str = "odom") -> Any:
+    """Return a node that sees publishers of these names on a topic."""
+    found = [
+        SimpleNamespace(node_namespace=n.rpartition("/")[0], node_name=n.rpartition("/")[2]) for n in names
+    ]
+    return SimpleNamespace(get_publishers_info_by_topic=lambda asked: found if asked == topic else [])
+
+
+@pytest.mark.parametrize("names", [(), ("/simulation",)])
+def test_one_publisher_of_a_state_is_nothing_to_tell(names: tuple[str, ...]) -> None:
+    assert rival_senders(node(*names), ("odom", "ball")) == ""
+
+
+def test_two_publishers_of_a_state_are_named() -> None:
+    told = rival_senders(node("/simulation", "/b/base"), ("odom", "ball"))
+    assert told == "odom: expected one publisher, got 2: /b/base, /simulation"
+    twins = rival_senders(node("/simulation", "/simulation", topic="ball"), ("odom", "ball"))
+    assert twins == "ball: expected one publisher, got 2: /simulation, /simulation"
+
+
+def test_many_publishers_are_told_in_a_short_line() -> None:
+    told = rival_senders(node(*(f"/robot_{number}/base" for number in range(100))), ("odom",))
+    assert "got 100: /robot_0/base" in told
+    assert len(told) < 200
