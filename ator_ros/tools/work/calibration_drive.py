@@ -95,8 +95,7 @@ class _Driver:
         if not self._commands.connected and (mismatch := self._commands.mismatch()):
             raise DriveError(mismatch)
         if self._fault is not None:
-            cause = self._commands.cause() if isinstance(self._fault, DriveError) else ""
-            raise DriveError("; ".join(filter(None, (str(self._fault), cause)))) from self._fault
+            raise self._fault
         if self._heard is None and now - began > _FIRST:
             facts = publishers_of(self._node, "odom", Odometry)
             cause = input_cause(facts, Reception(), ClockFacts(), timeout=_FIRST)
@@ -118,7 +117,10 @@ class _Driver:
         except FrameError as error:
             self._fault = DriveError(f"{error}; --frame sets what is expected")
             return
-        except ValueError as error:  # of the message, or of the drive
+        except DriveError as error:
+            self._fault = DriveError("; ".join(filter(None, (str(error), self._commands.cause()))))
+            return
+        except ValueError as error:  # of the message
             self._fault = error
             return
         self._done = command is None
