@@ -18,7 +18,6 @@ DOMAINS = {
     "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",
     "tour": f"{PACKAGE}.domains.tour.domain:TOUR",
 }
-FORMER_ROBOT_FILES = {"soccer": f"{PACKAGE}.domains.soccer.former_robot_file:FORM"}
 STAND_INS = {"drive_to": f"{PACKAGE}.domains.tour.stand_in:DriveToStandIn"}
 
 
@@ -53,7 +52,6 @@ setup(
             for name in names
         ],
         f"{PACKAGE}.domains": [f"{name} = {value}" for name, value in DOMAINS.items()],
-        f"{PACKAGE}.former_robot_files": [f"{name} = {value}" for name, value in FORMER_ROBOT_FILES.items()],
         f"{PACKAGE}.stand_ins": [f"{name} = {value}" for name, value in STAND_INS.items()],
     },
 )

@@ -138,7 +138,7 @@ def test_a_ball_is_in_the_goal_where_the_post_condition_of_shoot_says_so(side: i
     for deep in np.linspace(-0.5, field.goal_depth, 23):
         for y in np.linspace(-1.5, 1.5, 31):
             ball = ObjectState(mouth.x + side * deep, float(y))
-            assert behind_line(ball, mouth) == pytest.approx(deep)
+            assert behind_line(ball, mouth, field) == pytest.approx(deep)
             scored = not unmet(SHOOT, World(0.0, robot, {BALL: ball}), Goal(mouth), ROBOT)
             on_an_edge = abs(deep) < 1e-9 or abs(abs(y) - field.goal_width / 2) < 1e-9
             assert on_an_edge or is_in_goal(ball, mouth, field, 0.0) == scored

@@ -21,12 +21,12 @@ from ator_ros.robot.description import Robot
 from ator_ros.schema import require
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.messages import FARTHEST
 from ator_ros.world.state import RobotState, World
 
 T = TypeVar("T")
 
 _MOST_STEPS = 32
-_FARTHEST = 1000.0
 _MOST_PLACES = 1000
 """Draws of one place before all places of a drive or a chain are drawn again."""
 _MOST_SEQUENCES = 100
@@ -50,7 +50,7 @@ class DeclaredPlace:
     def __post_init__(self) -> None:
         """Check that all are numbers or ranges."""
         for name in ("x", "y"):
-            _check_spread(name, getattr(self, name), _FARTHEST)
+            _check_spread(name, getattr(self, name), FARTHEST)
         _check_spread("yaw", self.yaw, math.tau)
 
     @property
@@ -75,7 +75,7 @@ def _check_places(name: str, places: Places) -> None:
 
 
 def _check_apart(apart: float) -> None:
-    require(0.0 <= apart <= _FARTHEST, "apart", f"a distance in m from 0 to {_FARTHEST:g}", apart)
+    require(0.0 <= apart <= FARTHEST, "apart", f"a distance in m from 0 to {FARTHEST:g}", apart)
 
 
 def _drawn(

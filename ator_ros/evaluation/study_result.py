@@ -13,9 +13,9 @@ SETTINGS = Format("ator_ros study settings", 1, "settings file of a study")
 
 @dataclass(frozen=True)
 class StudySettings:
-    """What the files in a study's folder depend on; options of `study`, and the robot's digest."""
+    """What the files in a study's folder depend on; options of `study`, and the digest of robot and scene."""
 
-    robot_digest: str
+    description_digest: str
     domain: str
     action_set: str
     episodes: int

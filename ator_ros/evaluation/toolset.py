@@ -75,7 +75,7 @@ class ToolsetSource:
     def digest(self, policies: Iterable[str], chain: str) -> str:
         """Return a digest of the robot's description and of all files that the choices depend on."""
         robot = self.described()
-        sha = hashlib.sha256(robot.digest().encode())
+        sha = hashlib.sha256(robot.description_digest().encode())
         names = [f"{action}.json" for action in self.actions_of(chain, robot)] + [CALIBRATION]
         names += [GATE] if any(policy.startswith(("refined", "gated")) for policy in policies) else []
         names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []

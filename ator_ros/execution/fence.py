@@ -16,7 +16,8 @@ from ator_ros.world.state import CONTROL_PERIOD, RobotState, World
 
 _DOUBT = 0.3
 """Time in s for which an object must lead out; until then its velocity may be wrong, see `VelocityCheck`."""
-_ROUNDING = 1e-9
+_ROUNDING = 1e-6
+"""In m; coordinates of 1e7 m have a resolution of 2e-9 m."""
 _OFF_THE_WAY = 0.05
 """Distance in m by which an action may miss its goal or its path."""
 
@@ -42,8 +43,7 @@ class Fence:
     @classmethod
     def around(cls, robot: Robot) -> Fence:
         """Return the fence around the area and its margin."""
-        x, y = robot.scene.area.floor
-        return cls(-x, -y, x, y)
+        return cls(*robot.scene.area.floor)
 
     @classmethod
     def of(cls, edges: Sequence[float]) -> Fence:

@@ -20,8 +20,6 @@ from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})
 _MOST_TICKS = 100
-_AWAY = RobotState(Pose(-1.0, 0.5, 1.0))
-_THERE = ObjectState(0.0, 0.0)
 
 
 def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
@@ -41,25 +39,25 @@ def rehearse_predictions(library: TopLibrary, predictor: Predictor) -> None:
 
 def _rehearsed(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
     """Yield chains of two steps and where they start: first, to fetch an object and to carry it."""
-    usable = library.usable()
+    usable, robot, area = library.usable(), library.robot, library.robot.scene.area
     fetching = next((top for top in usable if fetched(top)), None)
     carrying = next((top for top in usable if kept(top)), None)
     fetches = [(fetching, carrying)] if fetching is not None and carrying is not None else []
     for first, last in (*fetches, *zip(usable, usable, strict=True)):
         calls = (
-            TopCall(first, library.goal(first, Pose(0.0, 0.0, 0.0)), OPEN),
-            TopCall(last, library.goal(last, Pose(2.0, 1.0, 0.0))),
+            TopCall(first, library.goal(first, area.at(0.0, 0.0)), OPEN),
+            TopCall(last, library.goal(last, area.at(2.0, 1.0))),
         )
-        robot = library.robot
         held = held_first(first) is not None
-        start = _holding(robot, _AWAY.pose, first) if held else _world(robot, _AWAY, _THERE, first)
+        start = _holding(robot, _away(robot), first) if held else _world(robot, first)
         yield start, TopChain(calls)
 
 
 def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
     """Plan and predict each TOP of `library` in the open and beside a bay, where the search is long."""
     area, bays = robot.scene.area, robot.scene.bays
-    x, y, width = (bays[-1].x, bays[-1].y, bays[-1].width) if bays else (area.length / 2.0, 0.0, 0.0)
+    end = area.at(area.length / 2.0, 0.0)
+    x, y, width = (bays[-1].x, bays[-1].y, bays[-1].width) if bays else (end.x, end.y, 0.0)
     corner = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
     for top in library.usable():
         if held_first(top) is not None:
@@ -67,8 +65,8 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
         else:
             starts, goals = (
-                (_world(robot, _AWAY, _THERE, top),) * 2,
-                (Pose(0.0, 0.0, 0.0), corner._replace(yaw=2.5)),
+                (_world(robot, top),) * 2,
+                (area.at(0.0, 0.0), corner._replace(yaw=2.5)),
             )
         for world, goal in zip(starts, goals, strict=True):
             call = TopCall(top, library.goal(top, goal))
@@ -78,12 +76,23 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
 
 def _holding(robot: Robot, pose: Pose, top: Top) -> World:
     hold = robot.hold_point(pose)
-    return _world(robot, RobotState(pose), ObjectState(hold.x, hold.y), top)
+    return _with_objects(robot, pose, ObjectState(hold.x, hold.y), top)
 
 
-def _world(robot: Robot, state: RobotState, there: ObjectState, top: Top) -> World:
-    """Return a world in which all objects of the scene, and those that a TOP speaks of, are `there`."""
-    return World(0.0, state, dict.fromkeys((*robot.scene.objects, *objects_in(top)), there))
+def _world(robot: Robot, top: Top) -> World:
+    """Return a world in which all objects are at the centre of the area, and the robot is away from them."""
+    centre = robot.scene.area.at(0.0, 0.0)
+    return _with_objects(robot, _away(robot), ObjectState(centre.x, centre.y), top)
+
+
+def _away(robot: Robot) -> Pose:
+    return robot.scene.area.at(-1.0, 0.5, 1.0)
+
+
+def _with_objects(robot: Robot, pose: Pose, there: ObjectState, top: Top) -> World:
+    """Return a world in which all objects of the scene, and those that a TOP names, are `there`."""
+    objects = dict.fromkeys((*robot.scene.objects, *objects_in(top)), there)
+    return World(0.0, RobotState(pose), objects)
 
 
 def _planned(library: TopLibrary, top: Top, world: World, goal: Goal) -> bool:

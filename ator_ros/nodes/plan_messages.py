@@ -79,9 +79,9 @@ def _term_of(wish: Wish) -> GoalTerm:
         low, high = wish.low, wish.high
     elif not isinstance(wish, Unspecified):
         low, high = -wish.tolerance, wish.tolerance
-    if isinstance(wish, Region) and wish.outward and not isinstance(wish.target, str) and wish.target < 0.0:
-        low, high = -high, -low
     target = wish.target
+    if isinstance(wish, Region) and wish.outward and not isinstance(target, str) and target < wish.centre:
+        low, high = -high, -low
     if isinstance(target, str):
         return GoalTerm(variable=wish.variable, relative_to=target, low=low, high=high)
     return GoalTerm(variable=wish.variable, value=float(target), low=low, high=high)

@@ -235,9 +235,9 @@ class SimulatedWorld:
             raise MessageError(f"{where}: expected a free place, got one that overlaps {overlap}")
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
-        x_most, y_most = self._scene.area.floor
-        messages.number(x, f"{where}.x", low=-x_most, high=x_most, unit="m")
-        messages.number(y, f"{where}.y", low=-y_most, high=y_most, unit="m")
+        x_min, y_min, x_max, y_max = self._scene.area.floor
+        messages.number(x, f"{where}.x", low=x_min, high=x_max, unit="m")
+        messages.number(y, f"{where}.y", low=y_min, high=y_max, unit="m")
 
 
 def _check_apart(robot: SimulatedRobot, pose: Pose, other: SimulatedRobot, there: Pose, where: str) -> None:

@@ -15,6 +15,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import SensorConfig, Sensors, Sight
 from ator_ros.world import messages
 from ator_ros.world.messages import MessageError
+from ator_ros.world.scene import Area
 
 _COMMON = (
     FRAME,
@@ -38,7 +39,11 @@ _COMMON = (
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
     Parameter("stamped_commands", False, "whether the robots subscribe to TwistStamped instead of Twist"),
-    Parameter("robot_start", [-2.0, 0.0, 0.0], "x, y, yaw of each robot after a reset; else beside the last"),
+    Parameter(
+        "robot_start",
+        [-2.0, 0.0, 0.0],
+        "x, y (m, from the area's centre), yaw of each robot after a reset; else beside the last",
+    ),
     Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
     Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
     Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
@@ -60,7 +65,9 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 def _parameters_of(name: str, place: int) -> tuple[Parameter, ...]:
     start = [0.0, _ASIDE * place]
     return (
-        Parameter(f"{name}_start", start, f"position of the {name} after a reset: x, y in m"),
+        Parameter(
+            f"{name}_start", start, f"position of the {name} after a reset: x, y in m from the area's centre"
+        ),
         Parameter(f"{name}_noise", 0.0, f"error of the {name}'s coordinates in m", 0.0, 1.0),
         Parameter(f"{name}_velocity_noise", 0.0, f"error of the {name}'s velocity in m/s", 0.0, 1.0),
         Parameter(f"{name}_delay", 0.0, f"age of what is known of the {name} in simulated s", 0.0, 5.0),
@@ -108,7 +115,8 @@ def _object_starts(settings: Mapping[str, Any], robot: Robot) -> dict[str, tuple
     places = {name: settings[f"{name}_start"] for name in robot.scene.objects}
     for name, place in places.items():
         messages.count(place, f"parameter {name}_start", least=2, most=2)
-    return {name: (place[0], place[1]) for name, place in places.items()}
+    centred = {name: robot.scene.area.at(*place) for name, place in places.items()}
+    return {name: (there.x, there.y) for name, there in centred.items()}
 
 
 def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[SimulatedRobot]:
@@ -120,7 +128,7 @@ def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[S
         objects={name: _sight_of(settings, name) for name in robots[0].scene.objects},
     )
     try:
-        starts = _starts(settings["robot_start"], len(robots))
+        starts = _starts(settings["robot_start"], len(robots), robots[0].scene.area)
     except MessageError as error:
         raise SetupError(str(error)) from error
     named = zip(names_of(settings), robots, starts, strict=True)
@@ -130,14 +138,14 @@ def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[S
     ]
 
 
-def _starts(numbers: Sequence[float], count: int) -> list[Pose]:
+def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
     """Return the start of each robot: those given, then each `_ASIDE` to the left of the last."""
     messages.count(numbers, "parameter robot_start", least=3, most=3 * count)
     if len(numbers) % 3:
         raise SetupError(f"parameter robot_start: expected x, y and yaw of each, got {len(numbers)} numbers")
     for yaw in numbers[2::3]:
         messages.number(yaw, "parameter robot_start: yaw", low=-_MOST_YAW, high=_MOST_YAW, unit="rad")
-    starts = [Pose(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
+    starts = [area.at(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
     while len(starts) < count:
         starts.append(starts[-1].compose(Pose(0.0, _ASIDE, 0.0)))
     return starts

@@ -13,6 +13,7 @@ from viser.extras import ViserUrdf
 
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.viewing.shapes import Arrow, Colour, Segments, Shape
+from ator_ros.world.scene import Area
 
 NO_ANGLES: Mapping[str, float] = MappingProxyType({})
 _ABOVE_FLOOR = 0.04
@@ -39,12 +40,17 @@ class Canvas:
         The page's server.
     group : str
         Path in the scene.
+    area : Area
+        Its centre is the origin of the page, which draws in single precision.
     height : float
         Above the floor in m.
     """
 
-    def __init__(self, server: viser.ViserServer, group: str, height: float = _ABOVE_FLOOR) -> None:
+    def __init__(
+        self, server: viser.ViserServer, group: str, area: Area, height: float = _ABOVE_FLOOR
+    ) -> None:
         self._scene, self._group, self._height = server.scene, group, height
+        self._centre = np.array([area.x, area.y])
         self._shown: dict[str, tuple[bytes, viser.LineSegmentsHandle]] = {}
 
     def draw(self, shapes: Iterable[Shape]) -> None:
@@ -68,7 +74,7 @@ class Canvas:
     ) -> viser.LineSegmentsHandle:
         """Draw a shape; one that is there is changed, which costs a fraction of a new one."""
         heights = np.full((*points.shape[:2], 1), self._height)
-        places = np.concatenate([points, heights], axis=2).astype(np.float32)
+        places = np.concatenate([points - self._centre, heights], axis=2).astype(np.float32)
         paint = np.repeat((255 * colours).astype(np.uint8)[:, None, :], 2, axis=1)
         if name not in self._shown:
             return self._scene.add_line_segments(f"{self._group}/{name}", places, paint, thickness=width)
@@ -103,11 +109,16 @@ class RobotModel:
         Path in the scene.
     urdf : str
         The robot's description.
+    area : Area
+        Its centre is the origin of the page.
     ghost : bool
         Whether it is drawn pale.
     """
 
-    def __init__(self, server: viser.ViserServer, name: str, urdf: str, *, ghost: bool = False) -> None:
+    def __init__(
+        self, server: viser.ViserServer, name: str, urdf: str, area: Area, *, ghost: bool = False
+    ) -> None:
+        self._area = area
         self._frame = server.scene.add_frame(name, show_axes=False, visible=not ghost)
         colour = (0.62, 0.64, 0.68, 0.35) if ghost else None
         model = yourdfpy.URDF.load(io.BytesIO(urdf.encode()))
@@ -121,7 +132,7 @@ class RobotModel:
             self._frame.visible = pose is not None
         if pose is None:
             return
-        position, turn = (pose.x, pose.y, 0.0), wxyz(pose.yaw)
+        position, turn = (pose.x - self._area.x, pose.y - self._area.y, 0.0), wxyz(pose.yaw)
         if tuple(self._frame.position) != position:
             self._frame.position = position
         if tuple(self._frame.wxyz) != turn:

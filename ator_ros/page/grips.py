@@ -12,6 +12,7 @@ import viser
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.page.drawing import rgb, wxyz
 from ator_ros.viewing.shapes import Colour
+from ator_ros.world.scene import Area
 
 _KNOB = 0.09
 _TURNING = 0.35
@@ -43,6 +44,8 @@ class Grip:
         The page's server.
     name : str
         Path in the scene.
+    area : Area
+        Its centre is the origin of the page.
     radius, height : float
         Of the disc that can be dragged, in m.
     colour : tuple
@@ -59,6 +62,7 @@ class Grip:
         self,
         server: viser.ViserServer,
         name: str,
+        area: Area,
         *,
         radius: float,
         height: float,
@@ -67,7 +71,7 @@ class Grip:
         turns: bool = True,
         sphere: bool = False,
     ) -> None:
-        self._moved, self._height = moved, height
+        self._moved, self._height, self._area = moved, height, area
         self._pose = Pose(math.inf, math.inf, 0.0)
         self._frame = server.scene.add_frame(name, show_axes=False)
         place, scene, paint = (0.0, 0.0, height / 2.0), server.scene, rgb(colour)
@@ -90,7 +94,7 @@ class Grip:
             self._frame.visible = pose is not None
         if pose is not None and pose != self._pose:
             self._pose = pose
-            self._frame.position = (pose.x, pose.y, 0.0)
+            self._frame.position = (pose.x - self._area.x, pose.y - self._area.y, 0.0)
             self._frame.wxyz = wxyz(pose.yaw)
 
     def remove(self) -> None:
@@ -117,7 +121,8 @@ class Grip:
 
     def _pointed(self, event: Any, height: float) -> tuple[float, float] | None:
         camera, pointer = _point(event.client.camera.position), _point(event.end_position)
-        return None if camera is None or pointer is None else on_floor(camera, pointer, height)
+        there = None if camera is None or pointer is None else on_floor(camera, pointer, height)
+        return None if there is None else self._area.at(*there)[:2]
 
 
 def _point(sent: Any) -> FloatArray | None:

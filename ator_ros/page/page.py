@@ -65,15 +65,16 @@ class Page:
         self.inbox = Inbox()
         self._desk, self._robot, self._models = desk, robot, models
         self.server = server = served(desk.domain, robot, host=host, port=port)
-        self._chain = Canvas(server, "/chain")
-        self._trails = Canvas(server, "/trails", 0.03)
-        self._model = RobotModel(server, "/robot", urdf)
-        self._ghost = RobotModel(server, "/ghost", urdf, ghost=True)
+        area = robot.scene.area
+        self._chain = Canvas(server, "/chain", area)
+        self._trails = Canvas(server, "/trails", area, 0.03)
+        self._model = RobotModel(server, "/robot", urdf, area)
+        self._ghost = RobotModel(server, "/ghost", urdf, area, ghost=True)
         self._stages = stages
-        self._others = {name: RobotModel(server, f"/robots/{name}", urdf) for name in stages}
+        self._others = {name: RobotModel(server, f"/robots/{name}", urdf, area) for name in stages}
         self._objects = {name: self._object_grip(name) for name in robot.scene.objects}
         self._robot_grip = Grip(
-            server, "/start", radius=robot.reach, height=0.02, colour=ORANGE, moved=self._robot_moved
+            server, "/start", area, radius=robot.reach, height=0.02, colour=ORANGE, moved=self._robot_moved
         )
         self._goals: list[Grip] = []
         tabs = server.gui.add_tab_group()
@@ -87,6 +88,7 @@ class Page:
         return Grip(
             self.server,
             f"/objects/{name}",
+            self._robot.scene.area,
             radius=radius,
             height=2.0 * radius,
             colour=ORANGE,
@@ -105,6 +107,7 @@ class Page:
         return Grip(
             self.server,
             f"/goals/{step}",
+            self._robot.scene.area,
             radius=_GOAL_RADIUS,
             height=0.03,
             colour=BLUE,

@@ -56,10 +56,11 @@ class ReplayPage:
         self.server = server = served(domain, robot, host=host, port=port)
         self._robots, self._name = robots, next(iter(robots))
         self.player = Player(self.recorded.duration)
-        self._chain, self._trail = Canvas(server, "/chain"), Canvas(server, "/trails", 0.03)
-        self._model = RobotModel(server, "/robot", urdf)
+        self._area = area = robot.scene.area
+        self._chain, self._trail = Canvas(server, "/chain", area), Canvas(server, "/trails", area, 0.03)
+        self._model = RobotModel(server, "/robot", urdf, area)
         self._others = {
-            name: RobotModel(server, f"/robots/{number}", urdf) for number, name in enumerate(robots)
+            name: RobotModel(server, f"/robots/{number}", urdf, area) for number, name in enumerate(robots)
         } if len(robots) > 1 else {}  # fmt: skip
         self._objects = {name: _sphere(server, robot, name) for name in robot.scene.objects}
         tabs = server.gui.add_tab_group()
@@ -114,8 +115,11 @@ class ReplayPage:
             at = world.objects.get(name)
             if sphere.visible != (at is not None):
                 sphere.visible = at is not None
-            if at is not None and tuple(sphere.position[:2]) != (at.x, at.y):
-                sphere.position = (at.x, at.y, sphere.position[2])
+            if at is None:
+                continue
+            place = (at.x - self._area.x, at.y - self._area.y)
+            if tuple(sphere.position[:2]) != place:
+                sphere.position = (*place, sphere.position[2])
 
     def _show_chain(self, played: PlayedChain | None, stamp: float) -> None:
         if played is None or self.player.seconds > played.ended:

@@ -63,7 +63,10 @@ class _LoopsEvent(asyncio.Event):
 
 
 def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
-    """Return where a new client's camera is and looks at (m), and its vertical field of view (rad)."""
+    """Return where a new client's camera is and looks at (m), and its vertical field of view (rad).
+
+    The origin of the page is the centre of the area.
+    """
     area = robot.scene.area
     look_at = (0.0, -0.05 * area.width, 0.0)
     return (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length), look_at, math.radians(50.0)
@@ -119,5 +122,5 @@ def served(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 80
     server.scene.add_box(
         "/floor", color=_FLOOR, dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
     )
-    Canvas(server, "/surroundings", 0.02).draw(surroundings(domain, robot))
+    Canvas(server, "/surroundings", area, 0.02).draw(surroundings(domain, robot))
     return server

@@ -96,10 +96,16 @@ class PerformanceModel:
     def experience(self) -> Mapping[str, tuple[float, float]]:
         """Least and greatest value of direct variables and of `way` at the starts that it was learned from.
 
-        Empty where that is not known; see `ator_ros.performance.training.start_ranges`.
+        Places are relative to the centre of the area in the file, and here as in the robot's area. Empty
+        where that is not known; see `ator_ros.performance.training.start_ranges`.
         """
         ranges = self.metadata.get("training", {}).get("starts", {})
-        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+        area = self.robot.scene.area
+        moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
+        return {
+            name: (float(low) + moved.get(name, 0.0), float(high) + moved.get(name, 0.0))
+            for name, (low, high) in ranges.items()
+        }
 
     @cached_property
     def ideal_time(self) -> Feature | None:

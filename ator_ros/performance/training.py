@@ -206,13 +206,15 @@ def _direct_names(rows: pd.DataFrame) -> list[str]:
 def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     """Return the least and the greatest value of the direct variables at the starts of episodes.
 
-    Beside them is that of `way`: the distance in m from the point of the robot that the goal is meant for,
-    axle or hold, to the goal's place.
+    Places are relative to the centre of the robot's area. Beside them is that of `way`: the distance in m
+    from the point of the robot that the goal is meant for, axle or hold, to the goal's place.
     """
     starts = rows[rows["t"] == 0.0]
     way = _ways(starts, robot)
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
-    columns = {**{name: starts[name] for name in names}, "way": way}
+    area = robot.scene.area
+    moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
+    columns = {**{name: starts[name] - moved.get(name, 0.0) for name in names}, "way": way}
     return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
 
 

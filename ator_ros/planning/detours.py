@@ -30,6 +30,6 @@ def far_side(
         return None
     away = robot.reach + robot.scene.radius(name) + _ROOM
     x, y = there.x - away * math.cos(onward), there.y - away * math.sin(onward)
-    area = robot.scene.area
-    inside = abs(x) <= area.length / 2 and abs(y) <= area.width / 2
+    x_min, y_min, x_max, y_max = robot.scene.area.lines
+    inside = x_min <= x <= x_max and y_min <= y <= y_max
     return (x, y) if inside else None

@@ -16,6 +16,8 @@ from ator_ros.tops.state import State
 from ator_ros.tops.top import Top
 
 _SPACING = 0.1
+_MOST_STEPS = 400
+"""Along each side of the area: large areas are searched more coarsely."""
 _LEAST_WAY = 0.5
 """Distance in m from where a thing lies below which no place is looked for: so short a way is no step."""
 
@@ -47,9 +49,10 @@ def place_in(region: Sequence[Fact], top: Top, state: State, robot: Robot) -> tu
 
 def _candidates(robot: Robot, goal: Mapping[str, float]) -> FloatArray:
     """Return places in the scene's area, shape (n, 2), and the goal itself."""
-    area = robot.scene.area
-    xs = np.arange(-area.length / 2, area.length / 2 + _SPACING / 2, _SPACING)
-    ys = np.arange(-area.width / 2, area.width / 2 + _SPACING / 2, _SPACING)
+    x_min, y_min, x_max, y_max = robot.scene.area.lines
+    spacing = max(_SPACING, (x_max - x_min) / _MOST_STEPS, (y_max - y_min) / _MOST_STEPS)
+    xs = np.arange(x_min, x_max + spacing / 2, spacing)
+    ys = np.arange(y_min, y_max + spacing / 2, spacing)
     grid = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
     return np.vstack([grid, [goal.get("x", 0.0), goal.get("y", 0.0)]])
 

@@ -96,8 +96,8 @@ def target_of(term: Statement, values: Values, binding: Binding, top: str) -> Va
 
 
 def reach_about(term: Statement, target: Symbol) -> tuple[float, float]:
-    """Return the range of a statement about its target, whose side of the origin may count."""
-    return term.reach(0.0 if isinstance(target, str) else target)
+    """Return the range of a statement about its target, whose side of the centre may count."""
+    return term.reach(math.inf if isinstance(target, str) else target)
 
 
 def difference(variable: str, value: Value, target: Value) -> float | None:

@@ -66,13 +66,14 @@ def check_on_floor(wishes: Sequence[Wish], robot: Robot) -> None:
     PlanningError
         One doesn't.
     """
-    floor = dict(zip(("x", "y"), robot.scene.area.floor, strict=True))
+    x_min, y_min, x_max, y_max = robot.scene.area.floor
+    floor = {"x": (x_min, x_max), "y": (y_min, y_max)}
     for wish in wishes:
-        most = floor.get(wish.variable.rpartition(".")[2])
-        if most is not None and not isinstance(wish.target, str) and abs(wish.target) > most:
+        low, high = floor.get(wish.variable.rpartition(".")[2], (-math.inf, math.inf))
+        if not isinstance(wish.target, str) and not low <= wish.target <= high:
             raise PlanningError(
-                f"goal: {wish.variable}: expected a place on the scene's floor, from {-most:g} to {most:g} "
-                f"m, got {wish.target:g}"
+                f"goal: {wish.variable}: expected a place on the scene's floor, from {low:.10g} to "
+                f"{high:.10g} m, got {wish.target:.10g}"
             )
 
 

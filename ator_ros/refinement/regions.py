@@ -200,9 +200,10 @@ def _may_bound(chain: TopChain, names: Sequence[tuple[str, ...]]) -> bool:
 
 def _placed(term: Term | Region, target: Any) -> Any:
     """Return the value of a term's variable once it holds."""
-    offset = term.offset(1.0)
-    outward = isinstance(term, Region) and term.outward
-    return target + (np.copysign(1.0, target) * offset if outward else offset) if offset else target
+    offset = term.offset(math.inf)
+    if offset and isinstance(term, Region) and term.outward:
+        return target + np.copysign(1.0, target - term.centre) * offset
+    return target + offset if offset else target
 
 
 def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:

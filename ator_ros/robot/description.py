@@ -14,7 +14,6 @@ from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.robot.body_checks import held_by_none, impossible
 from ator_ros.robot.description_file import ConfigError, read_description
-from ator_ros.robot.former_form import former_forms
 from ator_ros.schema import Within
 from ator_ros.world.scene import Mass, Scene, Size
 from ator_ros.world.state import World
@@ -219,24 +218,29 @@ class Robot:
         return there.ahead(-self.hold)
 
     def sections(self) -> dict[str, Any]:
-        """Return the sections of a file that describes this robot and its scene."""
-        robot = self._said()
-        scene = robot.pop("scene")
+        """Return the sections of a file that describes this robot and its scene, without defaults."""
+        content = dataclasses.asdict(self)
+        scene = content.pop("scene")
+        defaults = {field.name: field.default for field in dataclasses.fields(self)}
+        robot = {name: value for name, value in content.items() if getattr(self, name) != defaults[name]}
         return {"robot": robot, "scene": scene}
 
-    def _said(self) -> dict[str, Any]:
-        """Return all fields but those that a file need not state, for they have their default."""
-        optional = ("stop", "grip", "build")  # which came later, and leave the digests of files without them
-        defaults = {field.name: field.default for field in dataclasses.fields(self) if field.name in optional}
-        usual = {name for name, value in defaults.items() if getattr(self, name) == value}
-        return {name: value for name, value in dataclasses.asdict(self).items() if name not in usual}
-
     def digest(self) -> str:
-        """Return a short digest of the whole description, stored with everything that is learned."""
-        said = self._said()
-        written = (form.written(said) for form in former_forms())
-        content = next((content for content in written if content is not None), said)
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+        """Return a short digest of the base and its holder, stored with everything that is learned.
+
+        The name and the scene are left out: they do not make it another robot.
+        """
+        content = dataclasses.asdict(self)
+        del content["name"], content["scene"]
+        return _digest_of(content)
+
+    def description_digest(self) -> str:
+        """Return a short digest of the whole description: simulated results depend on the scene as well."""
+        return _digest_of(dataclasses.asdict(self))
+
+
+def _digest_of(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def load_robot(path: Path | str | None = None) -> Robot:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
 from dataclasses import make_dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
 from ator_ros.formats import Format
 from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
-from ator_ros.robot.former_form import FormerForm, former_forms
 from ator_ros.schema import SchemaError, structured
 from ator_ros.world.scene import Scene
 
 FORMAT = Format("ator_ros robot", 1, "description of a robot")
-"""A file may state it; one that does not is of version 1, or of the former form without a version."""
+"""A file may state it; one that does not is of version 1."""
 _LARGEST = 100_000  # bytes of a description; ours has 2 kB
 
 
@@ -32,36 +30,17 @@ def read_description(file: Path, kind: type[Any]) -> Any:
     ConfigError
         The file cannot be read, or a field is missing, unknown or out of its range.
     """
-    shown: Mapping[str, str] = {}
     try:
-        data: Any = FORMAT.content_if_stated(read_yaml(file, largest=_LARGEST))
-        form = _former_form(data)
-        if form is not None:
-            shown = form.shown
-            names = frozenset(item.name for item in dataclasses.fields(kind) if _needed(item)) - {"scene"}
-            structured(data, form.schema(names), closed=True)
-            data = form.renamed(data)
+        data = FORMAT.content_if_stated(read_yaml(file, largest=_LARGEST))
         read = structured(data, _file(kind), closed=True)  # type: ignore[arg-type]  # a class is hashable
     except UnreadableYamlError as error:
         raise ConfigError(str(error)) from error
     except SchemaError as error:
-        where, colon, what = str(error).partition(": ")
-        raise ConfigError(f"{file}: {shown.get(where, where)}{colon}{what}") from error
+        raise ConfigError(f"{file}: {error}") from error
     try:
         return kind(**_values(read.robot), scene=read.scene)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from error
-
-
-def _needed(item: dataclasses.Field[Any]) -> bool:
-    return item.default is dataclasses.MISSING
-
-
-def _former_form(data: Any) -> FormerForm | None:
-    """Return the former form that the content of a file has, None if it has today's."""
-    if not isinstance(data, Mapping) or "scene" in data:
-        return None
-    return next((form for form in former_forms() if not form.sections.isdisjoint(data)), None)
 
 
 @functools.cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
@@ -26,6 +27,7 @@ RAMPS_PER_TICK = 4
 # Converged: with the rotors' inertia in the wheels, 50 iterations give the same speeds to 0.2 %.
 SOLVER_ITERATIONS = 20
 _AWAY = 50.0
+"""Least distance in m from the centre of the area of what is not in use."""
 _DEEPEST = 0.005
 """Depth in m to which bodies may overlap where they are placed: contacts of a run reach about 1 mm."""
 _DISTANCE = 8  # index in what getClosestPoints returns
@@ -57,9 +59,12 @@ class Simulation:
     ) -> None:
         self.robot = robot
         self._client: int = p.connect(p.DIRECT)
+        # The origin of the physics is the centre of the area: far from it, contacts would be rounded.
+        self._area = robot.scene.area
+        self._away = max(_AWAY, self._area.width / 2 + self._area.margin + _AWAY / 2)
         self._build((robot, *others), wheels)
         for number in range(len(self._bases)):
-            self.place_robot(Pose(0.0, -_AWAY * number, 0.0), number=number)
+            self.place_robot(self._area.at(0.0, -self._away * number), number=number)
         for name in self._bodies:
             self.remove_object(name)
 
@@ -74,8 +79,9 @@ class Simulation:
             physicsClientId=client,
         )
         floor = make_floor(client)
-        scene = self.robot.scene
-        self._walls = [wall for bay in scene.bays for wall in make_bay(client, bay)]
+        scene, area = self.robot.scene, self._area
+        bays = (dataclasses.replace(bay, x=bay.x - area.x, y=bay.y - area.y) for bay in scene.bays)
+        self._walls = [wall for bay in bays for wall in make_bay(client, bay)]
         self._bodies = {name: make_object(client, item) for name, item in scene.objects.items()}
         self._present: dict[str, bool] = {}
         self._bases = [SimulatedBase(client, each, wheels, period=1.0 / PHYSICS_RATE) for each in robots]
@@ -91,7 +97,11 @@ class Simulation:
 
     def place_robot(self, pose: Pose, *, v: float = 0.0, w: float = 0.0, number: int = 0) -> None:
         """Put a robot's axle at `pose`, moving at v (m/s) and w (rad/s)."""
-        self._bases[number].place(pose, v, w)
+        self._bases[number].place(self._local(pose), v, w)
+
+    def _local(self, pose: Pose) -> Pose:
+        """Return a pose relative to the centre of the area."""
+        return Pose(pose.x - self._area.x, pose.y - self._area.y, pose.yaw)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:
         """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
@@ -102,27 +112,27 @@ class Simulation:
             The scene has no such object.
         """
         set_object_dynamics(self._client, self._body_of(name), self.robot.scene.objects[name])
-        self._move_object(name, x, y, vx, vy)
+        self._move_object(name, x - self._area.x, y - self._area.y, vx, vy)
         self._present[name] = True
 
     def remove_object(self, name: str) -> None:
         """Take an object off the floor; raises ValueError if the scene has no such object."""
         p.changeDynamics(self._body_of(name), -1, mass=0.0, physicsClientId=self._client)
-        self._move_object(name, 0.0, _AWAY + list(self._bodies).index(name), 0.0, 0.0)
+        self._move_object(name, 0.0, self._away + list(self._bodies).index(name), 0.0, 0.0)
         self._present[name] = False
 
     def robot_overlap(self, pose: Pose, *, number: int = 0) -> str:
         """Return which body a robot at `pose` would overlap; empty if none. Nothing is moved."""
         body = self._bases[number].body
         with self._restored(body):
-            self._bases[number].move(pose)
+            self._bases[number].move(self._local(pose))
             return self._overlap(body)
 
     def object_overlap(self, name: str, x: float, y: float) -> str:
         """Return which body an object at (x, y) m would overlap; empty if none. Nothing is moved."""
         body = self._body_of(name)
         with self._restored(body):
-            self._move_object(name, x, y, 0.0, 0.0)
+            self._move_object(name, x - self._area.x, y - self._area.y, 0.0, 0.0)
             return self._overlap(body)
 
     @contextmanager
@@ -196,12 +206,15 @@ class Simulation:
         objects = {
             name: self._object_state(body) for name, body in self._bodies.items() if self._present[name]
         }
-        return World(self.time, self._bases[number].state(), objects)
+        state = self._bases[number].state()
+        x, y, yaw = state.pose
+        return World(self.time, dataclasses.replace(state, pose=self._area.at(x, y, yaw)), objects)
 
     def _object_state(self, body: int) -> ObjectState:
         position, _ = p.getBasePositionAndOrientation(body, physicsClientId=self._client)
         linear, _ = p.getBaseVelocity(body, physicsClientId=self._client)
-        return ObjectState(position[0], position[1], linear[0], linear[1])
+        x, y, _ = self._area.at(position[0], position[1])
+        return ObjectState(x, y, linear[0], linear[1])
 
     def close(self) -> None:
         """Free the world; it cannot be used afterwards."""

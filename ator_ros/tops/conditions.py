@@ -76,8 +76,10 @@ class Region:
         Least and greatest difference of the variable from the target, in the variable's unit; either may be
         infinite.
     outward : bool
-        Whether differences count away from the origin: a variable of 5 is 1 beyond a target of 4, and one of
-        -5 is 1 beyond a target of -4.
+        Whether differences count away from `centre`: with a centre of 0 a variable of 5 is 1 beyond a target
+        of 4, and one of -5 is 1 beyond a target of -4.
+    centre : float
+        See `outward`; in the variable's unit.
 
     Raises
     ------
@@ -90,6 +92,7 @@ class Region:
     low: float = -math.inf
     high: float = math.inf
     outward: bool = False
+    centre: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the range."""
@@ -128,19 +131,19 @@ class Region:
 
     def reach(self, target: float) -> tuple[float, float]:
         """Return the least and the greatest difference of the variable from `target`."""
-        return (-self.high, -self.low) if self.outward and target < 0.0 else (self.low, self.high)
+        return (-self.high, -self.low) if self.outward and target < self.centre else (self.low, self.high)
 
     def offset(self, target: float) -> float:
         """Return the difference from `target` that the variable has once this holds: the least possible."""
         least = min(max(0.0, self.low), self.high)
-        return math.copysign(1.0, target) * least if self.outward else least
+        return math.copysign(1.0, target - self.centre) * least if self.outward else least
 
     def _outward(self, difference: float | None, state: State, goal: Mapping[str, float]) -> float | None:
-        """Return the difference as it counts, by the side of the origin on which the target lies."""
+        """Return the difference as it counts, by the side of the centre on which the target lies."""
         target = _target(self, state, goal)
         if difference is None or target is None or not self.outward:
             return difference
-        return math.copysign(1.0, target) * difference
+        return math.copysign(1.0, target - self.centre) * difference
 
 
 Statement = Term | Region

@@ -37,7 +37,7 @@ class Range:
 
     def contains(self, value: float) -> bool:
         """Return whether the variable may take `value`, to rounding; an angle may take any finite one."""
-        slack = 1e-9 * (self.high - self.low)
+        slack = 1e-9 * (self.high - self.low) + 1e-15 * max(abs(self.low), abs(self.high))
         return math.isfinite(value) and (self.periodic or self.low - slack <= value <= self.high + slack)
 
 
@@ -58,11 +58,13 @@ def arrival_speed(robot: Robot, goal: Goal, *, most: float = math.inf) -> Range:
 
 
 def _x(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
-    return Range(-robot.scene.area.length / 2, robot.scene.area.length / 2, 16)
+    x_min, _, x_max, _ = robot.scene.area.lines
+    return Range(x_min, x_max, 16)
 
 
 def _y(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
-    return Range(-robot.scene.area.width / 2, robot.scene.area.width / 2, 10)
+    _, y_min, _, y_max = robot.scene.area.lines
+    return Range(y_min, y_max, 10)
 
 
 USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": heading, "speed": arrival_speed})

@@ -82,9 +82,11 @@ class Bearing:
     most : float
         Greatest angle in rad between the axis and the direction from the origin to the place, at most pi / 2.
     axis : float
-        Direction of the axis in rad, for an origin at x >= 0.
+        Direction of the axis in rad, for an origin at x >= `centre`.
     mirrored : bool
-        Whether the axis is mirrored at the y axis for an origin at x < 0, as those of facing bays are.
+        Whether the axis is mirrored for an origin at x < `centre`, as those of facing bays are.
+    centre : float
+        See `mirrored`; in m.
 
     Raises
     ------
@@ -97,6 +99,7 @@ class Bearing:
     most: float
     axis: float = 0.0
     mirrored: bool = False
+    centre: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the angle."""
@@ -117,7 +120,8 @@ class Bearing:
         if way is None:
             return None
         x, _ = _position(self.origin, state, goal)
-        axis = np.where(np.asarray(x) < 0.0, math.pi - self.axis, self.axis) if self.mirrored else self.axis
+        left_of_centre = self.mirrored and np.asarray(x) < self.centre
+        axis = np.where(left_of_centre, math.pi - self.axis, self.axis)
         left = self.most - np.abs(wrap_angles(np.arctan2(way[1], way[0]) - axis))
         # Within a quarter turn of the edge, the nearest point of it is at a right angle.
         return np.hypot(*way) * np.sin(np.clip(left, -math.pi / 2.0, math.pi / 2.0))

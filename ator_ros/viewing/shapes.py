@@ -63,10 +63,9 @@ def polyline(name: str, corners: Sequence[tuple[float, float]], colour: Colour, 
     return Segments(name, points, np.tile(np.asarray(colour, dtype=float), (len(points), 1)), width)
 
 
-def rectangle(length: float, width: float) -> list[tuple[float, float]]:
-    """Return the closed outline of a rectangle (m) centred on the origin."""
-    x, y = length / 2.0, width / 2.0
-    return [(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)]
+def rectangle(x_min: float, y_min: float, x_max: float, y_max: float) -> list[tuple[float, float]]:
+    """Return the closed outline of a rectangle (m)."""
+    return [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
 
 
 def circle(x: float, y: float, radius: float, corners: int = 48) -> list[tuple[float, float]]:

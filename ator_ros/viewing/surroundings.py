@@ -13,8 +13,7 @@ _LINE = 0.03
 
 def surroundings(domain: Domain, robot: Robot) -> tuple[Segments, ...]:
     """Return the lines on the floor, and the walls of the bays as thick lines."""
-    area = robot.scene.area
-    lines = [polyline("area", rectangle(area.length, area.width), WHITE, _LINE)]
+    lines = [polyline("area", rectangle(*robot.scene.area.lines), WHITE, _LINE)]
     lines += [
         polyline(f"line{number}", corners, WHITE, _LINE)
         for number, corners in enumerate(domain.presentation.lines(robot))

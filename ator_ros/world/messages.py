@@ -49,7 +49,7 @@ class FrameError(MessageError):
 def number(value: float, where: str, *, low: float, high: float, unit: str = "") -> float:
     """Return `value` if it is a finite number in [low, high]; raise MessageError otherwise."""
     if not (math.isfinite(value) and low <= value <= high):
-        bounds = f"a finite number from {low:g} to {high:g} {unit}".rstrip()
+        bounds = f"a finite number from {low:.10g} to {high:.10g} {unit}".rstrip()
         raise MessageError(f"{where}: expected {bounds}, got {value!r}")
     return float(value)
 

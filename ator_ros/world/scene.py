@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from ator_ros.geometry import Pose
 from ator_ros.schema import AtMost, Name, Within
+from ator_ros.world.messages import FARTHEST
 from ator_ros.world.state import AT_REST, ObjectState
 
 WALL_THICKNESS = 0.05
@@ -15,16 +17,17 @@ WALL_THICKNESS = 0.05
 MOST = 100
 """Most objects or bays of a scene."""
 
-# Plausible ranges: learned features, tables of turns and the physics rely on them.
+# Contacts of bodies below 1 mm or above 10 m are beyond the solver's step of 1/240 s.
 Size = Annotated[float, Within(0.001, 10.0)]
-Extent = Annotated[float, Within(0.001, 1000.0)]
-Place = Annotated[float, Within(-1000.0, 1000.0)]
+Extent = Annotated[float, Within(0.001, 100_000.0)]
+"""Sizes of areas in m: a robot at 15 m/s drives 900 m in a minute."""
+Place = Annotated[float, Within(-FARTHEST, FARTHEST)]
 Mass = Annotated[float, Within(0.001, 10_000.0)]
 
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """A rectangle centred on the origin.
+    """A rectangle in the frame of odometry.
 
     Attributes
     ----------
@@ -32,21 +35,38 @@ class Area:
         Along x and along y, in m.
     margin : float
         Free floor around it in m.
+    x, y : float
+        Its centre in m.
     """
 
     length: Extent
     width: Extent
     margin: Extent
+    x: Place = 0.0
+    y: Place = 0.0
 
     @property
-    def floor(self) -> tuple[float, float]:
-        """Greatest |x| and |y| in m of the area with its margin."""
-        return self.length / 2 + self.margin, self.width / 2 + self.margin
+    def lines(self) -> tuple[float, float, float, float]:
+        """Edges x_min, y_min, x_max, y_max in m."""
+        return self._edges(0.0)
+
+    @property
+    def floor(self) -> tuple[float, float, float, float]:
+        """Edges x_min, y_min, x_max, y_max in m of the area with its margin."""
+        return self._edges(self.margin)
+
+    def _edges(self, margin: float) -> tuple[float, float, float, float]:
+        x, y = self.length / 2 + margin, self.width / 2 + margin
+        return self.x - x, self.y - y, self.x + x, self.y + y
 
     def has_floor(self, x: float, y: float) -> bool:
         """Return whether (x, y) in m lies on the area or its margin."""
-        x_most, y_most = self.floor
-        return abs(x) <= x_most and abs(y) <= y_most
+        x_min, y_min, x_max, y_max = self.floor
+        return x_min <= x <= x_max and y_min <= y <= y_max
+
+    def at(self, x: float, y: float, yaw: float = 0.0) -> Pose:
+        """Return the pose that lies (x, y) m from the centre, with heading `yaw` in rad."""
+        return Pose(self.x + x, self.y + y, yaw)
 
 
 @dataclass(frozen=True, slots=True)

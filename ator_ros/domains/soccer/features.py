@@ -82,7 +82,7 @@ def shot(geometry: Geometry) -> Motions:
     """Return the fastest ideal motion with the ball to a run, at full speed, into the goal's mouth."""
     d, robot = geometry.direct, geometry.robot
     back, width = usual_release(robot) + robot.hold, field_of(robot).goal_width
-    heading = np.where(d["xg"] > 0.0, 0.0, np.pi) + _SHOTS
+    heading = np.where(d["xg"] > field_of(robot).x, 0.0, np.pi) + _SHOTS
     x = d["xg"] - back * np.cos(heading)
     y = d["yg"] + width * _AIMS - back * np.sin(heading)
     fastest = robot.holder_for("a shot").limits.v
@@ -95,8 +95,8 @@ def run_up(geometry: Geometry) -> FloatArray:
     Where there is none, return the time of the fastest shot with two turns.
     """
     d, (x, y, yaw, opening) = geometry.direct, geometry.openings
-    side = np.where(d["xg"] > 0.0, 1.0, -1.0)
-    turned = np.where(d["xg"] > 0.0, 0.0, np.pi)
+    right = d["xg"] > field_of(geometry.robot).x
+    side, turned = np.where(right, 1.0, -1.0), np.where(right, 0.0, np.pi)
     times = run_up_times(
         geometry.robot, np.stack((side * (x - d["xg"]), side * (y - d["yg"]), yaw - turned, d["v"]))
     )

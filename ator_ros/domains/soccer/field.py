@@ -11,10 +11,13 @@ from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.scene import Bay, Scene
 from ator_ros.world.state import ObjectState
 
+_MISPLACED = 1e-5
+"""In m and rad: how far a goal may be from the line's middle."""
+
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """The field, centred on the origin, its goals on the lines x = -length/2 and x = length/2.
+    """The field: its goals are on the two lines at right angles to the x axis.
 
     Attributes
     ----------
@@ -22,33 +25,41 @@ class Field:
         Between the lines, in m.
     goal_width, goal_depth : float
         Inner sizes of both goals in m; 0 where there are none.
+    x, y : float
+        The centre in m.
     """
 
     length: float
     width: float
     goal_width: float
     goal_depth: float
+    x: float = 0.0
+    y: float = 0.0
 
     @property
     def walls_begin(self) -> float:
-        """The |x| in m beyond which walls of the goals stand; infinite without goals."""
+        """Distance in m from the centre along x from which walls of goals stand; infinite without goals."""
         return self.length / 2 if self.goal_depth else math.inf
 
     def goal_centre(self, side: int = 1) -> tuple[float, float]:
-        """Return the middle of the goal line of the goal at x > 0 (side 1) or x < 0 (side -1), in m."""
-        return side * self.length / 2.0, 0.0
+        """Return the middle of the goal line of the goal at greater x (side 1) or smaller x (-1), in m."""
+        return self.x + side * self.length / 2.0, self.y
+
+    def side_of(self, x: float) -> int:
+        """Return on which side of the centre x (m) lies: 1 at greater x, -1 otherwise."""
+        return 1 if x > self.x else -1
 
 
 def field_of(robot: Robot) -> Field:
     """Return the field of a robot's scene, which `goals_in` has checked, or which has no goals."""
     area, bays = robot.scene.area, robot.scene.bays
     width, depth = (bays[0].width, bays[0].depth) if bays else (0.0, 0.0)
-    return Field(area.length, area.width, width, depth)
+    return Field(area.length, area.width, width, depth, area.x, area.y)
 
 
-def behind_line(ball: ObjectState, mouth: Pose) -> float:
+def behind_line(ball: ObjectState, mouth: Pose, field: Field) -> float:
     """Return how far in m a ball's centre lies behind the goal line of `mouth`; negative before it."""
-    return (ball.x - mouth.x) * math.copysign(1.0, mouth.x)
+    return (ball.x - mouth.x) * field.side_of(mouth.x)
 
 
 def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> bool:
@@ -63,11 +74,11 @@ def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> b
     mouth : Pose
         Middle of the goal's mouth; its heading does not matter.
     field : Field
-        The width of the goals.
+        Its centre, and the width of the goals.
     beyond : float
         How far in m the ball's centre must lie behind the line; its radius, if the whole ball must.
     """
-    return behind_line(ball, mouth) > beyond and abs(ball.y - mouth.y) < field.goal_width / 2
+    return behind_line(ball, mouth, field) > beyond and abs(ball.y - mouth.y) < field.goal_width / 2
 
 
 def field_in(scene: Scene) -> tuple[Bay, ...]:
@@ -91,12 +102,19 @@ def goals_in(scene: Scene) -> tuple[Bay, ...]:
     ConfigError
         The bays are no two equal goals.
     """
-    half = scene.area.length / 2
+    (left, _, right, _), middle = scene.area.lines, scene.area.y
     sizes = {(bay.width, bay.depth) for bay in scene.bays}
-    places = sorted((bay.x, bay.y, round(abs(bay.yaw), 6)) for bay in scene.bays)
-    if scene.bays and (len(sizes) > 1 or places != [(-half, 0.0, round(math.pi, 6)), (half, 0.0, 0.0)]):
+    places = sorted((bay.x, bay.y, abs(bay.yaw)) for bay in scene.bays)
+    if scene.bays and (
+        len(sizes) > 1
+        or not (
+            len(places) == 2
+            and math.dist(places[0], (left, middle, math.pi)) < _MISPLACED
+            and math.dist(places[1], (right, middle, 0.0)) < _MISPLACED
+        )
+    ):
         raise ConfigError(
-            f"scene.bays: expected two equal goals on the lines x = {-half:g} and x = {half:g}, opening to "
-            f"the middle, or none, got {list(scene.bays)}"
+            f"scene.bays: expected two equal goals on the lines x = {left:.10g} and x = {right:.10g} at "
+            f"y = {middle:.10g}, opening to the middle, or none, got {list(scene.bays)}"
         )
     return scene.bays

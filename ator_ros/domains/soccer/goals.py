@@ -32,17 +32,17 @@ def depth_in_goals(places: FloatArray, robot: Robot) -> float:
         x, y of the axle in m.
     """
     field = field_of(robot)
-    near = places[np.abs(places[:, 0]) > nearest_to_goals(robot)]
-    return float(np.max(robot.reach - wall_distances(near, field), initial=0.0))
+    near = places[np.abs(places[:, 0] - field.x) > nearest_to_goals(robot), :2]
+    return float(np.max(robot.reach - wall_distances(near - (field.x, field.y), field), initial=0.0))
 
 
 def nearest_to_goals(robot: Robot) -> float:
-    """Return the |x| in m of the axle up to which the robot touches no wall of a goal, whatever y and yaw."""
+    """Return up to which distance in m from the centre along x the robot touches no goal, whatever y, yaw."""
     return field_of(robot).walls_begin - robot.reach
 
 
 def wall_distances(poses: FloatArray, field: Field) -> FloatArray:
-    """Compute the distance in m from the axle at places or poses, shape (n, 2 or 3), to the nearest wall."""
+    """Compute the distance in m to the nearest wall from places relative to the centre, shape (n, 2 or 3)."""
     x, y = np.abs(poses[:, 0]), np.abs(poses[:, 1])
     distances = [
         np.hypot(

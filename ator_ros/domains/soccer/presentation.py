@@ -18,16 +18,16 @@ _CENTRE_CIRCLE = 1.0  # m
 
 def draw_field(axes: Any, robot: Robot) -> None:
     """Draw the lines around the field."""
-    length, width = robot.scene.area.length, robot.scene.area.width
-    lines = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * [length / 2.0, width / 2.0]
-    axes.plot(*lines.T, color=_GREY, lw=0.8)
+    x_min, y_min, x_max, y_max = robot.scene.area.lines
+    axes.plot((x_min, x_max, x_max, x_min, x_min), (y_min, y_min, y_max, y_max, y_min), color=_GREY, lw=0.8)
 
 
 def field_lines(robot: Robot) -> Sequence[Line]:
     """Return the halfway line and the centre circle."""
-    half, corners = robot.scene.area.width / 2.0, np.linspace(0.0, 2.0 * np.pi, 49)
-    x, y = _CENTRE_CIRCLE * np.cos(corners), _CENTRE_CIRCLE * np.sin(corners)
-    return [(0.0, -half), (0.0, half)], list(zip(x.tolist(), y.tolist(), strict=True))
+    area, corners = robot.scene.area, np.linspace(0.0, 2.0 * np.pi, 49)
+    _, y_min, _, y_max = area.lines
+    x, y = area.x + _CENTRE_CIRCLE * np.cos(corners), area.y + _CENTRE_CIRCLE * np.sin(corners)
+    return [(area.x, y_min), (area.x, y_max)], list(zip(x.tolist(), y.tolist(), strict=True))
 
 
 def paper_figures(robot: Robot, models: Models, library: TopLibrary) -> Sequence[Captioned]:

@@ -37,7 +37,7 @@ def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
             f"{_told(robot)}, expected more room between the lines than starts and goals keep from them"
         )
     x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
-    return Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+    return robot.scene.area.at(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
 
 def pose_within(
@@ -66,7 +66,8 @@ def way_with_ball(robot: Robot, start: Pose, end: Pose) -> float:
 def is_inside(place: Pose, robot: Robot) -> bool:
     """Return whether a place lies well within the lines, where `random_pose` draws."""
     half_length, half_width = _half_sizes(robot)
-    return abs(place.x) <= half_length and abs(place.y) <= half_width
+    area = robot.scene.area
+    return abs(place.x - area.x) <= half_length and abs(place.y - area.y) <= half_width
 
 
 def _half_sizes(robot: Robot) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 from ator_ros.actions.base import Point
@@ -74,15 +75,15 @@ def shoot(field: Field = _USUAL_FIELD, lost: float = 0.12) -> Top:
     Parameters
     ----------
     field : Field
-        The sizes of the goals.
+        Its centre, and the sizes of the goals.
     lost : float
         As for `dribble_ball`.
     """
     region = (
         Distance("ball", "goal", 0.74, 2.66),
-        Bearing("ball", "goal", math.radians(60.0), math.pi, mirrored=True),
+        Bearing("ball", "goal", math.radians(60.0), math.pi, mirrored=True, centre=field.x),
     )
-    behind_line = Region("ball.x", "goal.x", 0.0, field.goal_depth + _NET, outward=True)
+    behind_line = Region("ball.x", "goal.x", 0.0, field.goal_depth + _NET, outward=True, centre=field.x)
     inside = Condition((behind_line, Term("ball.y", "goal.y", field.goal_width / 2)))
     return Top("shoot", "shoot", Condition(_holding(lost).terms, region), inside, Point.HOLD, settles=6.0)
 
@@ -104,5 +105,7 @@ def tops_for(robot: Robot) -> tuple[Top, ...]:
     if robot.holder is None:
         return TOPS
     held, lost, field = held_within(robot), lost_beyond(robot), field_of(robot)
-    shot = shoot(field if field.goal_depth else _USUAL_FIELD, lost)
+    if not field.goal_depth:
+        field = dataclasses.replace(_USUAL_FIELD, x=field.x, y=field.y)
+    shot = shoot(field, lost)
     return GO_TO_POSE, go_to_ball(held), dribble_ball(held, lost), shot

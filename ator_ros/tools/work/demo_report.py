@@ -129,8 +129,8 @@ def save_picture(file: Path, robot: Robot, situations: Sequence[DemoSituation]) 
 
 
 def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
-    x, y = robot.scene.area.length / 2.0, robot.scene.area.width / 2.0
-    axes.plot([-x, x, x, -x, -x], [-y, -y, y, y, -y], color=GREY, lw=0.8)
+    x_min, y_min, x_max, y_max = robot.scene.area.lines
+    axes.plot([x_min, x_max, x_max, x_min, x_min], [y_min, y_min, y_max, y_max, y_min], color=GREY, lw=0.8)
     for bay in robot.scene.bays:
         across = np.array([-math.sin(bay.yaw), math.cos(bay.yaw)]) * bay.width / 2.0
         middle = np.array([bay.x, bay.y])

@@ -81,8 +81,8 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 
 def _begin(options: argparse.Namespace, robot: Robot) -> None:
     """Make sure that the folder is empty, or one of the same study."""
-    names = (item.name for item in fields(StudySettings) if item.name != "robot_digest")
-    ours = StudySettings(robot.digest(), **{name: getattr(options, name) for name in names})
+    names = (item.name for item in fields(StudySettings) if item.name != "description_digest")
+    ours = StudySettings(robot.description_digest(), **{name: getattr(options, name) for name in names})
     file = options.out / "settings.json"
     if not file.exists():
         write_text(file, SETTINGS.text(unstructured(ours)))

@@ -139,7 +139,8 @@ class Driver:
             room = self._robot.half_width + self._robot.scene.radius(BALL) + _BESIDE
             now = math.hypot(self._ball.x - pose.x, self._ball.y - pose.y)
             into_ball = max(0.0, min(room, now) - passing_distance(curve, ball.x, ball.y))
-        farthest = max(abs(pose.x), abs(target.x) + shape.run_in + 2.0 * shape.radius)
+        middle = self._robot.scene.area.x
+        farthest = max(abs(pose.x - middle), abs(target.x - middle) + shape.run_in + 2.0 * shape.radius)
         if farthest <= nearest_to_goals(self._robot):
             return into_ball
         return max(into_ball, depth_in_goals(shortest_way(curve, shape, target), self._robot))

@@ -50,10 +50,12 @@ class BezierShoot(Action):
         x, y = goal.pose.x, goal.pose.y
         if field.goal_width <= 0.0:
             raise ActionError("shoot: expected a scene with goals, it has no bays")
-        if abs(abs(x) - field.length / 2) > 0.5 * field.goal_depth or abs(y) > field.goal_width / 2:
+        side = field.side_of(x)
+        line, middle = field.goal_centre(side)
+        if abs(x - line) > 0.5 * field.goal_depth or abs(y - middle) > field.goal_width / 2:
             raise ActionError(f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m")
-        self._side = 1 if x > 0.0 else -1
-        self._middle = max(-1.0, min(1.0, y / (field.goal_width / 2))) * self._half_mouth()
+        self._side = side
+        self._middle = max(-1.0, min(1.0, (y - middle) / (field.goal_width / 2))) * self._half_mouth()
         self._driver.reset(Command(world.robot.v, world.robot.w))
         self._released = False
 
@@ -80,17 +82,17 @@ class BezierShoot(Action):
         if distance > gone_beyond(self.robot):
             return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
         crossing = self._crossing(world.robot.pose)
-        if crossing is None or abs(crossing) > self._half_mouth():
+        if crossing is None or abs(crossing - mouth.y) > self._half_mouth():
             target = self._target(world.robot.pose)
             command = self._driver.follow(world.robot, target, self._limits.v)
             return Step(command, Status.RUNNING, "dribbling along a curve to the goal's mouth")
-        return self._run_up(world, -behind_line(ball, mouth), crossing)
+        return self._run_up(world, -behind_line(ball, mouth, field), crossing - mouth.y)
 
     def _crossing(self, pose: Pose) -> float | None:
         """Return y (m) where the robot's straight way ahead crosses the goal line; None where it doesn't."""
         hold = self.robot.hold_point(pose)
         forward = self._side * math.cos(pose.yaw)
-        short = field_of(self.robot).length / 2 - self._side * hold.x
+        short = self._side * (field_of(self.robot).goal_centre(self._side)[0] - hold.x)
         if forward < 0.3 or short < 0.0:
             return None
         return hold.y + short / forward * math.sin(pose.yaw)
@@ -98,14 +100,17 @@ class BezierShoot(Action):
     def _target(self, pose: Pose) -> Pose:
         """Return the pose of the axle before the mouth, in the direction from here up to a greatest slant."""
         straight = 0.0 if self._side > 0 else math.pi
-        line = self._side * field_of(self.robot).length / 2
+        line, y = field_of(self.robot).goal_centre(self._side)
         hold = self.robot.hold_point(pose)
-        slant = wrap_angle(math.atan2(self._middle - hold.y, line - hold.x) - straight)
-        mouth = Pose(line, self._middle, straight + max(-_SLANT, min(_SLANT, slant)))
+        slant = wrap_angle(math.atan2(y + self._middle - hold.y, line - hold.x) - straight)
+        mouth = Pose(line, y + self._middle, straight + max(-_SLANT, min(_SLANT, slant)))
         return mouth.ahead(-self.robot.hold - _BEFORE_LINE)
 
     def _run_up(self, world: World, short: float, crossing: float) -> Step:
-        """Drive straight at the mouth, and brake when the ball, `short` m before the line, will roll in."""
+        """Drive straight at the mouth, and brake when the ball, `short` m before the line, will roll in.
+
+        `crossing` is where it will cross the line, in m from the middle along y.
+        """
         state = world.robot
         way = max(short, 0.0) / max(abs(math.cos(state.pose.yaw)), 0.3) + _ROLL_RESERVE
         roll = state.v**2 / (2.0 * self.robot.scene.objects[BALL].rolling_deceleration)

@@ -5,6 +5,7 @@ Where rounding could matter, a manoeuvre is not ruled out: the exact check decid
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from collections.abc import Iterator
 
@@ -86,6 +87,7 @@ def screened(
     ndarray of int8, shape (n,)
         A `Verdict` each.
     """
+    bundle, obstacles = _from_centre(bundle, obstacles, robot)
     if compiles():
         return judge(
             *_scalars(bundle), *_surroundings(obstacles, robot), np.ascontiguousarray(longest), forward_only
@@ -95,9 +97,25 @@ def screened(
 
 def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
     """Return which closed manoeuvres certainly touch an obstacle; see `clearance.is_clear`."""
+    bundle, obstacles = _from_centre(bundle, obstacles, robot)
     if compiles():
         return touch(*_scalars(bundle), *_surroundings(obstacles, robot))
     return touching_at_once(bundle, obstacles, robot)
+
+
+def _from_centre(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> tuple[Bundle, Obstacles]:
+    """Return manoeuvres and obstacles with places relative to the centre of the area."""
+    area, ball, start = robot.scene.area, obstacles.ball, bundle.start
+    if area.x == area.y == 0.0:
+        return bundle, obstacles
+    moved = dataclasses.replace(
+        bundle,
+        start=start._replace(x=start.x - area.x, y=start.y - area.y),
+        goals=bundle.goals - np.array([[area.x], [area.y], [0.0]]),
+    )
+    if ball is not None:
+        ball = dataclasses.replace(ball, x=ball.x - area.x, y=ball.y - area.y)
+    return moved, dataclasses.replace(obstacles, ball=ball)
 
 
 def _scalars(bundle: Bundle) -> tuple[End, BundleArrays, Rates]:

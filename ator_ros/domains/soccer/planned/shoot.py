@@ -48,7 +48,8 @@ class Shoot(HoldingAction):
     def plan(self, world: World) -> Planning[Manoeuvre]:
         """Plan the run-up that brings the ball behind the line first."""
         robot, limits, start = self.robot, self.plan_limits, world.robot.pose
-        mouth = self.goal.pose._replace(yaw=0.0 if self.goal.pose.x > 0.0 else math.pi)
+        side = field_of(robot).side_of(self.goal.pose.x)
+        mouth = self.goal.pose._replace(yaw=0.0 if side > 0 else math.pi)
         speed = round(max(0.0, world.robot.v), 3)
         entries = run_up_sides(robot, limits, speed)
         one_turn = yield from run_up(robot, start, mouth, entries, limits)

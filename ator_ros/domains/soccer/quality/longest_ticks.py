@@ -103,15 +103,16 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
     """Draw situations with posts, walls or the ball in the way: action, start and goal."""
     rng = np.random.default_rng(seed)
     field = field_of(robot)
-    x_most, y_most = robot.scene.area.floor
+    x_min, y_min, x_max, y_max = robot.scene.area.floor
+    edges = ((x_min, x_max), (y_min, y_max), (-math.pi, math.pi))
 
     def anywhere() -> Pose:
-        return Pose(*(float(rng.uniform(-most, most)) for most in (x_most, y_most, math.pi)))
+        return Pose(*(float(rng.uniform(*low_high)) for low_high in edges))
 
     def at_post() -> Pose:
         post = field.length / 2, field.goal_width / 2
         x, y = (float(rng.choice((-1.0, 1.0)) * at + rng.normal(0.0, 0.35)) for at in post)
-        return Pose(x, y, anywhere().yaw)
+        return robot.scene.area.at(x, y, anywhere().yaw)
 
     def state(pose: Pose) -> RobotState:
         limits, moves = robot.limits, float(rng.random() < 0.5)
