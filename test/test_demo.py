@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 import signal
@@ -12,10 +13,11 @@ from pathlib import Path
 import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.trials import random_trial
+from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses
-from ator_ros.tools.work.demo_report import DemoRun, DemoSituation, save_picture, table
+from ator_ros.tools.work.demo_report import DemoRun, DemoSituation, explanation, save_picture, table
+from ator_ros.tops.chain import TopChain
 
 ROBOT = load_robot()
 TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)
@@ -47,6 +49,22 @@ def test_the_table_tells_gains_and_failures() -> None:
     assert "situation 2, refined: lost the ball" in text
     assert "left alone: no gain" in text
     assert "3.10 / 3.00" in text
+
+
+def test_it_explains_the_chain_and_what_is_open() -> None:
+    chain, opened, kinds = explanation(
+        "shoot", open_speeds(TRIAL.chain), {"shoot": "dribble and shoot"}
+    ).split("\n")
+    assert chain == "chain shoot: dribble and shoot (goToBall, dribbleBall, shoot)"
+    assert opened.startswith(
+        "open, for refinement to choose: speed and yaw at the end of step 1 (goToBall); "
+    )
+    assert kinds.startswith("naive: ")
+    closed = TopChain(tuple(dataclasses.replace(call, open=frozenset()) for call in TRIAL.chain.calls))
+    assert explanation("mine", closed, {}).split("\n")[:2] == [
+        "chain mine: 3 steps (goToBall, dribbleBall, shoot)",
+        "open, for refinement to choose: nothing",
+    ]
 
 
 def test_the_picture_is_a_png_file(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from ator_ros.nodes.machine import MachineError
 from ator_ros.robot.description import Robot
 from ator_ros.tools.guard import INTERRUPTED, ending_signals, handled, write_plainly
 from ator_ros.tools.processes import NodesError, all_nodes, node_setting
-from ator_ros.tools.work.demo_report import DemoSituation, save_picture, table
+from ator_ros.tools.work.demo_report import PICTURE, DemoSituation, explanation, save_picture, table
 
 _FRAME = "odom"
 
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
     if played:
         print(f"\n{table(played)}")
         save_picture(options.out, robot, played)
-        print(f"\npaths: {options.out.resolve()}\nmake view shows it live, in the browser")
+        print(f"\n{options.out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
     return code
 
 
@@ -60,22 +60,28 @@ def _play(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator
                 trial = random_trial(domain, options.chain, library, seed=options.seed, index=index)
                 if "speed" in domain.variables:
                     trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
+                if index == 0:
+                    print(explanation(options.chain, trial.chain, domain.presentation.chains), flush=True)
                 yield _both(client, trial, f"situation {index + 1} of {options.situations}")
 
 
 def _both(client: object, trial: Trial, name: str) -> DemoSituation:
     """Play one situation naive and refined."""
     from ator_ros.nodes.conversions import chain_of
-    from ator_ros.tools.work.demo_client import DemoClient
+    from ator_ros.tools.work.demo_client import DemoClient, predicted_as
 
     assert isinstance(client, DemoClient)
     message = chain_of(trial.chain, action_set="", frame=_FRAME)
     answer = client.refine(trial.world, message)
     client.place(trial.world)
     print(f"{name}: naive ", end="", flush=True)
-    naive = client.execute(answer.original, refine=False)
+    naive = predicted_as(client.execute(answer.original, refine=False), answer.before, answer.before_actions)
     client.place(trial.world)
     print(f"{naive.total[1]:.2f} s, refined ", end="", flush=True)
     refined = client.execute(message, refine=True)
+    if refined.refined:
+        refined = predicted_as(refined, answer.after, answer.after_actions)
+    else:
+        refined = predicted_as(refined, answer.before, answer.before_actions)
     print(f"{refined.total[1]:.2f} s", flush=True)
     return DemoSituation(trial.world, trial.chain, naive, refined)

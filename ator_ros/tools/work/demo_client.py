@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from nav_msgs.msg import Odometry
 from rclpy.action import ActionClient
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ChainPerformance, Outcome
+from ator_interfaces.msg import ChainPerformance, Outcome, Performance
 from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
@@ -129,6 +130,15 @@ class DemoClient:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def predicted_as(run: DemoRun, whole: Performance, actions: Sequence[Performance]) -> DemoRun:
+    """Return a run with the prediction that refinement made of its chain from the start.
+
+    The records of actions hold predictions from where each has begun, which do not add up to the chain's.
+    """
+    predicted = tuple(action.duration for action in actions)
+    return dataclasses.replace(run, predicted=predicted, total=(whole.duration, run.total[1]))
 
 
 def run_from(record: ChainPerformance, path: list[tuple[float, float]]) -> DemoRun:

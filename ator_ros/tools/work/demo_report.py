@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,11 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
+PICTURE = (
+    "the robot's path in each situation, naive (orange) and refined (blue); "
+    "dots are objects, crosses the goals of the steps, green where nothing is open"
+)
+"""What `save_picture` draws."""
 _COLUMNS = 3
 
 
@@ -65,6 +70,32 @@ class DemoSituation:
         """Time saved in s; NaN when one of the two failed."""
         both = self.naive.success and self.refined.success
         return self.naive.total[1] - self.refined.total[1] if both else math.nan
+
+
+def explanation(name: str, chain: TopChain, known: Mapping[str, str]) -> str:
+    """Return what a chain is, what it leaves open, and what naive and refined mean, one line each.
+
+    Parameters
+    ----------
+    name : str
+        Name of the chain.
+    chain : TopChain
+        An example of it.
+    known : mapping of str to str
+        Descriptions of chains by name.
+    """
+    steps = [
+        (f"step {number} ({call.top.name})", sorted(call.open)) for number, call in enumerate(chain.calls, 1)
+    ]
+    opened = [f"{' and '.join(names)} at the end of {step}" for step, names in steps if names]
+    tops = ", ".join(call.top.name for call in chain.calls)
+    return "\n".join(
+        [
+            f"chain {name}: {known.get(name, f'{len(steps)} steps')} ({tops})",
+            f"open, for refinement to choose: {'; '.join(opened) or 'nothing'}",
+            "naive: each step alone is fastest, and the robot stops; refined: the whole chain is fastest",
+        ]
+    )
 
 
 def table(situations: Sequence[DemoSituation]) -> str:
