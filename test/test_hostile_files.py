@@ -205,7 +205,7 @@ def test_a_recording_that_needs_too_much_is_refused(tmp_path: Path, monkeypatch:
 def test_situations_beyond_reason_are_refused(word: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert train.main(["--rules", "goToPose", "--situation", word]) == 1
     told = capsys.readouterr().err
-    assert "a number up to 1e+06" in told
+    assert "a number up to 1e+09" in told
     assert len(told) < 400
 
 

@@ -213,7 +213,7 @@ FOREIGN = {
     "cut in the middle": (cut, "expected a recording of ros2 bag record -s mcap"),
     "empty": (empty, "expected a recording of ros2 bag record -s mcap"),
     "without our topics": (nothing_of_ours, "expected one of the topics odom, performance/chain or"),
-    "of another type": (another_type, "/odom: expected the type of our topic odom"),
+    "of another type": (another_type, "skipped /odom: expected nav_msgs/msg/Odometry, got "),
     "a folder of something else": (lambda file: file.parent.parent, "expected the folder of an evaluation"),
     "missing": (lambda file: file.with_name("none.mcap"), "expected the folder of an evaluation"),
 }

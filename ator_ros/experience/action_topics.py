@@ -19,13 +19,14 @@ from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.remote_results import failure_in, status_name, value_at
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.records import pose_of, sound
+from ator_ros.experience.records import sound
 from ator_ros.experience.streams import Track
 from ator_ros.experience.vocabulary import Vocabulary
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.tops.outcome import failure, shortfall, unmet
 from ator_ros.tops.top import Top
+from ator_ros.world.messages import plain_frame, pose_from
 from ator_ros.world.state import World
 
 _ASKED, _RESULT, _STATUS = "send_goal/_service_event", "get_result/_service_event", "status"
@@ -126,7 +127,7 @@ class ActionTopics:
         top = next((top for top in self._domain.tops_for(robot) if top.action == action), None)
         if call is None or top is None or not _told(call, execution):
             return None
-        known = _frame_of(call, execution.goal) in ("", frame)
+        known = plain_frame(_frame_of(call, execution.goal)) in ("", frame)
         return _episode(top, call, execution, track, robot) if known else None
 
     def _action_of(self, server: str, goal: Any) -> tuple[str, RemoteCall | None]:
@@ -140,10 +141,15 @@ class ActionTopics:
         return "", None
 
 
-def topics_of(domain: Vocabulary) -> tuple[str, ...]:
-    """Return the topics of the domain's action servers that are read, without a namespace."""
-    servers = dict.fromkeys(call.server.strip("/") for call in domain.remote_calls.values())
-    return tuple(f"{server}/_action/{part}" for server in servers for part in (_ASKED, _RESULT, _STATUS))
+def topics_of(domain: Vocabulary) -> dict[str, set[str]]:
+    """Return the topics of the domain's action servers, without a namespace, with their types."""
+    topics: dict[str, set[str]] = defaultdict(set)
+    for call in domain.remote_calls.values():
+        events = f"{call.server.strip('/')}/_action/"
+        topics[events + _ASKED].add(f"{call.type}_SendGoal_Event")
+        topics[events + _RESULT].add(f"{call.type}_GetResult_Event")
+        topics[events + _STATUS].add("action_msgs/msg/GoalStatusArray")
+    return dict(topics)
 
 
 def _told(call: RemoteCall, execution: _Execution) -> bool:
@@ -170,7 +176,7 @@ def _episode(top: Top, call: RemoteCall, execution: _Execution, track: Track, ro
     return Episode(
         situation=Situation(top.action, start.robot, start.objects, goal),
         samples=track.samples(begin, end),
-        duration=end - begin,
+        duration=round(end - begin, 6),
         success=reason is None,
         reason=reason or f"{call.server} succeeded",
         position_error=error,
@@ -185,7 +191,7 @@ def _goal_of(call: RemoteCall, message: Any, point: Point, rest: Pose) -> Goal:
     for filling in call.goal:
         value = value_at(message, filling.field)
         if filling.source == "goal":
-            pose = pose_of(getattr(value, "pose", value))
+            pose = pose_from(getattr(value, "pose", value), "goal")
             values |= {"x": pose.x, "y": pose.y, "yaw": pose.yaw}
         elif filling.goal_variable is not None:
             values[filling.goal_variable] = float(value)

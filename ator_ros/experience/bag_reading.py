@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from ator_ros.experience.action_definitions import types_of
 from ator_ros.experience.errors import ExperienceError
@@ -13,7 +13,7 @@ from ator_ros.files import limited_memory
 from ator_ros.printable import printable
 from ator_ros.resources import ResourceError
 
-_LARGEST_MESSAGE = 100_000  # bytes; ours have some hundred
+_LARGEST_MESSAGE = 100_000  # bytes; odometry and records have about a thousand
 _MOST_BYTES = 4_000_000_000  # of memory
 
 
@@ -21,46 +21,74 @@ class RecordingError(ExperienceError):
     """A recording that holds no experience; the message names it and says what was expected."""
 
 
-def messages(
-    file: Path, wanted: Callable[[str], bool], actions: Collection[str]
-) -> Iterator[tuple[str, Any]]:
-    """Yield topic and message of all topics that are wanted, in the order of their arrival.
+class Recording:
+    """A recording that is open for reading, as a context manager.
 
     Parameters
     ----------
     file : Path
         An .mcap file, or the folder that ``ros2 bag record`` made.
-    wanted : callable
-        Returns whether a topic is read.
     actions : collection of str
         Types of actions, as nav2_msgs/action/NavigateToPose, that service events may be of.
+
+    Attributes
+    ----------
+    topics : list of (str, str)
+        Name and type of each topic, in the order of their names; a topic may have several types.
 
     Raises
     ------
     RecordingError
         rosbags is not installed, or the recording is damaged.
     """
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise RecordingError("recordings need the package rosbags: pip install rosbags") from error
-    try:
-        _refuse_pipes(file)
-        usual = get_typestore(Stores.ROS2_JAZZY)
-        with (
-            _only_messages_defined(),
-            limited_memory(_MOST_BYTES),
-            AnyReader([file], default_typestore=usual) as reader,
-        ):
-            chosen = [link for link in reader.connections if wanted(link.topic)]
-            _define(reader.typestore, {link.msgtype for link in chosen}, actions)
-            readable = [link for link in chosen if link.msgtype in reader.typestore.fielddefs]
-            for link, _, raw in reader.messages(connections=readable) if readable else ():
+
+    def __init__(self, file: Path, actions: Collection[str] = ()) -> None:
+        self._file, self._actions = file, actions
+        self._stack = contextlib.ExitStack()
+        self.topics: list[tuple[str, str]] = []
+
+    def __enter__(self) -> Self:
+        """Open the file."""
+        try:
+            from rosbags.highlevel import AnyReader
+            from rosbags.typesys import Stores, get_typestore
+        except ImportError as error:
+            raise RecordingError("recordings need the package rosbags: pip install rosbags") from error
+        with _reading(self._file), contextlib.ExitStack() as stack:
+            _refuse_pipes(self._file)
+            usual = get_typestore(Stores.ROS2_JAZZY)
+            with _only_messages_defined():
+                self._reader = stack.enter_context(AnyReader([self._file], default_typestore=usual))
+            self.topics = sorted({(link.topic, link.msgtype) for link in self._reader.connections})
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self._stack.close()
+
+    def messages(self, topics: Collection[tuple[str, str]]) -> Iterator[tuple[str, str, Any]]:
+        """Yield topic, type and message of some of `topics` in the order of arrival.
+
+        Types that neither the recording nor this installation defines are left out.
+        """
+        store = self._reader.typestore
+        with _reading(self._file), limited_memory(_MOST_BYTES):
+            _define(store, {kind for _, kind in topics}, self._actions)
+            links = [link for link in self._reader.connections if (link.topic, link.msgtype) in topics]
+            readable = [link for link in links if link.msgtype in store.fielddefs]
+            for link, _, raw in self._reader.messages(connections=readable) if readable else ():
                 if len(raw) > _LARGEST_MESSAGE:
                     raise ValueError(f"a message of {len(raw)} bytes on {link.topic}")
-                yield link.topic, reader.deserialize(raw, link.msgtype)
-    except Exception as error:  # a damaged file makes rosbags raise anything, MemoryError included
+                yield link.topic, link.msgtype, self._reader.deserialize(raw, link.msgtype)
+
+
+@contextlib.contextmanager
+def _reading(file: Path) -> Iterator[None]:
+    """Raise RecordingError for whatever rosbags raises about a damaged file, MemoryError included."""
+    try:
+        yield
+    except Exception as error:
         why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
         raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 from ator_ros.actions.goal_variables import direct_name
 
-FARTHEST = 1e6
-"""Greatest number that is believed, in m, rad, m/s, rad/s or s."""
+LARGEST = 1e9
+"""Greatest number in a table: thirty years in s, and beyond `world.messages.FARTHEST` in m."""
 MOST_OBJECTS = 16
 """Objects that a situation or a table may hold."""
 STATE_COLUMNS = ("t", "x", "y", "yaw", "v", "w")

@@ -24,6 +24,7 @@ from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 PAUSE = 0.3  # s without a command to move that separates two drives
 SILENCE = 1.0  # s without any command, within which many a base stops by itself
 SHORTEST = 0.5  # s that a drive lasts at least
+_ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 NOT_DRIVEN = Standstill(0.01, 0.02)
 """Greatest commands that count as a stop, and greatest recorded speeds that count as standing."""
 
@@ -66,7 +67,7 @@ def _spans(commands: FloatArray, stood: Callable[[float, float], bool]) -> Itera
         last = time
         if begin is not None and not moves and end < begin:
             end = time
-        if begin is not None and end >= begin and time - end >= PAUSE:
+        if begin is not None and end >= begin and time - end >= PAUSE - _ROUNDING:
             yield begin, end
             begin = None
         if moves:
@@ -78,14 +79,16 @@ def _spans(commands: FloatArray, stood: Callable[[float, float], bool]) -> Itera
 
 def _stood(track: Track, since: float, until: float) -> bool:
     """Return whether the robot stood at any time between two (s)."""
-    during = track.odom[(track.odom[:, 0] > since) & (track.odom[:, 0] < until)]
+    times = track.odom[:, 0]
+    during = track.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
     return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
 
 
 def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot stood still after its commands had ceased; `ceased` when it never did."""
-    odom = track.odom
-    after = odom[(odom[:, 0] >= ceased) & (odom[:, 0] <= ceased + PAUSE)]
+    times = track.odom[:, 0]
+    last = ceased + PAUSE + _ROUNDING
+    after = track.odom[np.searchsorted(times, ceased) : np.searchsorted(times, last, "right")]
     still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 
@@ -104,7 +107,7 @@ def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocab
     return Episode(
         situation=Situation(top.action, start.robot, start.objects, goal),
         samples=track.samples(begin, end),
-        duration=end - begin,
+        duration=round(end - begin, 6),
         success=True,
         reason="recorded: its goal is where it came to rest",
         position_error=np.nan,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,20 +18,34 @@ import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.action_topics import ActionTopics, topics_of
-from ator_ros.experience.bag_reading import RecordingError, messages
+from ator_ros.experience.bag_reading import Recording, RecordingError
 from ator_ros.experience.columns import MOST_OBJECTS
 from ator_ros.experience.drives import SHORTEST, drives
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.records import ENDED, episode_of, sound
-from ator_ros.experience.streams import Stretches, Track, kind_of
+from ator_ros.experience.streams import Stretches, Track
 from ator_ros.experience.table import Experience, episode_frame, join, library_versions
+from ator_ros.experience.topics import (
+    CMD_VEL,
+    ODOM,
+    RECORDS,
+    USUAL,
+    Selection,
+    TopicNames,
+    Wanted,
+    objects_wanted,
+    select,
+)
 from ator_ros.experience.validation import checked_rows
 from ator_ros.experience.vocabulary import Vocabulary
 from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
+from ator_ros.world.messages import MessageError
 
-TOPICS = ("odom", "cmd_vel")
-RECORDS = "performance/action"
+TYPES = {
+    ODOM: {"nav_msgs/msg/Odometry"},
+    CMD_VEL: {"geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"},
+}
 
 
 @dataclass
@@ -39,20 +53,40 @@ class _Recorded:
     """What one robot recorded: stretches of its time, and the executor's records."""
 
     actions: ActionTopics
-    stretches: Stretches = field(default_factory=Stretches)
+    stretches: Stretches
     records: list[Episode] = field(default_factory=list)
     action_sets: set[str] = field(default_factory=set)
     left_out: int = 0
 
-    def add(self, message: Any, domain: Vocabulary) -> None:
-        """Take an ActionPerformance; one with numbers that are none is left out, and counted."""
-        episode = episode_of(message, domain)
+    def take(self, role: str, message: Any, domain: Vocabulary) -> None:
+        """Take a message of a topic that was selected as `role`."""
+        if role == RECORDS:
+            if message.outcome.code in ENDED:
+                self._add_record(message, domain)
+        elif "/_action/" in role:
+            self._add_goal(role, message)
+        else:
+            self.stretches.take(role, message)
+
+    def _add_record(self, message: Any, domain: Vocabulary) -> None:
+        """Take an ActionPerformance; one that cannot be used is left out, and counted."""
+        try:
+            episode = episode_of(message, domain)
+        except MessageError:
+            self.left_out += 1
+            return
         if not sound(episode):
             self.left_out += 1
             return
         self.records.append(episode)
         # Older recordings have none.
         self.action_sets.add(getattr(message, "action_set", "") or DEFAULT_SET)
+
+    def _add_goal(self, role: str, message: Any) -> None:
+        # As commands, goals count from the last odometry on, which is in the robot's own time.
+        odom = self.stretches.newest.odom
+        if odom:
+            self.actions.take(role, message, odom[-1][0], len(self.stretches.all) - 1)
 
     def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:
         """Return the goals of action servers and the executor's other records, or the drives."""
@@ -66,7 +100,9 @@ class _Recorded:
         ]
 
 
-def read_recording(path: Path | str, robot: Robot, domain: Vocabulary) -> Experience:
+def read_recording(
+    path: Path | str, robot: Robot, domain: Vocabulary, names: TopicNames = USUAL
+) -> Experience:
     """Read the drives of a recording as experience.
 
     Parameters
@@ -76,7 +112,9 @@ def read_recording(path: Path | str, robot: Robot, domain: Vocabulary) -> Experi
     robot : Robot
         The robot that was recorded.
     domain : Vocabulary
-        Its objects have topics of their names; its TOPs say what drives and records are of.
+        Says where its objects come from; its TOPs say what drives and records are of.
+    names : TopicNames, optional
+        The topics of odometry and commands.
 
     Raises
     ------
@@ -87,13 +125,13 @@ def read_recording(path: Path | str, robot: Robot, domain: Vocabulary) -> Experi
         It names an action or an action set by what is no name.
     """
     file = Path(path)
-    by_robot = _read(file, domain)
+    by_robot, selection = _read(file, domain, names)
     episodes = [episode for recorded in by_robot.values() for episode in recorded.episodes(robot, domain)]
+    remarks = list(selection.skipped)
+    for recorded in by_robot.values():
+        remarks += [*recorded.stretches.remarks, *recorded.stretches.left_out()]
     if not episodes:
-        raise RecordingError(
-            f"{file}: expected the topic {RECORDS}, or odom and cmd_vel with at least one drive of "
-            f"{SHORTEST} s between two stops; found {_listed(by_robot) or 'no such topics'} without one"
-        )
+        raise RecordingError(f"{file}: {_nothing(by_robot, selection, remarks)}")
     objects = _objects(file, domain, episodes)
     numbers: dict[str, int] = defaultdict(int)
     frames: list[pd.DataFrame] = []
@@ -111,7 +149,29 @@ def read_recording(path: Path | str, robot: Robot, domain: Vocabulary) -> Experi
         "versions": library_versions(),
     }
     rows = checked_rows(file, join(frames), metadata["action_set"] or DEFAULT_SET)
-    return Experience(rows, metadata)
+    return Experience(rows, metadata, tuple(f"{file.name}: {remark}" for remark in remarks))
+
+
+def _nothing(by_robot: Mapping[str, _Recorded], selection: Selection, remarks: Sequence[str]) -> str:
+    """Return why a recording holds no episode, and what can be done."""
+    routed = [
+        {role for places in selection.routes.values() for space, role in places if space == robot}
+        for robot in by_robot
+    ]
+    if any(roles >= {ODOM, CMD_VEL} for roles in routed):
+        topics = _listed(topic for topic, _ in selection.routes)
+        expected = f"expected at least one drive of {SHORTEST} s between two stops on {topics}, found none"
+        return "; ".join([expected, *remarks[:3]])
+    there = selection.of_types([*TYPES[ODOM], *TYPES[CMD_VEL]])
+    found = f"topics of these types: {_listed(there)}" if there else "there are no topics of these types"
+    advice = "; name them with --odom and --cmd-vel" if there else ""
+    return "; ".join(
+        [
+            f"expected the topic {RECORDS}, or odom (Odometry) and cmd_vel (Twist or TwistStamped) in one "
+            f"namespace; {found}{advice}",
+            *remarks[:3],
+        ]
+    )
 
 
 def _objects(file: Path, domain: Vocabulary, episodes: Iterable[Episode]) -> tuple[str, ...]:
@@ -130,41 +190,25 @@ def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
     return found[0] if found else None
 
 
-def _read(file: Path, domain: Vocabulary) -> dict[str, _Recorded]:
-    """Return what was recorded by the namespace of the robot."""
-    by_robot: dict[str, _Recorded] = defaultdict(lambda: _Recorded(ActionTopics(domain)))
-    servers = topics_of(domain)
-    topics = (RECORDS, *TOPICS, *domain.objects, *servers)
+def _read(file: Path, domain: Vocabulary, names: TopicNames) -> tuple[dict[str, _Recorded], Selection]:
+    """Return what was recorded by the namespace of the robot, and which topics were read."""
+    sources = [domain.source(name) for name in domain.objects]
+    wanted = [
+        *(Wanted(role, names.of(role), TYPES[role]) for role in (ODOM, CMD_VEL)),
+        Wanted(RECORDS, RECORDS, {"ator_interfaces/msg/ActionPerformance"}),
+        *(Wanted(topic, topic, types) for topic, types in topics_of(domain).items()),
+        *objects_wanted(sources),
+    ]
     kinds = {call.type for call in domain.remote_calls.values()}
-    for name, message in messages(file, lambda topic: bool(kind_of(topic, topics)), kinds):
-        topic = kind_of(name, topics)
-        namespace = name[: -len(topic)] or "/"
-        if topic in servers:
-            _add_goal(_driver(by_robot, namespace), topic, message)
-        elif topic != RECORDS:
-            by_robot[namespace].stretches.take(topic, message)
-        elif message.outcome.code in ENDED:
-            by_robot[namespace].add(message, domain)
-    return by_robot
-
-
-def _driver(by_robot: Mapping[str, _Recorded], namespace: str) -> _Recorded | None:
-    """Return whom a server of a namespace drives: the robot there, or the only one; None if there is none."""
-    moving = {name: recorded for name, recorded in by_robot.items() if recorded.stretches.newest.odom}
-    return moving.get(namespace, next(iter(moving.values())) if len(moving) == 1 else None)
-
-
-def _add_goal(recorded: _Recorded | None, topic: str, message: Any) -> None:
-    # As commands, goals count from the last odometry on, which is in the robot's own time.
-    if recorded is None:
-        return
-    now = recorded.stretches.newest.odom[-1][0]
-    try:
-        recorded.actions.take(topic, message, now, len(recorded.stretches.all) - 1)
-    except (AttributeError, TypeError, ValueError):  # the topic is no action server's
-        recorded.left_out += 1
+    with Recording(file, kinds) as recording:
+        selection = select(recording.topics, wanted, names)
+        by_robot = {space: _Recorded(ActionTopics(domain), Stretches(sources)) for space in selection.robots}
+        for topic, kind, message in recording.messages(selection.routes.keys()):
+            for space, role in selection.routes[topic, kind]:
+                by_robot[space].take(role, message, domain)
+    return by_robot, selection
 
 
 def _listed(names: Iterable[str]) -> str:
     """Return the first of the names that a recording holds."""
-    return ", ".join(map(printable, itertools.islice(names, 5)))
+    return ", ".join(map(printable, itertools.islice(names, 8)))

@@ -9,13 +9,13 @@ import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.columns import FARTHEST, MOST_OBJECTS
+from ator_ros.experience.columns import LARGEST, MOST_OBJECTS
 from ator_ros.experience.episode import Episode, sample_width
 from ator_ros.experience.vocabulary import Vocabulary, point_of
 from ator_ros.files import is_name
-from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import printable
-from ator_ros.world.state import ObjectState, RobotState
+from ator_ros.world.messages import object_from, pose_from, velocity
+from ator_ros.world.state import RobotState
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)
@@ -23,19 +23,26 @@ ENDED = (SUCCEEDED, FAILED)
 
 
 def episode_of(message: Any, domain: Vocabulary) -> Episode:
-    """Convert a record of any action to an episode; it has no samples but its start."""
+    """Convert a record of any action to an episode; it has no samples but its start.
+
+    Raises
+    ------
+    MessageError
+        A pose or a velocity cannot be used.
+    """
     start, call = message.start, message.call
     objects = {
-        item.name: ObjectState(item.position.x, item.position.y, item.velocity.x, item.velocity.y)
-        for item in start.objects
+        item.name: object_from(item.position, item.velocity, "start.objects") for item in start.objects
     }
+    robot = RobotState(
+        pose_from(start.robot, "start.robot"),
+        velocity(start.v, "start.v"),
+        velocity(start.w, "start.w", "rad/s"),
+    )
+    pose, speed = pose_from(call.goal.pose, "call.goal.pose"), velocity(call.speed, "call.speed")
+    goal = Goal(pose, speed, point_of(domain, call.top), _values(call, domain))
     return Episode(
-        situation=Situation(
-            message.action,
-            RobotState(pose_of(start.robot), start.v, start.w),
-            objects,
-            Goal(pose_of(call.goal.pose), call.speed, point_of(domain, call.top), _values(call, domain)),
-        ),
+        situation=Situation(message.action, robot, objects, goal),
         samples=np.empty((0, sample_width(objects))),
         duration=message.actual.duration,
         success=message.outcome.code == SUCCEEDED,
@@ -54,22 +61,9 @@ def _values(call: Any, domain: Vocabulary) -> dict[str, float]:
 
 def sound(episode: Episode) -> bool:
     """Return whether the episode has finite values, and objects with valid names."""
-    robot, goal, objects = episode.situation.robot, episode.situation.goal, episode.situation.objects
+    goal, objects = episode.situation.goal, episode.situation.objects
     if len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
         return False
     errors = (episode.position_error, episode.heading_error)
-    numbers: tuple[float, ...] = (*robot.pose, robot.v, robot.w, *goal.pose, goal.speed, episode.duration)
-    numbers += tuple(goal.values.values())
-    numbers += tuple(number for there in objects.values() for number in (there.x, there.y))
-    return finite(numbers) and not min(episode.duration, goal.speed, *errors) < 0.0 and math.inf not in errors
-
-
-def finite(row: tuple[float, ...]) -> bool:
-    """Return whether a row can be used: a sensor may have sent NaN."""
-    return all(abs(number) <= FARTHEST for number in row)  # NaN is not
-
-
-def pose_of(pose: Any) -> Pose:
-    """Return the pose in the plane that a geometry_msgs/Pose stands for."""
-    q = pose.orientation
-    return Pose(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
+    finite = all(abs(number) <= LARGEST for number in (episode.duration, *goal.values.values()))  # NaN is not
+    return finite and not min(episode.duration, goal.speed, *errors) < 0.0 and math.inf not in errors

@@ -10,13 +10,18 @@ from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.store_reading import is_store, read_store
 from ator_ros.experience.table import Experience, join, read_experience
+from ator_ros.experience.topics import USUAL, TopicNames
 from ator_ros.experience.vocabulary import Vocabulary
 from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 
 
 def read_sources(
-    paths: Sequence[Path], robot: Robot, domain: Vocabulary, action_set: str | None = None
+    paths: Sequence[Path],
+    robot: Robot,
+    domain: Vocabulary,
+    action_set: str | None = None,
+    topics: TopicNames = USUAL,
 ) -> Experience:
     """Read and join all sources; episodes keep apart, and the first source's metadata count.
 
@@ -30,13 +35,15 @@ def read_sources(
         Of which it must be; a table that names none may be of the domain that has its objects.
     action_set : str, optional
         Of sources that do not tell their own; where they do, they must tell this one.
+    topics : TopicNames, optional
+        The topics of odometry and commands in recordings.
 
     Raises
     ------
     ExperienceError
         A source cannot be used, or they are of different robots, domains or action sets.
     """
-    tables = [_read(path, robot, domain, action_set) for path in paths]
+    tables = [_read(path, robot, domain, action_set, topics) for path in paths]
     frames, shift = [], 0
     for table in tables:
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
@@ -53,10 +60,12 @@ def read_sources(
     metadata = {**tables[0].metadata, **joined}
     for name in ("objects", "goal_variables"):  # the columns say which the joined table has
         metadata.pop(name, None)
-    return Experience(join(frames), metadata)
+    return Experience(join(frames), metadata, tuple(remark for table in tables for remark in table.remarks))
 
 
-def _read(path: Path, robot: Robot, domain: Vocabulary, action_set: str | None) -> Experience:
+def _read(
+    path: Path, robot: Robot, domain: Vocabulary, action_set: str | None, topics: TopicNames
+) -> Experience:
     if path.suffix == ".parquet":
         table = read_experience(path)
         _check_domain(path, table, domain)
@@ -64,7 +73,7 @@ def _read(path: Path, robot: Robot, domain: Vocabulary, action_set: str | None) 
         table = read_store(path, action_set)
         _check_domain(path, table, domain)
     elif path.suffix == ".mcap" or path.is_dir():
-        table = read_recording(path, robot, domain)
+        table = read_recording(path, robot, domain, topics)
     else:
         raise ExperienceError(
             f"{path}: expected a table of collect (.parquet) or a recording (.mcap, or the folder it is in)"

@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import bisect
-import math
-from collections import defaultdict
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ator_ros.experience.episode import sample_of
-from ator_ros.experience.records import finite, pose_of
+from ator_ros.experience.topics import CMD_VEL, ODOM, TF
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.world.messages import (
+    MessageError,
+    ObjectReader,
+    OdometryReader,
+    command_from,
+    transform_from,
+)
+from ator_ros.world.sightings import JUMP
+from ator_ros.world.sources import ObjectSource
 from ator_ros.world.state import ObjectState, RobotState, World
+from ator_ros.world.transforms import Transforms
 
 SILENCE = 1.0  # s without odometry after which another stretch of time begins
 PERIOD = 0.1  # s between examples, the paper's 10 Hz
+_ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 
 
 @dataclass
@@ -36,52 +46,107 @@ class Streams:
 class Stretches:
     """What one robot recorded; the next stretch of its time begins after a reset or a long silence.
 
+    Parameters
+    ----------
+    sources : iterable of ObjectSource
+        The objects, and the types of their messages.
+
     Attributes
     ----------
     all : list of Streams
         In order; the last one grows.
-    frame : str
-        The frame of the newest odometry.
+    remarks : list of str
+        What is doubtful about messages that were used.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sources: Iterable[ObjectSource]) -> None:
         self.all = [Streams()]
-        self.frame = ""
+        self.remarks: list[str] = []
+        self._odometry = OdometryReader()
+        self._sources = {source.name: source for source in sources}
+        self._objects = {name: ObjectReader(source) for name, source in self._sources.items()}
+        self._transforms = Transforms()
+        self._is_older = False
+        self._taken: Counter[str] = Counter()
+        self._left_out: Counter[str] = Counter()
+        self._errors: dict[str, str] = {}
 
     @property
     def newest(self) -> Streams:
         """The stretch that grows."""
         return self.all[-1]
 
-    def take(self, topic: str, message: Any) -> None:
-        """Take a message of `odom`, `cmd_vel`, or an object; one with numbers that are none is left out."""
-        if topic == "cmd_vel":
-            # A Twist has no stamp: it counts from the last odometry on, which is in the robot's own time.
-            twist, odom = getattr(message, "twist", message), self.newest.odom
-            command = (odom[-1][0] if odom else math.nan, twist.linear.x, twist.angular.z)
-            if finite(command):
-                self.newest.cmd_vel.append(command)
+    @property
+    def frame(self) -> str:
+        """The frame of the odometry; empty before the first message."""
+        return self._odometry.frame
+
+    def take(self, role: str, message: Any) -> None:
+        """Take a message of `odom`, `cmd_vel`, tf or an object; count one that cannot be used as left out."""
+        self._taken[role] += 1
+        try:
+            if role == ODOM:
+                self._take_odometry(message)
+            elif role == CMD_VEL:
+                self._take_command(message)
+            elif role in TF:
+                self._take_transforms(message, fixed=role == "tf_static")
+            else:
+                self._take_object(role, message)
+        except MessageError as error:
+            self._left_out[role] += 1
+            self._errors.setdefault(role, str(error))
+
+    def left_out(self) -> list[str]:
+        """Return a line for each kind of message of which some were left out."""
+        return [
+            f"left out {count} of {self._taken[role]} messages: {self._errors[role]}"
+            for role, count in self._left_out.items()
+        ]
+
+    def _take_odometry(self, message: Any) -> None:
+        time, robot = self._odometry.read(message)
+        if self._odometry.remark:
+            self.remarks.append(self._odometry.remark)
+        last = self.newest.odom[-1][0] if self.newest.odom else time
+        if time < last and not self._is_older:
+            self._is_older = True  # one message that comes late is ignored, two in a row are a reset
             return
-        time, pose, twist = time_of(message), pose_of(message.pose.pose), message.twist.twist
-        if topic != "odom":
-            if finite(pose):
-                self.newest.objects[topic].append((time, pose.x, pose.y))
-        elif finite(row := (time, *pose, twist.linear.x, twist.angular.z)):
-            if not self.newest.goes_on_at(time):
-                self.all.append(Streams())
-            self.frame = message.header.frame_id
-            self.newest.odom.append(row)
+        self._is_older = False
+        if not self.newest.goes_on_at(time):
+            self.all.append(Streams())
+        self.newest.odom.append((time, *robot.pose, robot.v, robot.w))
 
+    def _take_command(self, message: Any) -> None:
+        # A Twist has no stamp: it counts from the last odometry on, which is in the robot's own time.
+        command, odom = command_from(message, CMD_VEL), self.newest.odom
+        if odom:
+            self.newest.cmd_vel.append((odom[-1][0], command.v, command.w))
 
-def time_of(message: Any) -> float:
-    """Return the stamp of a message in s."""
-    stamp = message.header.stamp
-    return float(stamp.sec + 1e-9 * stamp.nanosec)
+    def _take_object(self, name: str, message: Any) -> None:
+        reader = self._objects[name]
+        reader.frame = self.frame
+        time, there = reader.read(message)
+        self._add_object(name, time, there)
 
+    def _take_transforms(self, message: Any, *, fixed: bool) -> None:
+        for transform in message.transforms:
+            parent, child, time, placement = transform_from(transform)
+            self._transforms.add(parent, child, time, placement, fixed=fixed)
+        for name, source in self._sources.items():
+            found = self._transforms.latest(self.frame, source.listened) if source.type == "tf" else None
+            rows = self.newest.objects[name]
+            if found is not None and not (rows and found[0] == rows[-1][0]):
+                self._add_object(name, *self._objects[name].read_placement(*found))
 
-def kind_of(topic: str, topics: Sequence[str]) -> str:
-    """Return which of `topics` a topic is, in whatever namespace; empty for none."""
-    return next((name for name in topics if f"/{topic}".endswith(f"/{name}")), "")
+    def _add_object(self, name: str, time: float, there: ObjectState) -> None:
+        odom = self.newest.odom
+        if odom and abs(time - odom[-1][0]) > JUMP:
+            raise MessageError(
+                f"{name}.header.stamp: expected about odometry's {odom[-1][0]:.2f} s, got {time:.2f} s: "
+                "another clock"
+            )
+        self.newest.objects[name].append((time, there.x, there.y))
 
 
 class Track:
@@ -125,7 +190,7 @@ class Track:
 
     def samples(self, begin: float, end: float) -> FloatArray:
         """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
-        times = [begin + number * PERIOD for number in range(int((end - begin) / PERIOD - 1e-9) + 1)]
+        times = [begin + number * PERIOD for number in range(int((end - begin - _ROUNDING) / PERIOD) + 1)]
         rows = [
             (number * PERIOD, *sample_of(self.world(time), begin, self.names)[1:])
             for number, time in enumerate(times)
@@ -140,7 +205,11 @@ def in_order(rows: list[tuple[float, ...]]) -> FloatArray:
 
 
 def _at(table: FloatArray, time: float) -> FloatArray:
-    after = bisect.bisect_right(table[:, 0], time)
+    """Return the row at `time` (s), between its neighbours unless a stamp is the same up to rounding."""
+    after = bisect.bisect_right(table[:, 0], time + _ROUNDING)
+    if after > 0 and table[after - 1, 0] >= time - _ROUNDING:
+        row: FloatArray = table[after - 1]
+        return row
     rows = table[max(0, after - 1) : after + 1]  # all that matters, of a table that may be long
     return np.array([np.interp(time, rows[:, 0], column) for column in rows.T])
 

@@ -49,10 +49,13 @@ class Experience:
         The columns of `columns`; the rows of an episode of an action together, in the order of time.
     metadata : dict
         How it was made: seed, robot digest, domain, action set, command, versions.
+    remarks : tuple of str
+        What was skipped or doubtful when it was read; not saved.
     """
 
     frame: pd.DataFrame
     metadata: dict[str, Any]
+    remarks: tuple[str, ...] = ()
 
     @property
     def seed(self) -> int:

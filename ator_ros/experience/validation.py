@@ -10,7 +10,7 @@ import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.columns import (
-    FARTHEST,
+    LARGEST,
     goal_variables_of_columns,
     object_columns,
     objects_of_columns,
@@ -28,13 +28,13 @@ class _Rule(NamedTuple):
 
     expected: str
     low: float
-    high: float = FARTHEST
+    high: float = LARGEST
     whole: bool = False
     unknown: bool = False  # may be NaN
 
 
-_PLACE = _Rule("finite numbers up to 1e6", -FARTHEST)
-_NUMBER_OR_NAN = _Rule("finite numbers up to 1e6, or NaN", -FARTHEST, unknown=True)
+_PLACE = _Rule("finite numbers up to 1e9", -LARGEST)
+_NUMBER_OR_NAN = _Rule("finite numbers up to 1e9, or NaN", -LARGEST, unknown=True)
 _TIME = _Rule("times in s from 0", 0.0)
 _ERROR = _Rule("numbers from 0, or NaN", 0.0, unknown=True)
 _RULES = {

@@ -11,6 +11,7 @@ from ator_ros.actions.remote import RemoteCall
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import held_first, held_last
 from ator_ros.tops.top import Top
+from ator_ros.world.sources import ObjectSource
 
 
 class Vocabulary(Protocol):
@@ -23,6 +24,9 @@ class Vocabulary(Protocol):
     @property
     def objects(self) -> tuple[str, ...]:
         """Names of its objects."""
+
+    def source(self, name: str) -> ObjectSource:
+        """Return where the state of an object comes from."""
 
     @property
     def tops(self) -> tuple[Top, ...]:

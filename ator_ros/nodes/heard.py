@@ -15,7 +15,8 @@ from ator_ros.geometry import FloatArray
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.printable import printable
 from ator_ros.viewing.history import History
-from ator_ros.viewing.recorded import RecordError, driven_of
+from ator_ros.viewing.recorded import driven_of
+from ator_ros.world.messages import MessageError
 
 _LONGEST = 300
 _NEW, _SWITCH, _ERROR = "records since the last round", "last switch", ": error on the newest"
@@ -57,7 +58,7 @@ class Heard:
             return
         try:
             self.history.add(driven_of(message))
-        except RecordError as error:
+        except MessageError as error:
             self._node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=2.0)
 
     def _take_path(self, message: Path) -> None:

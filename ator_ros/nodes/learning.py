@@ -39,6 +39,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import printable
+from ator_ros.world.messages import MessageError
 
 PARAMETERS = (
     DOMAIN,
@@ -124,7 +125,11 @@ class LearningNode(FrugalNode):
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:
             return
-        episode, action_set = episode_of(message, self._domain), message.action_set or DEFAULT_SET
+        try:
+            episode, action_set = episode_of(message, self._domain), message.action_set or DEFAULT_SET
+        except MessageError:
+            self._learner.left_out += 1
+            return
         if sound(episode) and is_name(action_set) and is_name(episode.situation.action):
             self._learner.take(action_set, episode)
         else:

@@ -86,6 +86,14 @@ def namespace(text: str) -> str:
     return name
 
 
+def topic(text: str) -> str:
+    """Read the name of a topic, with or without the / before it, as an absolute one; a type for argparse."""
+    name = text.removeprefix("/")
+    if len(name) > _LONGEST_NAME or not _NAMESPACE.fullmatch(name):
+        raise argparse.ArgumentTypeError(f"expected the name of a topic, got {text[:80]!r}")
+    return f"/{name}"
+
+
 def frame(text: str) -> str:
     """Read the name of a frame, with or without a / before it, which is left out; a type for argparse."""
     name = plain_frame(text)

@@ -10,7 +10,7 @@ from pathlib import Path
 from ator_ros.files import portable_command
 from ator_ros.tools.command_line import add_setting, settled
 from ator_ros.tools.guard import guarded
-from ator_ros.tools.option_types import destination
+from ator_ros.tools.option_types import destination, topic
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -38,6 +38,14 @@ def arguments() -> argparse.ArgumentParser:
         action="store_true",
         help="do not learn the gate from the same episodes (`gate` learns one from executed chains)",
     )
+    parser.add_argument(
+        "--odom", type=topic, metavar="TOPIC",
+        help="of odometry in recordings (default: odom in any namespace)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--cmd-vel", type=topic, metavar="TOPIC",
+        help="of velocity commands in recordings (default: cmd_vel in any namespace)",
+    )  # fmt: skip
     parser.add_argument(
         "--ablation", type=destination, metavar="FILE", help="write the feature ablation as Markdown"
     )

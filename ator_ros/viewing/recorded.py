@@ -8,19 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from ator_ros.execution.phases import Ending
-from ator_ros.experience.records import SUCCEEDED, finite, pose_of
-from ator_ros.experience.streams import time_of
+from ator_ros.experience.records import SUCCEEDED
 from ator_ros.geometry import Pose
 from ator_ros.printable import printable
 from ator_ros.viewing.history import Driven
+from ator_ros.world.messages import object_from, pose_from, seconds_from
 
 _OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
 _LONGEST = 60
 _LONGEST_REASON = 300
-
-
-class RecordError(ValueError):
-    """A record that cannot be drawn; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +79,13 @@ def driven_of(record: Any) -> Driven:
 
     Raises
     ------
-    RecordError
+    MessageError
         A pose in it is none.
     """
     done = record.outcome.code == SUCCEEDED
     goals = [_pose(call.goal.pose) for call in record.chain.calls[-1:]]
     return Driven(
-        time_of(record),
+        _time_of(record),
         tuple(printable(call.top, _LONGEST) for call in record.chain.calls),
         bool(record.refined),
         record.predicted.duration,
@@ -100,44 +96,44 @@ def driven_of(record: Any) -> Driven:
 
 
 def chain_of_record(record: Any) -> RecordedChain:
-    """Read a ChainPerformance, with all steps; raises RecordError where a pose in it is none."""
+    """Read a ChainPerformance, with all steps; raises MessageError where a pose in it is none."""
     driven = driven_of(record)
     return RecordedChain(
         _pose(record.start.robot),
         tuple(_pose(call.goal.pose) for call in record.chain.calls),
         tuple(map(step_of, record.actions)),
-        time_of(record.start),
+        _time_of(record.start),
         _told(record.refinement, driven.outcome, record.outcome.reason),
         driven,
     )
 
 
 def chain_of_actions(records: Sequence[Any]) -> RecordedChain:
-    """Read the ActionPerformances of one chain, in order; raises RecordError where a pose in them is none."""
+    """Read the ActionPerformances of one chain, in order; raises MessageError."""
     first, last, steps = records[0], records[-1], tuple(map(step_of, records))
     done = last.outcome.code == SUCCEEDED and last.step + 1 == last.steps
     driven = Driven(
-        time_of(last),
+        _time_of(last),
         tuple(step.top for step in steps),
         False,
         sum(step.predicted for step in steps),
-        time_of(last) - time_of(first.start) if done else math.nan,
+        _time_of(last) - _time_of(first.start) if done else math.nan,
         _outcome(last),
         (*_places(first.start), steps[-1].goal),
     )
     reason = _told("only the records of its actions are there", driven.outcome, last.outcome.reason)
     goals = tuple(step.goal for step in steps)
-    return RecordedChain(_pose(first.start.robot), goals, steps, time_of(first.start), reason, driven)
+    return RecordedChain(_pose(first.start.robot), goals, steps, _time_of(first.start), reason, driven)
 
 
 def step_of(record: Any) -> RecordedStep:
-    """Read an ActionPerformance; raises RecordError where its goal is none."""
+    """Read an ActionPerformance; raises MessageError where its goal is none."""
     return RecordedStep(
         record.step,
         printable(record.call.top, _LONGEST),
         _pose(record.call.goal.pose),
-        time_of(record.start),
-        time_of(record),
+        _time_of(record.start),
+        _time_of(record),
         record.predicted.duration,
         record.actual.duration if record.outcome.code == SUCCEEDED else math.nan,
     )
@@ -156,14 +152,13 @@ def _places(situation: Any) -> Iterable[Pose]:
     """Return where the robot and the objects of a situation are."""
     yield _pose(situation.robot)
     for there in situation.objects:
-        yield _sound(Pose(there.position.x, there.position.y, 0.0))
+        where = object_from(there.position, there.velocity, "object")
+        yield Pose(where.x, where.y, 0.0)
+
+
+def _time_of(message: Any) -> float:
+    return seconds_from(message.header.stamp)
 
 
 def _pose(message: Any) -> Pose:
-    return _sound(pose_of(message))
-
-
-def _sound(pose: Pose) -> Pose:
-    if not finite(pose):
-        raise RecordError(f"expected finite poses in a record, got {tuple(pose)}")
-    return pose
+    return pose_from(message, "record")

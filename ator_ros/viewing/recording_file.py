@@ -11,24 +11,24 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import Domain
-from ator_ros.experience.bag_reading import RecordingError, messages
-from ator_ros.experience.records import finite, pose_of
-from ator_ros.experience.streams import Streams, Stretches, Track, kind_of, time_of
-from ator_ros.printable import printable
+from ator_ros.experience.bag_reading import Recording, RecordingError
+from ator_ros.experience.streams import Streams, Stretches, Track
+from ator_ros.experience.topics import CHAINS, ODOM, RECORDS, Wanted, objects_wanted, select
 from ator_ros.viewing.recorded import RecordedChain, chain_of_actions, chain_of_record
 from ator_ros.viewing.recording import RecordedRobot
+from ator_ros.world.messages import object_from, pose_from, seconds_from, velocity
 
-_ODOM, _ACTIONS, _CHAINS = "odom", "performance/action", "performance/chain"
+_ACTIONS, _CHAINS = RECORDS, CHAINS
 _MOST_ROBOTS = 32
 _MISREAD = (AttributeError, TypeError, ValueError, OverflowError)
-"""What is raised where a topic has another type than ours, or a record numbers that are none."""
+"""What is raised where a record has numbers that are none."""
 
 
 @dataclass
 class _Heard:
     """What was recorded of one robot, as it comes; records come with the stretch in which they were heard."""
 
-    stretches: Stretches = field(default_factory=Stretches)
+    stretches: Stretches
     chains: list[tuple[int, Any]] = field(default_factory=list)
     actions: dict[str, list[tuple[int, Any]]] = field(default_factory=lambda: defaultdict(list))
 
@@ -85,17 +85,17 @@ class _Heard:
         places = [situation for record in actions for situation in (record.start, record.end)]
         stretches = self.stretches.all
         if seen is None:
-            if places and stretches[-1].odom and not stretches[-1].goes_on_at(time_of(places[0])):
+            if places and stretches[-1].odom and not stretches[-1].goes_on_at(_time_of(places[0])):
                 stretches.append(Streams())
             number = len(stretches) - 1
         for situation in places:
-            row = (time_of(situation), *pose_of(situation.robot), situation.v, situation.w)
-            if seen is None and finite(row):
-                stretches[number].odom.append(row)
+            time, speeds = _time_of(situation), (velocity(situation.v, "v"), velocity(situation.w, "w"))
+            if seen is None:
+                stretches[number].odom.append((time, *pose_from(situation.robot, "robot"), *speeds))
             for there in situation.objects:
-                at = (row[0], there.position.x, there.position.y)
-                if there.name not in (seen or ()) and finite(at):
-                    stretches[number].objects[there.name].append(at)
+                where = object_from(there.position, there.velocity, there.name)
+                if there.name not in (seen or ()):
+                    stretches[number].objects[there.name].append((time, where.x, where.y))
         if not stretches[number].odom:
             raise ValueError("expected where the robot was")
         return number
@@ -125,21 +125,29 @@ def read_robots(
     Raises
     ------
     RecordingError
-        rosbags is not installed, or the recording is damaged, has other types on our topics, or none of them.
+        rosbags is not installed, or the recording is damaged, or has none of our topics.
     """
-    topics = (_CHAINS, _ACTIONS, _ODOM, *domain.objects)
-    heard: dict[str, _Heard] = defaultdict(_Heard)
-    for name, message in messages(file, lambda topic: bool(kind_of(topic, topics)), ()):
-        going_on()
-        kind = kind_of(name, topics)
-        namespace = name[: -len(kind)].strip("/")
-        try:
-            heard[namespace].take(kind, message)
-        except _MISREAD as error:
-            told = f"{file}: {printable(name)}: expected the type of our topic {kind}: {printable(error)}"
-            raise RecordingError(told) from error
+    sources = [domain.source(name) for name in domain.objects]
+    wanted = [
+        Wanted(ODOM, ODOM, {"nav_msgs/msg/Odometry"}),
+        Wanted(_ACTIONS, _ACTIONS, {"ator_interfaces/msg/ActionPerformance"}),
+        Wanted(_CHAINS, _CHAINS, {"ator_interfaces/msg/ChainPerformance"}),
+        *objects_wanted(sources),
+    ]
+    heard: dict[str, _Heard] = defaultdict(lambda: _Heard(Stretches(sources)))
+    with Recording(file) as recording:
+        selection = select(recording.topics, wanted)
+        for topic, kind, message in recording.messages(selection.routes.keys()):
+            going_on()
+            for space, role in selection.routes[topic, kind]:
+                heard[space.strip("/")].take(role, message)
     found = [(name, *each.robot()) for name, each in itertools.islice(sorted(heard.items()), _MOST_ROBOTS)]
     robots = {name: robot for name, robot, _ in found if robot is not None}
     if not robots:
-        raise RecordingError(f"{file}: expected one of the topics {_ODOM}, {_CHAINS} or {_ACTIONS} with data")
+        expected = f"expected one of the topics {ODOM}, {_CHAINS} or {_ACTIONS} with data"
+        raise RecordingError("; ".join([f"{file}: {expected}", *selection.skipped[:1]]))
     return robots, sum(left_out for *_, left_out in found)
+
+
+def _time_of(message: Any) -> float:
+    return seconds_from(message.header.stamp)

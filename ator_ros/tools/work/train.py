@@ -17,9 +17,10 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.compiled import compiles
 from ator_ros.domains.domain import Domain, installed_domains
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
-from ator_ros.experience.columns import FARTHEST
+from ator_ros.experience.columns import LARGEST
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
+from ator_ros.experience.topics import USUAL, TopicNames
 from ator_ros.files import portable_command, reserved, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
@@ -69,11 +70,11 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
 
 
 def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path, command: str) -> None:
-    experience = _read(domain, options.experience, robot, options.action_set)
+    experience = _read(domain, options, options.experience, robot, options.action_set)
     rows, source = experience.frame, experience.metadata
     fresh = Experience(rows[:0], {})
     if options.fresh:
-        fresh = _read(domain, options.fresh, robot, source["action_set"])
+        fresh = _read(domain, options, options.fresh, robot, source["action_set"])
     by_action = dict(iter(rows.groupby("action", sort=False)))
     errors: list[str] = []
     used: dict[str, tuple[Feature, ...]] = {}
@@ -174,8 +175,13 @@ def _suited(features: tuple[Feature, ...], robot: Robot, domain: Domain) -> tupl
     return chosen_for(features, robot)
 
 
-def _read(domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str | None) -> Experience:
-    experience = read_sources(paths, robot, domain, action_set)
+def _read(
+    domain: Domain, options: argparse.Namespace, paths: Sequence[Path], robot: Robot, action_set: str | None
+) -> Experience:
+    topics = TopicNames(options.odom or USUAL.odom, options.cmd_vel or USUAL.cmd_vel)
+    experience = read_sources(paths, robot, domain, action_set, topics)
+    for remark in experience.remarks:
+        print(f"train: {remark}", file=sys.stderr)
     if left_out := experience.metadata["records_left_out"]:
         print(f"train: left out {left_out} records that cannot be used", file=sys.stderr)
     return experience
@@ -183,7 +189,7 @@ def _read(domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str |
 
 def _measure_again(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> None:
     """Measure the existing models on fresh episodes; their trees do not change."""
-    fresh = _read(domain, options.fresh, robot, options.action_set)
+    fresh = _read(domain, options, options.fresh, robot, options.action_set)
     for action, tests in fresh.frame.groupby("action", sort=False):
         file = folder / model_path(action, fresh.metadata["action_set"])
         model = load_model(file, robot, domain.known_features)
@@ -236,10 +242,10 @@ def _situation(words: Sequence[str], names: Sequence[str]) -> dict[str, float]:
             number = float(value)
         except ValueError:
             number = math.nan
-        if name not in situation or not abs(number) <= FARTHEST:
+        if name not in situation or not abs(number) <= LARGEST:
             raise TrainingError(
                 f"situation: expected NAME=NUMBER with a name of {', '.join(names)} "
-                f"and a number up to {FARTHEST:g}, got {word[:80]!r}"
+                f"and a number up to {LARGEST:g}, got {word[:80]!r}"
             )
         situation[name] = number
     return situation

@@ -1,0 +1,349 @@
+"""Recordings of real robots: stamps, topics, types, frames and quaternions as their drivers have them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.recordings import RecordingError, read_recording
+from ator_ros.experience.table import Experience
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.tools import train
+
+ROBOT = SOCCER.robot(None)
+TICK = 0.04
+ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
+HEADINGS = (0.6, -1.1, 2.0, -2.8, 1.4)
+"""To which the robot turns before each drive."""
+
+
+class Tick(NamedTuple):
+    """A state of the robot, its stamp, and the command that follows."""
+
+    time: float
+    pose: Pose
+    v: float
+    w: float
+
+
+def ticks() -> Iterator[Tick]:
+    """Turn, drive and stand, once for each heading; the base follows its commands at once."""
+    time, pose = 0.0, Pose(0.3, -0.2, 0.1)
+    for heading in HEADINGS:
+        turn = wrap_angle(heading - pose.yaw)
+        count = math.ceil(abs(turn) / (0.8 * TICK))
+        for v, w, number in ((0.0, turn / count / TICK, count), (0.4, 0.0, 40), (0.0, 0.0, 30)):
+            for _ in range(number):
+                yield Tick(time, pose, v, w)
+                half = pose.yaw + 0.5 * w * TICK
+                x, y = pose.x + v * TICK * math.cos(half), pose.y + v * TICK * math.sin(half)
+                pose, time = Pose(x, y, wrap_angle(pose.yaw + w * TICK)), time + TICK
+
+
+class Messages:
+    """Makes messages for a recording.
+
+    Parameters
+    ----------
+    offset : float
+        Added to all stamps in s.
+    place : (float, float)
+        Added to all positions in m.
+    """
+
+    def __init__(self, offset: float = 0.0, place: tuple[float, float] = (0.0, 0.0)) -> None:
+        from rosbags.typesys import Stores, get_typestore
+
+        self.store = get_typestore(Stores.ROS2_JAZZY)
+        self.types = self.store.types
+        self.offset, self.place = offset, place
+
+    def header(self, time: float, frame: str) -> Any:
+        nanoseconds = round((time + self.offset) * 1e9)
+        stamp = self.types["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
+        return self.types["std_msgs/msg/Header"](stamp, frame)
+
+    def pose(self, x: float, y: float, turn: tuple[float, float] = (0.0, 1.0)) -> Any:
+        point = self.types["geometry_msgs/msg/Point"](x + self.place[0], y + self.place[1], 0.0)
+        return self.types["geometry_msgs/msg/Pose"](
+            point, self.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, *turn)
+        )
+
+    def twist(self, vx: float, vy: float, w: float) -> Any:
+        vector = self.types["geometry_msgs/msg/Vector3"]
+        return self.types[TWIST](vector(vx, vy, 0.0), vector(0.0, 0.0, w))
+
+    def odometry(
+        self,
+        tick: Tick,
+        *,
+        length: float = 1.0,
+        in_world: bool = False,
+        frame: str = "odom",
+        slip: float = 1.0,
+    ) -> Any:
+        half, v = tick.pose.yaw / 2.0, slip * tick.v
+        turn = length * math.sin(half), length * math.cos(half)
+        cosine, sine = (math.cos(tick.pose.yaw), math.sin(tick.pose.yaw)) if in_world else (1.0, 0.0)
+        zeros = np.zeros(36)
+        return self.types[ODOMETRY](
+            self.header(tick.time, frame),
+            frame if in_world else "base_footprint",
+            self.types["geometry_msgs/msg/PoseWithCovariance"](
+                self.pose(tick.pose.x, tick.pose.y, turn), zeros
+            ),
+            self.types["geometry_msgs/msg/TwistWithCovariance"](
+                self.twist(v * cosine, v * sine, tick.w), zeros
+            ),
+        )
+
+    def stamped(self, time: float, x: float, y: float, frame: str = "odom") -> Any:
+        return self.types["geometry_msgs/msg/PoseStamped"](self.header(time, frame), self.pose(x, y))
+
+
+Extra = tuple[str, str, Callable[[Messages, Tick], Any]]
+
+
+def recorded(
+    folder: Path,
+    *extra: Extra,
+    odom: str = "/odom",
+    cmd_vel: str = "/cmd_vel",
+    offset: float = 0.0,
+    place: tuple[float, float] = (0.0, 0.0),
+    order: Callable[[list[Tick]], list[Tick]] = list,
+    **odometry: Any,
+) -> Path:
+    """Write a recording: odometry and commands, and in `extra` topic, type and maker of other messages."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    make, bag = Messages(offset, place), folder / "bag"
+    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+
+        def link(topic: str, kind: str) -> Any:
+            return writer.add_connection(topic, kind, typestore=make.store)
+
+        states, commands = link(odom, ODOMETRY), link(cmd_vel, TWIST)
+        others = [(link(topic, kind), kind, message) for topic, kind, message in extra]
+        for number, tick in enumerate(order(list(ticks()))):
+            now = 1000 * number
+
+            def write(connection: Any, kind: str, message: Any, at: int = now) -> None:
+                writer.write(connection, at, make.store.serialize_cdr(message, kind))
+
+            for connection, kind, message in others:
+                write(connection, kind, message(make, tick))
+            write(states, ODOMETRY, make.odometry(tick, **odometry))
+            write(commands, TWIST, make.twist(tick.v, 0.0, tick.w))
+    return bag
+
+
+def read(bag: Path, domain: Domain = SOCCER) -> Experience:
+    return read_recording(bag, ROBOT, domain)
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    """Return the table of the recording without oddities."""
+    experience = read(recorded(tmp_path_factory.mktemp("usual")))
+    assert experience.frame["episode"].nunique() == len(HEADINGS)
+    assert experience.remarks == ()
+    return experience.frame
+
+
+@pytest.mark.parametrize("offset", [3.5e5, 8.7e6, 1.76e9, 2.1e9])
+def test_stamps_of_any_clock_give_the_same_table(tmp_path: Path, usual: pd.DataFrame, offset: float) -> None:
+    pd.testing.assert_frame_equal(read(recorded(tmp_path, offset=offset)).frame, usual)
+
+
+def test_projected_coordinates_give_the_same_table_elsewhere(tmp_path: Path, usual: pd.DataFrame) -> None:
+    place = 691_608.25, 5_334_761.5
+    frame = read(recorded(tmp_path, place=place, offset=1.76e9)).frame
+    moved = frame.assign(
+        x=frame["x"] - place[0], y=frame["y"] - place[1], xg=frame["xg"] - place[0], yg=frame["yg"] - place[1]
+    )
+    pd.testing.assert_frame_equal(moved, usual, rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "oddity", [{"length": 1.5}, {"length": 0.01}, {"in_world": True}, {"in_world": True, "frame": "/odom"}]
+)
+def test_what_can_be_repaired_gives_the_same_table(
+    tmp_path: Path, usual: pd.DataFrame, oddity: dict[str, Any]
+) -> None:
+    experience = read(recorded(tmp_path, **oddity))
+    pd.testing.assert_frame_equal(experience.frame, usual, rtol=0.0, atol=1e-12)
+    assert experience.remarks == ()
+
+
+def test_a_twist_that_contradicts_the_poses_is_named_in_one_line(tmp_path: Path) -> None:
+    (line,) = read(recorded(tmp_path, slip=0.1)).remarks
+    assert line.startswith("bag: odom: pose and twist.linear contradict each other: expected about 0.40 m/s")
+    assert "\n" not in line
+
+
+def test_messages_without_direction_are_left_out_and_counted(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError) as refused:
+        read(recorded(tmp_path, length=0.0))
+    count = len(list(ticks()))
+    (line,) = str(refused.value).splitlines()
+    assert f"left out {count} of {count} messages: odom.pose.pose.orientation: expected a quaternion" in line
+
+
+def test_some_messages_without_direction_are_left_out_and_counted(
+    tmp_path: Path, usual: pd.DataFrame
+) -> None:
+    def without_some(make: Messages, tick: Tick) -> Any:
+        return make.odometry(tick, length=0.0 if round(tick.time / TICK) % 7 == 3 else 1.0)
+
+    topics = ("/robot/odom", ODOMETRY, without_some), ("/robot/cmd_vel", TWIST, command)
+    experience = read(recorded(tmp_path, *topics, odom="/x"))
+    assert experience.frame["duration"].to_numpy() == pytest.approx(usual["duration"].to_numpy(), abs=TICK)
+    (line,) = experience.remarks
+    assert "messages: odom.pose.pose.orientation: expected a quaternion" in line
+
+
+def command(make: Messages, tick: Tick) -> Any:
+    return make.twist(tick.v, 0.0, tick.w)
+
+
+@pytest.mark.parametrize("topic", ["/v/odom", "/v/cmd_vel", "/v/ball", "/v/performance/action"])
+def test_a_topic_of_another_type_is_skipped_and_named(
+    tmp_path: Path, usual: pd.DataFrame, topic: str
+) -> None:
+    def pose(make: Messages, tick: Tick) -> Any:
+        return make.stamped(tick.time, 1.0, 2.0)
+
+    experience = read(recorded(tmp_path, (topic, "geometry_msgs/msg/PoseStamped", pose)))
+    pd.testing.assert_frame_equal(experience.frame, usual)
+    (line,) = experience.remarks
+    assert line.startswith(f"bag: skipped {topic}: expected ")
+    assert line.endswith(", got geometry_msgs/msg/PoseStamped")
+
+
+DRIVER = {"odom": "/base/wheel_odometry", "cmd_vel": "/base/command"}
+NAMES = ["--odom", DRIVER["odom"], "--cmd-vel", "base/command"]
+
+
+def test_topics_can_be_named_and_are_listed_where_they_are_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = recorded(tmp_path, **DRIVER)
+    words = [str(bag), "--observed", "--models", str(tmp_path / "models")]
+    for given in ([], NAMES[:2], NAMES[2:]):
+        assert train.main([*words, *given]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "topics of these types: /base/command, /base/wheel_odometry; name them with --odom" in line
+    assert train.main([*words, *NAMES]) == 1
+    read_but_too_few = f"got {len(HEADINGS)} of {len(HEADINGS)}"
+    assert read_but_too_few in capsys.readouterr().err
+
+
+ERRANDS = """
+name: errands
+objects:
+  - {{name: cart, {source}}}
+tops:
+  - name: visit
+    action: goToPose
+    post:
+      - {{variable: robot.x, target: goal.x, tolerance: 0.1}}
+      - {{variable: robot.y, target: goal.y, tolerance: 0.1}}
+actions:
+  - name: goToPose
+    local: {{domain: soccer}}
+"""
+
+
+def errands(folder: Path, source: str) -> Domain:
+    file = folder / "errands.yaml"
+    file.write_text(ERRANDS.format(source=source))
+    return find_domain(str(file))
+
+
+def tracked(make: Messages, tick: Tick) -> Any:
+    return make.stamped(tick.time, 1.5 + 0.01 * tick.time, -0.5)
+
+
+POSES = "geometry_msgs/msg/PoseStamped"
+
+
+@pytest.mark.parametrize(
+    ("topic", "source"),
+    [
+        ("/tracker/cart_pose", "topic: tracker/cart_pose, type: PoseStamped"),
+        ("/hall/tracker/cart_pose", "topic: tracker/cart_pose, type: PoseStamped"),
+        ("/tracker/cart_pose", "topic: /tracker/cart_pose, type: PoseStamped"),
+        ("/cart", "type: PoseStamped"),
+    ],
+)
+def test_an_object_is_read_from_where_it_is_declared_to_come(tmp_path: Path, topic: str, source: str) -> None:
+    domain = errands(tmp_path, source)
+    experience = read(recorded(tmp_path, (topic, POSES, tracked), offset=1.76e9), domain)
+    frame = experience.frame
+    assert set(frame["cart_y"]) == {-0.5}
+    starts = frame[frame["t"] == 0.0]["cart_x"].to_numpy()
+    assert (np.diff(starts) > 0.01).all()
+    assert experience.remarks == ()
+
+
+def test_an_object_in_another_frame_is_left_out_and_named(tmp_path: Path) -> None:
+    def in_camera(make: Messages, tick: Tick) -> Any:
+        return make.stamped(tick.time, 0.5, 0.0, frame="camera")
+
+    def late(make: Messages, tick: Tick) -> Any:
+        return make.stamped(tick.time + 100.0, 0.5, 0.0)
+
+    domain = errands(tmp_path, "type: PoseStamped")
+    wrong = (in_camera, "the frame 'odom', got 'camera'"), (late, "another clock")
+    for number, (make, told) in enumerate(wrong):
+        (tmp_path / str(number)).mkdir()
+        (line,) = read(recorded(tmp_path / str(number), ("/cart", POSES, make)), domain).remarks
+        assert "left out " in line
+        assert told in line
+
+
+def test_an_object_in_tf_is_read(tmp_path: Path) -> None:
+    def transforms(make: Messages, tick: Tick) -> Any:
+        types = make.types
+        moved = types["geometry_msgs/msg/Transform"](
+            types["geometry_msgs/msg/Vector3"](1.5, tick.time, 0.0),
+            types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        )
+        header = make.header(tick.time, "/odom")
+        link = types["geometry_msgs/msg/TransformStamped"](header, "cart_link", moved)
+        return types["tf2_msgs/msg/TFMessage"]([link])
+
+    domain = errands(tmp_path, "type: tf, frame: /cart_link")
+    frame = read(recorded(tmp_path, ("/tf", "tf2_msgs/msg/TFMessage", transforms)), domain).frame
+    later = frame[frame["episode"] > 0]
+    assert set(later["cart_x"]) == {1.5}
+    assert later["cart_y"].is_monotonic_increasing
+
+
+def test_one_message_that_comes_late_ends_no_drive(tmp_path: Path, usual: pd.DataFrame) -> None:
+    def swapped(all_ticks: list[Tick]) -> list[Tick]:
+        number = next(number for number, tick in enumerate(all_ticks) if tick.v > 0.0) + 10
+        all_ticks[number : number + 2] = reversed(all_ticks[number : number + 2])
+        return all_ticks
+
+    frame = read(recorded(tmp_path, order=swapped)).frame
+    assert frame["episode"].nunique() == len(HEADINGS)
+    assert frame["duration"].to_numpy() == pytest.approx(usual["duration"].to_numpy())
+
+
+def test_commands_that_no_base_with_two_wheels_can_follow_are_counted(tmp_path: Path) -> None:
+    def sideways(make: Messages, tick: Tick) -> Any:
+        return make.twist(tick.v, 0.1, tick.w)
+
+    topics = ("/r/odom", ODOMETRY, Messages.odometry), ("/r/cmd_vel", TWIST, sideways)
+    with pytest.raises(RecordingError, match=r"left out \d+ of \d+ messages: cmd_vel: linear\.y"):
+        read(recorded(tmp_path, *topics, odom="/x"))
