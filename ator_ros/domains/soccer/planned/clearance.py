@@ -17,6 +17,9 @@ from ator_ros.world.state import ObjectState
 STRIDE = 5
 """Every how many samples of a trajectory are looked at: every 50 ms, 6 cm at full speed."""
 
+_CLEARING = np.arange(0.0, 1.5, 0.01)
+"""Lengths in m of straight drives that may lead away from a ball."""
+
 
 @dataclass(frozen=True, slots=True)
 class Obstacles:
@@ -61,6 +64,33 @@ def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool
     if ball is None or start.distance(goal) <= obstacles.run:
         return True
     return bool(ball_distances(pose, ball, robot)[0] >= obstacles.ball_margin)
+
+
+def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> float:
+    """Return how far to drive straight until the robot keeps its margin from the ball.
+
+    Returns
+    -------
+    float
+        Signed distance in m, negative: backward. 0 if the robot is clear at the start, or if no straight
+        drive clears it without coming nearer to the ball or touching a goal.
+    """
+    ball = obstacles.ball
+    if ball is None or is_free(start, goal, obstacles, robot) or touches_goals(np.array([start]), robot):
+        return 0.0
+    found = []
+    for sign in (-1.0, 1.0):
+        ways = sign * _CLEARING
+        poses = np.array([start.ahead(way) for way in ways])
+        distances = ball_distances(poses, ball, robot)
+        clear = np.flatnonzero(distances >= obstacles.ball_margin)
+        if not len(clear):
+            continue
+        last = int(clear[0])
+        nearer = distances[: last + 1].min() < distances[0] - 1e-9
+        if not nearer and not touches_goals(poses[: last + 1], robot):
+            found.append(float(ways[last]))
+    return min(found, key=abs, default=0.0)
 
 
 def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatArray:

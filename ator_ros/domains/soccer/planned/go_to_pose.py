@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.domains.soccer.ball import BALL, ball_of
-from ator_ros.domains.soccer.planned.clearance import Obstacles
+from ator_ros.domains.soccer.planned.clearance import Obstacles, distance_to_clear
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import fastest, free_sides, prepare, run_sides
 from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
-from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.manoeuvre import Manoeuvre, Side
 from ator_ros.motion.planning import Planning
 from ator_ros.motion.ways import ways_to_drive
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_at_front
-from ator_ros.world.state import ObjectState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 _BALL_MARGIN = 0.04  # m
 _MOVED = 0.04  # m
 _LAGGING = 0.05  # s: motors with which a robot that catches up brakes too late, and has to come back for 3 s
+_TURNS_WITHIN = 0.04
+"""Distance in m from the goal within which a standing robot only turns: less than what counts as arrived."""
+_LEAVING = (0.0, 0.3)
+"""Speeds at the end of the straight drive away from a ball, as shares of the limit."""
 _SLOWER = (1.0, 0.75, 0.5)  # of the goal's speed; where there is no way to arrive so fast, the next, and rest
 
 
@@ -29,7 +34,8 @@ class GoToPose(PlannedAction):
     """Drives to a pose of the axle, or of the hold when the goal is a ball (paper: goToPose, goToBall).
 
     A ball at the goal is approached in a straight run; where it rolls, the place where it will stop is
-    approached. A ball elsewhere is an obstacle.
+    approached. A ball elsewhere is an obstacle. A robot that starts too near the ball first drives straight
+    away from it, usually backward.
     """
 
     name = "goToPose"
@@ -74,12 +80,44 @@ class GoToPose(PlannedAction):
         """Plan to arrive at `speed` (m/s) where the ball rests there or elsewhere."""
         run = approach_run(self.robot) if self._approach else 0.0
         exits = (run_sides if run else free_sides)(self.plan_limits, speed, run)
-        entries = free_sides(self.plan_limits, world.robot.v, 0.0)
         obstacles = Obstacles(rest, _BALL_MARGIN, run)
-        ways = yield from ways_to_drive(entries, exits, self.plan_limits)
-        found = yield from fastest(self.robot, world.robot.pose, self.target(), ways, obstacles)
+        start, goal = world.robot, self.target()
+        if start.v == speed == 0.0 and not run and start.pose.distance(goal) < _TURNS_WITHIN:
+            goal = start.pose._replace(yaw=goal.yaw)
+        away = distance_to_clear(start.pose, goal, obstacles, self.robot)
+        if away == 0.0:
+            entries = free_sides(self.plan_limits, start.v, 0.0)
+            ways = yield from ways_to_drive(entries, exits, self.plan_limits)
+            found = yield from fastest(self.robot, start.pose, goal, ways, obstacles)
+        else:
+            found = yield from self._leaving_ball(start, goal, exits, obstacles, away)
         self._arrival_speed = speed
         return found
+
+    def _leaving_ball(
+        self, start: RobotState, goal: Pose, exits: Sequence[Side], obstacles: Obstacles, away: float
+    ) -> Planning[Manoeuvre]:
+        """Plan to drive straight by `away` (m, signed) until the robot is clear of the ball, then to `goal`."""
+        limits, clear = self.plan_limits, start.pose.ahead(away)
+        best: Manoeuvre | None = None
+        failure: ActionError | None = None
+        for share in _LEAVING:
+            speed = math.copysign(share * limits.v, away)
+            if speed * speed > 2.0 * min(limits.a, limits.brake) * abs(away):
+                continue
+            ways = yield from ways_to_drive(free_sides(limits, speed, 0.0), exits, limits)
+            try:
+                found = yield from fastest(self.robot, clear, goal, ways, obstacles)
+            except ActionError as error:
+                failure = error
+                continue
+            entry = Side(away, start.v, found.entry.turn)
+            found = dataclasses.replace(found, start=start.pose, entry=entry)
+            if best is None or found.duration < best.duration:
+                best = found
+        if best is None:
+            raise failure or ActionError("expected a way to leave the ball, found none")
+        return best
 
     def outdated(self, world: World) -> bool:
         """Return whether the ball has moved while it was still free."""

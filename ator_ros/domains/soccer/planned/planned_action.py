@@ -67,7 +67,11 @@ class PlannedAction(Action):
         self._strength = StrengthSeen(self.robot, self.plan_limits)
         self._pause = Pause(world, self.plan_limits)
         standing = world.robot.is_still
-        self._search: Search | None = self._searched(world, standing=standing)
+        self._search: Search | None = None
+        self._at_goal = standing and goal.speed == 0.0 and self.missed(world) is None
+        if self._at_goal:
+            return
+        self._search = self._searched(world, standing=standing)
         if not self._commit(world, self._search, waits=True) and not standing:
             self._search = None  # it is for the state of this tick
             if self.plans_in_motion and self._stops_late(world):
@@ -77,7 +81,7 @@ class PlannedAction(Action):
     @property
     def planning(self) -> bool:
         """Whether there is no plan yet; see `Action.planning`."""
-        return self._tracker is None
+        return self._tracker is None and not self._at_goal
 
     def way(self) -> FloatArray | None:
         """Return the plan that is followed; see `Action.way`."""
@@ -139,6 +143,8 @@ class PlannedAction(Action):
         failure = self.check(world)
         if failure is not None:
             return finished(Status.FAILED, failure)
+        if self._at_goal:
+            return self._arrived(world, STOP)
         tracker = self._tracker
         if tracker is None:
             return self._plan_on(world)
