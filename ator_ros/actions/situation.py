@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+import numpy as np
+
 from ator_ros.actions.base import Goal
+from ator_ros.geometry import Pose
 from ator_ros.robot.description import ConfigError
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -14,6 +18,13 @@ T = TypeVar("T")
 
 MOST_DRAWS = 10_000
 """Draws after which a sampler gives up: scenes in which samplers have room need some tens at most."""
+
+SHORT = 0.5
+"""Distance in m between start and goal below which a drive is short."""
+_TURNS, _SHORT_DRIVES, _STAYS = 0.06, 0.06, 0.03
+"""Shares of situations in which the robot turns on the spot, drives less than `SHORT`, or is at its goal."""
+_STAYS_WITHIN = (0.03, 0.08)
+"""Greatest distance (m) and angle (rad) between start and goal of a robot that is at its goal."""
 
 
 class NoPlaceError(ConfigError):
@@ -66,3 +77,39 @@ def drawn_until(
         if fits(found):
             return found
     raise NoPlaceError(f"{expected()}: none of {most} draws fits")
+
+
+def short_goal(start: Pose, rng: np.random.Generator, *, turns: bool = True) -> Pose | None:
+    """Draw a goal near a start, in about one of seven cases; None in the others.
+
+    Parameters
+    ----------
+    start : Pose
+        Where the robot, or the object that it holds, starts.
+    rng : numpy.random.Generator
+        Draws.
+    turns : bool
+        Whether turns on the spot are among them.
+
+    Returns
+    -------
+    Pose or None
+        A turn on the spot by any angle, a goal closer than `SHORT` in any direction with any heading, or the
+        start itself, exactly or within centimetres.
+    """
+    share, heading = rng.random(), float(rng.uniform(-math.pi, math.pi))
+    if share < _TURNS:
+        return start._replace(yaw=heading) if turns else None
+    if share < _TURNS + _SHORT_DRIVES:
+        return _displaced(start, rng, SHORT)._replace(yaw=heading)
+    if share < _TURNS + _SHORT_DRIVES + _STAYS:
+        most, angle = _STAYS_WITHIN if rng.random() < 0.5 else (0.0, 0.0)
+        return _displaced(start, rng, most)._replace(yaw=start.yaw + float(rng.uniform(-angle, angle)))
+    return None
+
+
+def _displaced(pose: Pose, rng: np.random.Generator, most: float) -> Pose:
+    """Return a pose moved in a random direction by up to `most` m."""
+    distance, direction = rng.uniform(0.0, most), rng.uniform(-math.pi, math.pi)
+    x = pose.x + float(distance * math.cos(direction))
+    return pose._replace(x=x, y=pose.y + float(distance * math.sin(direction)))

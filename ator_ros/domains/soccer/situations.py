@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until
+from ator_ros.actions.situation import SHORT, NoPlaceError, Situation, drawn_until, short_goal
 from ator_ros.domains.soccer.ball import BALL, objects_of
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.goals import touches_goals
@@ -22,7 +22,8 @@ from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState
 
-SHORTEST = 0.5  # m between start and goal
+SHORTEST = SHORT  # m between start and goal, where the two are drawn independently
+_LEAVING = 0.04  # share of drives without a ball at the goal that start with a ball in front
 ALONE = 0.6
 """Share of the time limit that the straight way of an action may take at full speed: turns need the rest."""
 SHOT_RANGE = (0.6, 2.5)
@@ -95,12 +96,18 @@ def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
 
 
 def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a drive: three quarters approach a ball, half of these with an arrival speed, the others a pose.
+    """Draw a drive: most approach a ball, half of these with an arrival speed, the others drive to a pose.
 
-    One start in seven is in motion. A robot without a holder has no ball to approach, nor has one in a domain
+    One start in seven is in motion. One drive in seven is short, see `short_goal`, and a few leave a ball that
+    the robot holds. A robot without a holder has no ball to approach or to leave, nor has one in a domain
     without a ball.
     """
-    with_ball = _share(rng, 0.75) and robot.holder is not None and BALL in robot.scene.objects
+    if (short := _short_drive(robot, rng)) is not None:
+        return short
+    has_ball = robot.holder is not None and BALL in robot.scene.objects
+    if has_ball and _share(rng, _LEAVING):
+        return _leave_ball(robot, rng)
+    with_ball = _share(rng, 0.75) and has_ball
     goal = random_pose(robot, rng)
     nearest = ball_clearance(robot) if with_ball else SHORTEST
     start = pose_within(robot, rng, goal, nearest, farthest(robot, ALONE, nearest))
@@ -115,6 +122,23 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     return Situation("goToPose", state, {BALL: ObjectState(goal.x, goal.y)}, arrival)
 
 
+def _short_drive(robot: Robot, rng: np.random.Generator) -> Situation | None:
+    """Draw a drive with a goal near the start, in one of seven cases; None in the others."""
+    start = random_pose(robot, rng)
+    goal = short_goal(start, rng)
+    if goal is None or not is_inside(goal, robot):
+        return None
+    return Situation("goToPose", RobotState(start), {}, Goal(goal, 0.0, Point.AXLE))
+
+
+def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a drive to a pose clear of the ball that the robot holds at the start."""
+    state, ball = _holding(robot, robot.pose_holding(random_pose(robot, rng)), 0.0)
+    nearest = ball_clearance(robot)
+    there = pose_within(robot, rng, Pose(ball.x, ball.y, 0.0), nearest, farthest(robot, ALONE, nearest))
+    return Situation("goToPose", state, objects_of(ball), Goal(there, 0.0, Point.AXLE))
+
+
 def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, ObjectState]:
     """Return robot and ball when the robot at `pose` holds the ball and drives at `speed` (m/s)."""
     ball = robot.hold_point(pose)
@@ -123,8 +147,16 @@ def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, Object
 
 
 def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed."""
+    """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed.
+
+    One in seven is short, from rest to rest, see `short_goal`.
+    """
     robot.holder_for("dribbleBall")
+    ball = random_pose(robot, rng)
+    short = short_goal(ball, rng, turns=False)
+    if short is not None and is_inside(short, robot):
+        state, resting = _holding(robot, robot.pose_holding(ball), 0.0)
+        return Situation("dribbleBall", state, objects_of(resting), Goal(short, 0.0, Point.HOLD))
     goal = random_pose(robot, rng)
     most = farthest(robot, ALONE, SHORTEST, with_ball=True)
     ball = pose_within(robot, rng, goal, SHORTEST, most, held=True)
