@@ -14,7 +14,7 @@ import numpy as np
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
-from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until
+from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until, short_goal
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
@@ -31,6 +31,7 @@ _MOST_PLACES = 1000
 """Draws of one place before all places of a drive or a chain are drawn again."""
 _MOST_SEQUENCES = 100
 """Draws of all places of a drive or a chain."""
+_BESIDE = 0.05
 _ALL_ROUND = (-math.pi, math.pi)
 
 
@@ -57,6 +58,13 @@ class DeclaredPlace:
     def is_fixed(self) -> bool:
         """Whether x and y are numbers."""
         return len(self.x) == len(self.y) == 1
+
+    def contains(self, pose: Pose) -> bool:
+        """Return whether a position lies in the place, or beside it by up to `_BESIDE` m."""
+        return all(
+            spread[0] - _BESIDE <= value <= spread[-1] + _BESIDE
+            for value, spread in ((pose.x, self.x), (pose.y, self.y))
+        )
 
     def drawn(self, rng: np.random.Generator) -> Pose:
         """Draw a pose."""
@@ -121,7 +129,10 @@ def _too_far(robot: Robot, time_limit: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredDrives:
-    """Where drives of an action begin and lead, to gather experience: from rest, at least `apart` m."""
+    """Where drives of an action begin and lead, to gather experience: from rest, most at least `apart` m.
+
+    One in seven is shorter, see `short_goal`: it begins at a start and ends within the places.
+    """
 
     start: Places
     goal: Places
@@ -135,6 +146,10 @@ class DeclaredDrives:
 
     def drawn(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
         """Draw start and destination of a drive; raises NoPlaceError."""
+        start = _drawn(self.start, rng)
+        short = short_goal(start, rng)
+        if short is not None and any(place.contains(short) for place in (*self.start, *self.goal)):
+            return start, short
         return _drawn_again(lambda: self._drawn_once(rng))
 
     def _drawn_once(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
