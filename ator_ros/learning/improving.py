@@ -17,7 +17,7 @@ from ator_ros.learning.lessons import Lessons, Records
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS, Feature, Kinds, declared_by
 from ator_ros.performance.kinds import kinds_of, with_kinds
-from ator_ros.performance.model import MEASURES, PerformanceModel
+from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
 from ator_ros.performance.observing import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
@@ -107,7 +107,9 @@ def improved(
     trees = dict(now.trees) if now is not None else _means(records)
     trees |= better
     chosen = {measure: trees[measure] for measure in MEASURES if measure in trees}
-    return ActionVerdict(verdicts, PerformanceModel(action, robot, chosen, known, driving=driving))
+    at_goal = now.at_goal if now is not None else UNOBSERVED
+    model = PerformanceModel(action, robot, chosen, known, driving=driving, at_goal=at_goal)
+    return ActionVerdict(verdicts, model)
 
 
 def _kinds(now: PerformanceModel | None, former: Mapping[str, PerformanceModel]) -> Kinds:

@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ator_ros.actions.situation import SHORT
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.derived import Geometry
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of
-from ator_ros.world.state import AT_REST
+from ator_ros.robot.description import Robot
+from ator_ros.world.state import AT_REST, CONTROL_PERIOD
 
 RESAMPLES = 2000
 
@@ -65,8 +68,8 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
         "rmse_s_ci95": bootstrap_ci95(square, lambda x: np.sqrt(x.mean(axis=1))),
         "bias_s": float(error.mean()),
         "mean_duration_s": float(actual.mean()),
-        "relative_error": float(size.mean() / actual.mean()),
-        "median_relative_error": float(np.median(size / actual)),
+        "relative_error": float(size.mean() / max(actual.mean(), CONTROL_PERIOD)),
+        "median_relative_error": float(np.median(size / np.maximum(actual, CONTROL_PERIOD))),
         "episodes": len(starts),
         "seed": seed,
     }
@@ -99,15 +102,18 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[s
     }
 
 
-def kinds(starts: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield subsets of starts by what makes a difference: rest or motion, and what kind of goal."""
+def kinds(starts: pd.DataFrame, robot: Robot) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yield subsets of starts by what makes a difference: rest or motion, how far, and what kind of goal."""
+    near = pd.Series(Geometry(direct_of(starts), robot).dist < SHORT, index=starts.index)
     rest, stop, held = starts["v"].abs() <= AT_REST.v, starts["speedg"] <= AT_REST.v, starts["hold"] == 1
+    short, rest, moving = rest & near, rest & ~near, ~rest
     masks: Mapping[str, pd.Series] = {
         "at rest": rest,
+        f"turns, and drives below {SHORT:g} m": short,
         "at rest, pose": rest & ~held,
         "at rest, object, arriving at rest": rest & stop & held,
         "at rest, object, arriving at speed": rest & ~stop & held,
-        "in motion": ~rest,
+        "in motion": moving,
     }
     for name, mask in masks.items():
         if mask.any():

@@ -8,11 +8,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.motion.durations import drive_time, rates_of, turn_time
 from ator_ros.motion.families import Family
 from ator_ros.motion.ideal_times import Motions, fastest_motions
 from ator_ros.performance.compiled_geometry import (
+    ANGLE_BETWEEN,
     AT_DEST,
     DIST,
     DX,
@@ -29,8 +30,15 @@ from ator_ros.performance.compiled_geometry import (
 from ator_ros.performance.direct import Direct, V, direct_table
 from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.performance.paths import path_times
-from ator_ros.robot.description import Robot
+from ator_ros.robot.description import Limits, Robot
+from ator_ros.world.state import AT_REST
 
+NEAR = 0.04
+"""Distance in m from the goal within which a robot at rest only has to turn to the goal's heading."""
+ALIGNED = 0.1
+"""Angle in rad up to which a robot may turn on the spot with an object in front."""
+_NEAR_PULL = 20.0
+"""Weight of the goal's heading in the bearing of a goal within `NEAR`, whose own bearing is noise."""
 Derived = TypeVar("Derived")
 
 
@@ -86,8 +94,29 @@ class Geometry:
         """
         rows = np.empty((ROWS + self._room, self._table.shape[1]))
         derive_ways(self._table, self.robot.hold, self.robot.limits.aw, rows)
-        derive_angles(self._table, np.arctan2(rows[DY], rows[DX]), rows)
+        heading, dist = self.direct["yawg"], rows[DIST]
+        pull = _NEAR_PULL * np.maximum(NEAR - dist, 0.0)
+        bearing = np.arctan2(rows[DY] + pull * np.sin(heading), rows[DX] + pull * np.cos(heading))
+        derive_angles(self._table, bearing, rows)
         return rows
+
+    @cached_property
+    def at_rest(self) -> BoolArray:
+        """Whether the robot stands at the start and shall stand at the goal."""
+        d = self.direct
+        return np.asarray(AT_REST.holds(d["v"], d["w"]) & (d["speedg"] <= AT_REST.v))
+
+    def with_turns(self, motions: Motions, limits: Limits) -> Motions:
+        """Return the motions, with turns on the spot where a robot at rest is within `NEAR` of its goal.
+
+        With an object in front only slight turns are possible, up to `ALIGNED`.
+        """
+        angle = self.rows[ANGLE_BETWEEN]
+        near = self.at_rest & (self.dist < NEAR) & ((self.direct["hold"] < 0.5) | (angle <= ALIGNED))
+        if not near.any():
+            return motions
+        turning = turn_time(angle, limits.w, limits.aw)
+        return Motions(np.where(near, turning, motions.time), np.where(near, angle, motions.turn))
 
     @property
     def destination(self) -> tuple[FloatArray, FloatArray]:
@@ -160,7 +189,7 @@ class Geometry:
         missing = ~np.isfinite(time)
         time[missing] = self.turn_drive_turn()[missing]
         turned[missing] = (np.abs(self.to_dest) + np.abs(self.at_dest))[missing]
-        return Motions(time, turned).after(opening)
+        return self.with_turns(Motions(time, turned).after(opening), self.driving.limits)
 
     def turn_drive_turn(self, *, reverse: bool = False) -> FloatArray:
         """Return the time in s of turning on the spot, driving, and turning again."""

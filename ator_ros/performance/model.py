@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.compiled_geometry import ROWS
+from ator_ros.performance.compiled_geometry import ANGLE_BETWEEN, ROWS
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.performance.driving import DrivingStyle
@@ -18,6 +18,8 @@ from ator_ros.performance.features import Feature, declared_by, derived_from, ta
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
 from ator_ros.performance.tree.rules import RuleWriter
 from ator_ros.robot.description import Robot
+from ator_ros.schema import Within
+from ator_ros.world.state import CONTROL_PERIOD
 
 MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "heading": "rad"}
 """What is predicted, with units: time to the end, probability of success, and the errors at the end."""
@@ -48,6 +50,28 @@ class Prediction:
     ideal: FloatArray | None = None
 
 
+@dataclass(frozen=True)
+class AtGoal:
+    """How long an action takes for a robot at rest that is at its goal already.
+
+    Attributes
+    ----------
+    dist, angle : float
+        Up to which distance (m) and angle (rad) to the goal it is that fast.
+    duration, spread : float
+        Mean and standard deviation in s.
+    """
+
+    dist: Annotated[float, Within(0.0, 1.0)] = 0.01
+    angle: Annotated[float, Within(0.0, 1.0)] = 0.02
+    duration: Annotated[float, Within(0.0, 1000.0)] = CONTROL_PERIOD
+    spread: Annotated[float, Within(0.0, 1000.0)] = CONTROL_PERIOD
+
+
+UNOBSERVED = AtGoal()
+"""What holds for an action of which no run at its goal was observed: it ends within a tick."""
+
+
 @dataclass(frozen=True, eq=False)
 class PerformanceModel:
     """Model trees that predict how an action will perform.
@@ -66,6 +90,8 @@ class PerformanceModel:
         Where the model comes from and how accurate it is; see `model_file`.
     driving : DrivingStyle or None
         How the action was observed to drive; None where no feature needs it.
+    at_goal : AtGoal or None
+        How long it takes at its goal; None where the tree predicts that too.
     """
 
     action: str
@@ -74,6 +100,7 @@ class PerformanceModel:
     features: Mapping[str, Feature]
     metadata: Mapping[str, Any] = field(default_factory=dict)
     driving: DrivingStyle | None = None
+    at_goal: AtGoal | None = UNOBSERVED
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:
@@ -139,6 +166,7 @@ class PerformanceModel:
             fields[name] = _within_range(name, values)
             if name == "duration":
                 fields["spread"] = tree.spread.take(leaf)
+                self._set_at_goal(geometry, fields)
         for name, constant in plan.constants:
             fields[name] = np.full(rows.shape[1], constant)
         if "dist" in measures:
@@ -146,6 +174,16 @@ class PerformanceModel:
         if "ideal" in measures and self.ideal_time is not None:
             fields["ideal"] = geometry.once(self.ideal_time.compute)
         return Prediction(**fields)
+
+    def _set_at_goal(self, geometry: Geometry, fields: Mapping[str, FloatArray]) -> None:
+        """Replace the durations and spreads of situations at the goal."""
+        known = self.at_goal
+        if known is None:
+            return
+        near = (geometry.dist <= known.dist) & (geometry.rows[ANGLE_BETWEEN] <= known.angle)
+        if near.any():
+            near &= geometry.at_rest
+            fields["duration"][near], fields["spread"][near] = known.duration, known.spread
 
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of one measure as text in the paper's form, one a line."""

@@ -6,7 +6,7 @@ import json
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,7 +16,7 @@ from ator_ros.formats import Format
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
 from ator_ros.performance.kinds import kinds_of, with_kinds
-from ator_ros.performance.model import MEASURES, PerformanceModel
+from ator_ros.performance.model import MEASURES, UNOBSERVED, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
 from ator_ros.printable import short, short_path
 from ator_ros.resources import resource_path
@@ -43,7 +43,7 @@ class _ModelFile:
     """The fields of a model file.
 
     features: unit by name; trees: by measure, see `tree_to_dict`; training: digest of the rows, episodes,
-    examples, seed, command; accuracy: empty if not measured.
+    examples, seed, command; accuracy: empty if not measured; at_goal: left out by models without it.
     """
 
     action: str
@@ -54,6 +54,7 @@ class _ModelFile:
     training: dict[str, Any]
     versions: dict[str, Any]
     accuracy: dict[str, Any]
+    at_goal: AtGoal | None = UNOBSERVED
 
 
 class ModelFileError(ValueError):
@@ -116,6 +117,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         "training": model.metadata.get("training", {}),
         "versions": model.metadata.get("versions", {}),
         "accuracy": model.metadata.get("accuracy", {}),
+        "at_goal": None if model.at_goal is None else asdict(model.at_goal),
         "trees": {measure: tree_to_dict(tree) for measure, tree in model.trees.items()},
     }
     if kinds:
@@ -167,11 +169,11 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     _check_starts(path, file.training.get("starts", {}))
     if file.robot_digest != robot.digest():
         _warn_of_robot(path, file, robot)
-    apart = ("format", "trees", "kinds", "driving")
+    apart = ("format", "trees", "kinds", "driving", "at_goal")
     metadata = {name: value for name, value in data.items() if name not in apart}
     made = _made(path, features, data["kinds"]) if "kinds" in data else {}
     named = {**{name: features[name] for name in units}, **made}
-    return PerformanceModel(file.action, robot, trees, named, metadata, _driving(path, data))
+    return PerformanceModel(file.action, robot, trees, named, metadata, _driving(path, data), file.at_goal)
 
 
 def _made(path: Path | str, features: Mapping[str, Feature], kinds: Any) -> dict[str, Feature]:

@@ -13,7 +13,9 @@ import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.columns import goal_variables_of_columns
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.performance.compiled_geometry import ANGLE_BETWEEN
+from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import (
@@ -26,11 +28,12 @@ from ator_ros.performance.features import (
     feature_table,
     names_of,
 )
-from ator_ros.performance.model import MEASURES, PerformanceModel, narrowed
+from ator_ros.performance.model import MEASURES, UNOBSERVED, AtGoal, PerformanceModel, narrowed
 from ator_ros.performance.observing import observed_driving
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
+from ator_ros.world.state import CONTROL_PERIOD
 
 OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 """The same for a model that knows nothing but what was observed: no ideal times of our own actions."""
@@ -48,6 +51,12 @@ LEAST_EPISODES = 20
 SMALL_LEAF = 50
 """Episodes at a leaf of their trees, at least."""
 _NEAREST = 0.01  # m, as long as a way counts at least
+_AT_GOAL = ((0.02, 0.05), (0.03, 0.08))
+"""Distances (m) and angles (rad) to the goal that may count as being there."""
+_LEAST_AT_GOAL = 3
+"""Episodes that show how long an action takes there."""
+_ALIKE = 0.15
+"""Greatest difference in s of durations that count as the same there: three ticks."""
 _ENOUGH, _RARE = 15, 0.05  # episodes that make a deceleration known, or this share of them if that is less
 
 
@@ -121,7 +130,8 @@ def train(
             trees[measure] = small_tree(source.table(good_starts), values)
     chosen = {name: trees[name] for name in MEASURES if name in trees}
     named = {feature.name: feature for feature in features}
-    return PerformanceModel(action, robot, chosen, named, driving=driving)
+    at_goal = observed_at_goal(good_starts, robot)
+    return PerformanceModel(action, robot, chosen, named, driving=driving, at_goal=at_goal)
 
 
 def _check_values(action: str, rows: pd.DataFrame, features: Sequence[Feature]) -> None:
@@ -192,6 +202,38 @@ def _success_tree(starts: pd.DataFrame, source: _Source) -> ModelTree:
     return small_tree(table, np.full(len(starts), happened.mean()))
 
 
+def observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
+    """Return how long an action takes for a robot that is at its goal already.
+
+    Parameters
+    ----------
+    starts : pandas.DataFrame
+        First rows of episodes that succeeded.
+    robot : Robot
+        The robot of the experience.
+
+    Returns
+    -------
+    AtGoal or None
+        With the widest bounds within which durations hardly differ; the usual one if there is no such
+        episode; None if they differ even next to the goal.
+    """
+    geometry = Geometry(direct_of(starts), robot)
+    durations = starts["duration"].to_numpy(dtype=float)
+    angle = geometry.rows[ANGLE_BETWEEN]
+    found = UNOBSERVED
+    for dist, most in ((found.dist, found.angle), *_AT_GOAL):
+        within = durations[geometry.at_rest & (geometry.dist <= dist) & (angle <= most)]
+        if len(within) < _LEAST_AT_GOAL:
+            continue
+        if np.ptp(within) > _ALIKE:
+            return None if dist == UNOBSERVED.dist else found
+        found = AtGoal(
+            dist, most, max(float(within.mean()), CONTROL_PERIOD), max(float(within.std()), CONTROL_PERIOD)
+        )
+    return found
+
+
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
     """Return the direct variables of rows of an experience table, with the goal variables that they hold."""
     return {name: rows[name].to_numpy(dtype=float) for name in _direct_names(rows)}
@@ -207,14 +249,15 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     """Return the least and the greatest value of the direct variables at the starts of episodes.
 
     Places are relative to the centre of the robot's area. Beside them is that of `way`: the distance in m
-    from the point of the robot that the goal is meant for, axle or hold, to the goal's place.
+    from the point of the robot that the goal is meant for, axle or hold, to the goal's place; and of `turn`:
+    the angle in rad between both headings.
     """
     starts = rows[rows["t"] == 0.0]
-    way = _ways(starts, robot)
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
     area = robot.scene.area
     moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
-    columns = {**{name: starts[name] - moved.get(name, 0.0) for name in names}, "way": way}
+    relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
+    columns = {**relative, "way": _ways(starts, robot), "turn": _turns(starts)}
     return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
 
 
@@ -248,6 +291,11 @@ def _ways(starts: pd.DataFrame, robot: Robot) -> FloatArray:
         starts["yg"] - starts["y"] - back * np.sin(starts["yaw"]),
     ).to_numpy(dtype=float)
     return ways
+
+
+def _turns(starts: pd.DataFrame) -> FloatArray:
+    """Return the angles in rad between the headings at start and goal."""
+    return np.abs(wrap_angles((starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)))
 
 
 def digest(rows: pd.DataFrame) -> str:

@@ -35,6 +35,7 @@ from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
 from ator_ros.performance.hold import hold_angle, hold_bearing, hold_dist
 
+_SHORT = 1.0  # m
 # The nine ideal shots to fixed places: share of the mouth's width from its middle, and direction (rad).
 _AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
 
@@ -54,11 +55,29 @@ class Drives:
         holding = geometry.direct["hold"] > 0.5
         if holding.all():
             return _to_goal(geometry, self._approaches(geometry.robot))
-        plain = _to_goal(geometry, self._plain(geometry.robot.limits))
+        plain = _not_slower(_to_goal(geometry, self._plain(geometry.robot.limits)), geometry)
         if not holding.any():
             return plain
         held = _to_goal(geometry, self._approaches(geometry.robot))
         return Motions(np.where(holding, held.time, plain.time), np.where(holding, held.turn, plain.turn))
+
+
+def _not_slower(motions: Motions, geometry: Geometry) -> Motions:
+    """Return the motions, or turning on the spot, driving and turning where that is faster on short drives.
+
+    They have no room to turn while driving.
+    """
+    time, turn = motions.time, motions.turn
+    short = geometry.at_rest & (geometry.dist < _SHORT)
+    if not short.any():
+        return motions
+    to_dest, at_dest = np.abs(geometry.to_dest), np.abs(geometry.at_dest)
+    for reverse in (False, True):
+        stopping = geometry.turn_drive_turn(reverse=reverse)
+        turned = 2.0 * np.pi - to_dest - at_dest if reverse else to_dest + at_dest
+        faster = short & (stopping < time)
+        time, turn = np.where(faster, stopping, time), np.where(faster, turned, turn)
+    return Motions(time, turn)
 
 
 class Dribbles:
@@ -73,9 +92,10 @@ class Dribbles:
 
 
 def _to_goal(geometry: Geometry, family: Family) -> Motions:
-    return geometry.fastest_to(
+    found = geometry.fastest_to(
         family, *geometry.destination, geometry.direct["yawg"], geometry.direct["speedg"]
     )
+    return geometry.with_turns(found, family.limits)
 
 
 def shot(geometry: Geometry) -> Motions:

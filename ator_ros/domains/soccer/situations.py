@@ -98,9 +98,9 @@ def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
 def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a drive: most approach a ball, half of these with an arrival speed, the others drive to a pose.
 
-    One start in seven is in motion. One drive in seven is short, see `short_goal`, and a few leave a ball that
-    the robot holds. A robot without a holder has no ball to approach or to leave, nor has one in a domain
-    without a ball.
+    One start in seven is in motion. One drive in seven is short, see `short_goal`, and a few leave a ball
+    that the robot holds. A robot without a holder has no ball to approach or to leave, nor has one in a
+    domain without a ball.
     """
     if (short := _short_drive(robot, rng)) is not None:
         return short

@@ -200,8 +200,14 @@ def _measure_again(domain: Domain, options: argparse.Namespace, robot: Robot, fo
 
 def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
     starts = fresh[fresh["t"] == 0.0]
-    parts = {name: accuracy(model, part, seed=seed) for name, part in kinds(starts) if part["success"].any()}
-    measured = parts.pop("at rest", {})
+    parts = {
+        name: accuracy(model, part, seed=seed)
+        for name, part in kinds(starts, model.robot)
+        if part["success"].any()
+    }
+    measured = parts.pop("at rest", None)
+    if measured is None:
+        measured = accuracy(model, starts, seed=seed) if starts["success"].any() else {}
     return {**measured, "kinds": parts, "success": brier(model, starts, seed=seed)}
 
 

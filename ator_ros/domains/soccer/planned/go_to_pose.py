@@ -97,7 +97,7 @@ class GoToPose(PlannedAction):
     def _leaving_ball(
         self, start: RobotState, goal: Pose, exits: Sequence[Side], obstacles: Obstacles, away: float
     ) -> Planning[Manoeuvre]:
-        """Plan to drive straight by `away` (m, signed) until the robot is clear of the ball, then to `goal`."""
+        """Plan a straight drive by `away` (m, signed), which clears the ball, and the way on to `goal`."""
         limits, clear = self.plan_limits, start.pose.ahead(away)
         best: Manoeuvre | None = None
         failure: ActionError | None = None
