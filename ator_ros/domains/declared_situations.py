@@ -146,11 +146,11 @@ class DeclaredDrives:
 
     def drawn(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
         """Draw start and destination of a drive; raises NoPlaceError."""
-        start = _drawn(self.start, rng)
+        start, goal = _drawn_again(lambda: self._drawn_once(rng))
         short = short_goal(start, rng)
         if short is not None and any(place.contains(short) for place in (*self.start, *self.goal)):
             return start, short
-        return _drawn_again(lambda: self._drawn_once(rng))
+        return start, goal
 
     def _drawn_once(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
         start = _drawn(self.start, rng)

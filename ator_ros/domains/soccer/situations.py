@@ -102,12 +102,18 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     that the robot holds. A robot without a holder has no ball to approach or to leave, nor has one in a
     domain without a ball.
     """
-    if (short := _short_drive(robot, rng)) is not None:
-        return short
-    has_ball = robot.holder is not None and BALL in robot.scene.objects
-    if has_ball and _share(rng, _LEAVING):
-        return _leave_ball(robot, rng)
-    with_ball = _share(rng, 0.75) and has_ball
+    situation = _long_drive(robot, rng)
+    start = situation.robot.pose
+    short = short_goal(start, rng)
+    if short is not None and is_inside(short, robot):
+        return Situation("goToPose", RobotState(start), {}, Goal(short, 0.0, Point.AXLE))
+    leaves = _share(rng, _LEAVING) and robot.holder is not None and BALL in robot.scene.objects
+    return _leave_ball(robot, rng) if leaves else situation
+
+
+def _long_drive(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a drive whose start and goal are drawn independently."""
+    with_ball = _share(rng, 0.75) and robot.holder is not None and BALL in robot.scene.objects
     goal = random_pose(robot, rng)
     nearest = ball_clearance(robot) if with_ball else SHORTEST
     start = pose_within(robot, rng, goal, nearest, farthest(robot, ALONE, nearest))
@@ -120,15 +126,6 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
         return Situation("goToPose", state, {}, Goal(goal, 0.0, Point.AXLE))
     arrival = Goal(goal, _speed(robot, rng, 0.5), Point.HOLD)
     return Situation("goToPose", state, {BALL: ObjectState(goal.x, goal.y)}, arrival)
-
-
-def _short_drive(robot: Robot, rng: np.random.Generator) -> Situation | None:
-    """Draw a drive with a goal near the start, in one of seven cases; None in the others."""
-    start = random_pose(robot, rng)
-    goal = short_goal(start, rng)
-    if goal is None or not is_inside(goal, robot):
-        return None
-    return Situation("goToPose", RobotState(start), {}, Goal(goal, 0.0, Point.AXLE))
 
 
 def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation:
@@ -152,16 +149,14 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     One in seven is short, from rest to rest, see `short_goal`.
     """
     robot.holder_for("dribbleBall")
-    ball = random_pose(robot, rng)
-    short = short_goal(ball, rng, turns=False)
-    if short is not None and is_inside(short, robot):
-        state, resting = _holding(robot, robot.pose_holding(ball), 0.0)
-        return Situation("dribbleBall", state, objects_of(resting), Goal(short, 0.0, Point.HOLD))
     goal = random_pose(robot, rng)
     most = farthest(robot, ALONE, SHORTEST, with_ball=True)
     ball = pose_within(robot, rng, goal, SHORTEST, most, held=True)
-    state, rolling = _holding(robot, robot.pose_holding(ball), _speed(robot, rng, 0.5))
-    arrival = Goal(goal, _speed(robot, rng, 0.3), Point.HOLD)
+    speed, arrival = _speed(robot, rng, 0.5), Goal(goal, _speed(robot, rng, 0.3), Point.HOLD)
+    short = short_goal(ball, rng, turns=False)
+    if short is not None and is_inside(short, robot):
+        speed, arrival = 0.0, Goal(short, 0.0, Point.HOLD)
+    state, rolling = _holding(robot, robot.pose_holding(ball), speed)
     return Situation("dribbleBall", state, objects_of(rolling), arrival)
 
 

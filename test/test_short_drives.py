@@ -1,0 +1,236 @@
+"""Turns on the spot, short drives and goals at the start: drawn, driven and predicted; leaving a ball."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from ator_ros.actions.base import Goal, Point, Status, Step
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.declared_situations import DeclaredDrives, DeclaredPlace
+from ator_ros.domains.domain import find_domain
+from ator_ros.domains.soccer.ball import BALL, objects_of
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.episode import Episode, run_episode
+from ator_ros.experience.table import episode_frame, join
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.performance.features import feature_table
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.training import OBSERVED, train
+from ator_ros.robot.description import load_robot
+from ator_ros.simulation.run import place, run_action
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
+
+ROBOT = load_robot()
+SETS = tuple(SOCCER.action_sets)
+START = Pose(-1.0, 0.4, 0.7)
+
+
+@pytest.fixture(scope="module")
+def simulation() -> Iterator[Simulation]:
+    with Simulation(ROBOT) as made:
+        yield made
+
+
+def drive(simulation: Simulation, action_set: str, goal: Pose) -> Episode:
+    """Drive from `START` to a pose."""
+    situation = Situation("goToPose", RobotState(START), {}, Goal(goal))
+    action = SOCCER.actions(action_set)["goToPose"].factory(ROBOT)
+    top = SOCCER.library(ROBOT, action_set)["goToPose"]
+    return run_episode(simulation, action, situation, top=top)
+
+
+def moved(ahead: float, left: float, turn: float = 0.0) -> Pose:
+    return START.compose(Pose(ahead, left, turn))
+
+
+def kind_of(start: Pose, goal: Pose) -> str:
+    """Name the kind of a drive by what lies between start and goal."""
+    distance, turn = start.distance(goal), abs(wrap_angle(goal.yaw - start.yaw))
+    if distance < 0.031 and turn < 0.081:
+        return "at the goal"
+    if distance < 1e-9:
+        return "turn"
+    return "short" if distance < 0.5 else "long"
+
+
+@pytest.mark.parametrize(
+    ("domain", "action", "kinds"),
+    [
+        ("soccer", "goToPose", {"turn", "short", "at the goal", "long"}),
+        ("soccer", "dribbleBall", {"short", "at the goal", "long"}),
+        ("tour", "drive_to", {"turn", "short", "at the goal", "long"}),
+    ],
+)
+def test_every_domain_draws_turns_and_short_drives(domain: str, action: str, kinds: set[str]) -> None:
+    found, rng = find_domain(domain), np.random.default_rng(5)
+    robot, sample = found.robot(None), found.actions()[action].sample
+    drawn = [sample(robot, rng) for _ in range(400)]
+    seen = [kind_of(each.robot.pose, each.goal.robot_pose(robot)) for each in drawn]
+    assert set(seen) == kinds
+    assert 0.6 < seen.count("long") / len(seen) < 0.95
+
+
+def test_short_drives_stay_in_the_declared_places() -> None:
+    """Between two fixed docks there is no room for a short drive, so only turns and goals at a dock are drawn."""
+    docks = tuple(DeclaredPlace((x,), (0.0,), (0.0,)) for x in (0.0, 3.0))
+    rng = np.random.default_rng(6)
+    drawn = [DeclaredDrives(docks, docks).drawn(rng) for _ in range(400)]
+    assert {kind_of(*way) for way in drawn} >= {"turn", "at the goal", "long"}
+    assert all(min(abs(goal.x), abs(goal.x - 3.0)) < 0.06 for _, goal in drawn)
+
+
+@pytest.mark.parametrize("action_set", SETS)
+@pytest.mark.parametrize(("ahead", "left"), [(0.1, 0.0), (-0.1, 0.0), (0.0, 0.1), (0.0, -0.1), (0.3, 0.3)])
+def test_short_drives_succeed(simulation: Simulation, action_set: str, ahead: float, left: float) -> None:
+    assert drive(simulation, action_set, moved(ahead, left)).success
+
+
+@pytest.mark.parametrize("action_set", SETS)
+@pytest.mark.parametrize(("ahead", "turn"), [(0.0, 0.0), (0.01, 0.05)])
+def test_a_goal_at_the_start_ends_within_a_tick(
+    simulation: Simulation, action_set: str, ahead: float, turn: float
+) -> None:
+    episode = drive(simulation, action_set, moved(ahead, 0.0, turn))
+    assert episode.success
+    assert episode.duration <= CONTROL_PERIOD + 1e-9
+
+
+def test_a_dribble_to_where_the_ball_is_ends_within_a_tick(simulation: Simulation) -> None:
+    ball = ROBOT.hold_point(START)
+    held = objects_of(ObjectState(ball.x, ball.y))
+    situation = Situation("dribbleBall", RobotState(START), held, Goal(ball, 0.0, Point.HOLD))
+    for action_set in SETS:
+        action = SOCCER.actions(action_set)["dribbleBall"].factory(ROBOT)
+        top = SOCCER.library(ROBOT, action_set)["dribbleBall"]
+        episode = run_episode(simulation, action, situation, top=top)
+        assert episode.success
+        assert episode.duration <= CONTROL_PERIOD + 1e-9
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002, 0.02])
+def test_a_turn_takes_as_long_with_odometry_noise(simulation: Simulation, noise: float) -> None:
+    """The goal was the robot's own place when it was sent; until the start its odometry has moved a little."""
+    for turn in (0.5, -1.5, 3.0):
+        exact = drive(simulation, "default", moved(0.0, 0.0, turn))
+        noisy = drive(simulation, "default", moved(-noise, noise, turn))
+        assert noisy.success
+        assert noisy.duration == pytest.approx(exact.duration, abs=0.15)
+
+
+# Leaving the ball
+
+
+def leave(simulation: Simulation, action_set: str, start: World, goal: Pose) -> tuple[Step, World]:
+    """Drive to a pose from a state with a ball in it."""
+    place(simulation, start)
+    done = run_action(simulation, SOCCER.actions(action_set)["goToPose"].factory(ROBOT), Goal(goal))
+    return done, simulation.world()
+
+
+def beside(ahead: float, left: float) -> World:
+    """Return a world with the ball at a place relative to the robot at `START`."""
+    ball = START.compose(Pose(ahead, left, 0.0))
+    return World(0.0, RobotState(START), objects_of(ObjectState(ball.x, ball.y)))
+
+
+@pytest.mark.parametrize(
+    ("ahead", "left"), [(ROBOT.hold, 0.0), (ROBOT.tip + 0.06, 0.02), (0.0, ROBOT.half_width + 0.06)]
+)
+@pytest.mark.parametrize("goal", [Pose(2.0, 1.0, 0.0), Pose(-2.5, -0.5, 2.0), Pose(0.3, 1.5, -2.0)])
+def test_a_robot_leaves_a_ball_that_it_touches(
+    simulation: Simulation, ahead: float, left: float, goal: Pose
+) -> None:
+    world = beside(ahead, left)
+    done, after = leave(simulation, "default", world, goal)
+    assert done.status is Status.SUCCEEDED, done.message
+    before, ball = world.objects[BALL], after.objects[BALL]
+    assert math.hypot(ball.x - before.x, ball.y - before.y) < 0.03
+
+
+def test_the_bezier_set_backs_off_from_the_ball_too(simulation: Simulation) -> None:
+    world = beside(ROBOT.hold, 0.0)
+    done, after = leave(simulation, "bezier", world, Pose(-2.5, -0.5, 2.0))
+    assert done.status is Status.SUCCEEDED, done.message
+    before, ball = world.objects[BALL], after.objects[BALL]
+    assert math.hypot(ball.x - before.x, ball.y - before.y) < 0.03
+
+
+def test_a_robot_leaves_the_ball_after_a_dribble(simulation: Simulation) -> None:
+    ball = ROBOT.hold_point(START)
+    place(simulation, World(0.0, RobotState(START), objects_of(ObjectState(ball.x, ball.y))))
+    put = Pose(0.5, -0.5, -0.6)
+    actions = SOCCER.actions()
+    dribbled = run_action(simulation, actions["dribbleBall"].factory(ROBOT), Goal(put, 0.0, Point.HOLD))
+    assert dribbled.status is Status.SUCCEEDED, dribbled.message
+    there = simulation.world().objects[BALL]
+    done = run_action(simulation, actions["goToPose"].factory(ROBOT), Goal(Pose(2.0, 1.0, 1.0)))
+    assert done.status is Status.SUCCEEDED, done.message
+    left = simulation.world().objects[BALL]
+    assert math.hypot(left.x - there.x, left.y - there.y) < 0.03
+
+
+# What models predict
+
+
+def features_at(dist: float, bearing: float, turn: float) -> dict[str, float]:
+    """Return features of a drive from rest to rest."""
+    names = ("angle_to_dest", "angle_at_dest", "drive_time", "path_time")
+    direct = {
+        **dict.fromkeys(("x", "y", "yaw", "v", "w", "speedg", "hold"), 0.0),
+        "xg": dist * math.cos(bearing),
+        "yg": dist * math.sin(bearing),
+        "yawg": turn,
+    }
+    values = feature_table(direct, ROBOT, [SOCCER.known_features[name] for name in names])[0]
+    return dict(zip(names, values.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("turn", [0.2, -1.0, 3.0])
+def test_millimetres_do_not_change_the_features_of_a_turn(turn: float) -> None:
+    exact = features_at(0.0, 0.0, turn)
+    assert exact["angle_to_dest"] == pytest.approx(abs(turn))
+    assert exact["angle_at_dest"] == pytest.approx(0.0, abs=1e-9)
+    for bearing in np.linspace(-3.0, 3.0, 7):
+        near = features_at(0.003, float(bearing), turn)
+        assert near == pytest.approx(exact, abs=0.02)
+
+
+def turns(simulation: Simulation, angles: list[float]) -> list[Episode]:
+    return [drive(simulation, "default", moved(0.001, 0.0, angle)) for angle in angles]
+
+
+@pytest.fixture(scope="module", params=["described", "observed"])
+def model(request: pytest.FixtureRequest, simulation: Simulation) -> PerformanceModel:
+    """Return a model that has seen nothing but turns."""
+    angles = np.random.default_rng(8).uniform(-math.pi, math.pi, 40).tolist()
+    rows = join(episode_frame(at, each, ()) for at, each in enumerate(turns(simulation, angles)))
+    features = OBSERVED if request.param == "observed" else SOCCER.candidates("goToPose")
+    return train("goToPose", rows, ROBOT, features=features)
+
+
+def predicted(model: PerformanceModel, goal: Pose) -> tuple[float, float]:
+    x, y, yaw = START
+    direct = {"x": x, "y": y, "yaw": yaw, "xg": goal.x, "yg": goal.y, "yawg": goal.yaw}
+    found = model.predict(direct | dict.fromkeys(("v", "w", "speedg", "hold"), 0.0))
+    assert found.duration is not None
+    assert found.spread is not None
+    return float(found.duration[0]), float(found.spread[0])
+
+
+def test_turns_are_predicted_within_the_spread(model: PerformanceModel, simulation: Simulation) -> None:
+    for angle in (-2.9, -1.2, -0.4, 0.6, 1.9, 3.1):
+        goal = moved(0.0, 0.002, angle)
+        duration, spread = predicted(model, goal)
+        assert duration == pytest.approx(
+            drive(simulation, "default", goal).duration, abs=max(2.0 * spread, CONTROL_PERIOD)
+        )
+
+
+def test_a_goal_at_the_start_is_predicted_at_a_tick(model: PerformanceModel) -> None:
+    assert predicted(model, START)[0] == pytest.approx(CONTROL_PERIOD)
+    assert predicted(model, moved(0.0, 0.0, 0.5))[0] > 0.3
