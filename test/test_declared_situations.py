@@ -12,7 +12,7 @@ import pytest
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GoalVariable, wrong_values
-from ator_ros.actions.situation import NoPlaceError
+from ator_ros.actions.situation import SHORT, NoPlaceError, Situation
 from ator_ros.domains.declared_situations import (
     ChainsOf,
     DeclaredChain,
@@ -39,13 +39,21 @@ def test_a_place_is_drawn_evenly_from_its_ranges() -> None:
     assert DOCK.drawn(rng) == (3.0, 0.5, 1.5)
 
 
+def long_ones(drives: list[Situation]) -> list[float]:
+    """Return the distances in m from start to goal of drives that are not meant to be short."""
+    ways = [drive.robot.pose.distance(drive.goal.pose) for drive in drives]
+    long = [way for way in ways if way >= SHORT]
+    assert len(long) > 0.7 * len(ways)
+    return long
+
+
 def test_drives_keep_their_distance_and_are_the_same_for_the_same_seed() -> None:
     sample = DrivesOf("drive_to", DeclaredDrives(HALL, HALL, apart=1.5))
     first = [sample(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
     copied = pickle.loads(pickle.dumps(sample))  # noqa: S301 (as a worker process gets it)
     again = [copied(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
     assert first == again
-    assert min(one.robot.pose.distance(one.goal.pose) for one in first) >= 1.5
+    assert min(long_ones(first)) >= 1.5
     assert {one.action for one in first} == {"drive_to"}
 
 
@@ -71,7 +79,7 @@ def test_places_are_drawn_again_where_a_fixed_one_follows_too_near() -> None:
     rng = np.random.default_rng(0)
     drive = DrivesOf("drive_to", DeclaredDrives(near, (DOCK,), apart=0.5))
     drives = [drive(ROBOT, rng) for _ in range(50)]
-    assert min(one.robot.pose.distance(one.goal.pose) for one in drives) >= 0.5
+    assert min(long_ones(drives)) >= 0.5
     steps = (DeclaredStep("visit", near, times=(1, 3)), DeclaredStep("visit", (DOCK,)))
     chains = ChainsOf(DeclaredChain("home", near, steps))
     lengths = set()

@@ -131,9 +131,12 @@ def test_errors_that_were_not_observed_are_not_learned() -> None:
 
 
 def test_kinds_of_starts_are_told_apart() -> None:
-    rows = pd.concat([FRESH, FRESH.assign(v=0.5), FRESH.assign(hold=1, speedg=0.4)], ignore_index=True)
-    parts = dict(kinds(rows))
+    far = FRESH.assign(xg=FRESH["x"] + 2.0)
+    near = FRESH[:10].assign(xg=FRESH["x"] + 0.2, yg=FRESH["y"])
+    rows = pd.concat([far, far.assign(v=0.5), far.assign(hold=1, speedg=0.4), near], ignore_index=True)
+    parts = dict(kinds(rows, ROBOT))
     assert len(parts["at rest"]) == 600
+    assert len(parts["turns, and drives below 0.5 m"]) == 10
     assert len(parts["in motion"]) == len(parts["at rest, pose"]) == 300
     assert len(parts["at rest, object, arriving at speed"]) == 300
     assert "at rest, object, arriving at rest" not in parts

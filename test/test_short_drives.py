@@ -10,7 +10,7 @@ import pytest
 
 from ator_ros.actions.base import Goal, Point, Status, Step
 from ator_ros.actions.situation import Situation
-from ator_ros.domains.declared_situations import DeclaredDrives, DeclaredPlace
+from ator_ros.domains.declared_situations import DeclaredDrives, DeclaredPlace, DrivesOf
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.ball import BALL, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
@@ -79,9 +79,10 @@ def test_short_drives_stay_in_the_declared_places() -> None:
     """Between two fixed docks there is no room for a short drive, so only turns and goals at a dock are drawn."""
     docks = tuple(DeclaredPlace((x,), (0.0,), (0.0,)) for x in (0.0, 3.0))
     rng = np.random.default_rng(6)
-    drawn = [DeclaredDrives(docks, docks).drawn(rng) for _ in range(400)]
-    assert {kind_of(*way) for way in drawn} >= {"turn", "at the goal", "long"}
-    assert all(min(abs(goal.x), abs(goal.x - 3.0)) < 0.06 for _, goal in drawn)
+    sample = DrivesOf("drive_to", DeclaredDrives(docks, docks))
+    ways = [(each.robot.pose, each.goal.pose) for each in (sample(ROBOT, rng) for _ in range(400))]
+    assert {kind_of(*way) for way in ways} >= {"turn", "at the goal", "long"}
+    assert all(min(abs(goal.x), abs(goal.x - 3.0)) < 0.06 for _, goal in ways)
 
 
 @pytest.mark.parametrize("action_set", SETS)

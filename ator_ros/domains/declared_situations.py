@@ -129,10 +129,7 @@ def _too_far(robot: Robot, time_limit: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredDrives:
-    """Where drives of an action begin and lead, to gather experience: from rest, most at least `apart` m.
-
-    One in seven is shorter, see `short_goal`: it begins at a start and ends within the places.
-    """
+    """Where drives of an action begin and lead, to gather experience: from rest, at least `apart` m."""
 
     start: Places
     goal: Places
@@ -146,11 +143,11 @@ class DeclaredDrives:
 
     def drawn(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
         """Draw start and destination of a drive; raises NoPlaceError."""
-        start, goal = _drawn_again(lambda: self._drawn_once(rng))
-        short = short_goal(start, rng)
-        if short is not None and any(place.contains(short) for place in (*self.start, *self.goal)):
-            return start, short
-        return start, goal
+        return _drawn_again(lambda: self._drawn_once(rng))
+
+    def contains(self, pose: Pose) -> bool:
+        """Return whether a position lies in one of the places."""
+        return any(place.contains(pose) for place in (*self.start, *self.goal))
 
     def _drawn_once(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
         start = _drawn(self.start, rng)
@@ -182,7 +179,7 @@ class DrivesOf:
     time_limit: float = TIME_LIMIT
 
     def __call__(self, robot: Robot, rng: np.random.Generator) -> Situation:
-        """Draw a drive; raises NoPlaceError."""
+        """Draw a drive, in one of seven cases with a goal near its start; raises NoPlaceError."""
         most = robot.limits.v * self.time_limit
         with _told_of(f"drives of {self.action}"):
             start, destination = drawn_until(
@@ -190,6 +187,9 @@ class DrivesOf:
                 lambda way: way[0].distance(way[1]) <= most,
                 lambda: _too_far(robot, self.time_limit),
             )
+        short = short_goal(start, rng)
+        if short is not None and self.drives.contains(short):
+            destination = short
         values = {item.name: float(rng.uniform(item.low, item.high)) for item in self.variables}
         return Situation(self.action, RobotState(start), {}, Goal(destination, 0.0, self.point, values))
 
