@@ -76,7 +76,7 @@ def test_every_domain_draws_turns_and_short_drives(domain: str, action: str, kin
 
 
 def test_short_drives_stay_in_the_declared_places() -> None:
-    """Between two fixed docks there is no room for a short drive, so only turns and goals at a dock are drawn."""
+    """Two fixed docks leave no room for a short drive: turns and goals at a dock are drawn."""
     docks = tuple(DeclaredPlace((x,), (0.0,), (0.0,)) for x in (0.0, 3.0))
     rng = np.random.default_rng(6)
     sample = DrivesOf("drive_to", DeclaredDrives(docks, docks))
@@ -115,7 +115,7 @@ def test_a_dribble_to_where_the_ball_is_ends_within_a_tick(simulation: Simulatio
 
 @pytest.mark.parametrize("noise", [0.0, 0.002, 0.02])
 def test_a_turn_takes_as_long_with_odometry_noise(simulation: Simulation, noise: float) -> None:
-    """The goal was the robot's own place when it was sent; until the start its odometry has moved a little."""
+    """A goal at the robot's own place is a little off once its odometry has moved."""
     for turn in (0.5, -1.5, 3.0):
         exact = drive(simulation, "default", moved(0.0, 0.0, turn))
         noisy = drive(simulation, "default", moved(-noise, noise, turn))
