@@ -268,9 +268,29 @@ def test_each_object_is_known_and_overdue_by_itself() -> None:
 def test_the_pace_is_that_of_the_stamps_over_real_time() -> None:
     both = inputs()
     assert both.pace == 1.0
-    for stamp, now in ((1.0, 7.0), (1.5, 7.05)):
-        both.robot(stamp, RobotState(Pose(0.0, 0.0, 0.0)), now)
+    for tick in range(13):
+        both.robot(1.0 + 0.5 * tick, RobotState(Pose(0.0, 0.0, 0.0)), 7.0 + 0.05 * tick)
     assert both.pace == pytest.approx(10.0)
+    assert both.slowdown == 1.0
+
+
+@pytest.mark.parametrize("rate", [0.02, 0.2, 0.5])
+def test_real_timeouts_are_longer_where_stamps_are_slow(rate: float) -> None:
+    both = inputs()
+    for tick in range(60):
+        both.robot(1.0 + 0.05 * tick, RobotState(Pose(0.0, 0.0, 0.0)), 7.0 + 0.05 * tick / rate)
+    assert both.slowdown == pytest.approx(1.0 / rate)
+    assert both.since <= 7.0 + 0.05 / rate  # messages that are this far apart are no gap
+
+
+def test_neither_jitter_nor_a_pause_makes_real_time_slow() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    for tick in range(60):
+        both.robot(1.0 + 0.05 * tick, robot, 7.0 + 0.05 * tick + (0.045 if tick % 7 == 3 else 0.0))
+        assert both.slowdown == 1.0
+    for tick in range(60):  # the last message again and again
+        both.robot(1.0 + 0.05 * 59, robot, 10.0 + 0.05 * tick)
+    assert both.slowdown == 1.0
 
 
 def test_a_timeout_counts_from_when_it_is_changed() -> None:

@@ -25,6 +25,8 @@ from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, Command, World
 
 _LONGEST_STOP = 2.0
+_FIRST_GAP = 1.0
+"""Real s in which a robot that does not drive yet may lack odometry, whose rate may not be known."""
 
 
 class Execution:
@@ -34,6 +36,8 @@ class Execution:
     ----------
     reason : str
         A sentence on what happens now; after the end, on why it ended.
+    slowdown : float
+        How many times longer the real timeouts of odometry are: 1, or more where its clock is slow.
 
     Parameters
     ----------
@@ -71,6 +75,7 @@ class Execution:
         rolling: Rolling | None = None,
     ) -> None:
         self.reason = Phase.WAITING.value
+        self.slowdown = 1.0
         self._start: World | None = None
         self._robot, self._deadlines, self._refining = library.robot, deadlines, refining
         self._course = GoalCourse()
@@ -175,7 +180,7 @@ class Execution:
         """
         released = self.phase is Phase.EXECUTING and self._executor.released
         waiting = self.phase is not Phase.ENDED and not released
-        return waiting and now - self._heard > self._deadlines.silence
+        return waiting and now - self._heard > self.slowdown * self._deadlines.silence
 
     def tick(self, world: World, now: float, *, overdue: frozenset[str] = frozenset()) -> Command | None:
         """Process a newer state of the world; return the command for it, None if the action sends none.
@@ -205,12 +210,15 @@ class Execution:
 
     def watch(self, now: float) -> None:
         """Check all deadlines at `now`."""
-        if self.phase is Phase.WAITING and now - self._accepted > self._deadlines.start:
+        if self.phase is Phase.WAITING and now - self._accepted > self.slowdown * self._deadlines.start:
             self._give_up_waiting()
         if self.question is not None and now - self.question.asked > self._deadlines.refinement:
             self.unrefined(f"no answer within {self._deadlines.refinement:g} s")
-        if self.phase is not Phase.ENDED and now - self._heard > self._deadlines.odom:
-            reason = f"odom is missing: expected newer odometry within {self._deadlines.odom:g} s, got none"
+        limit = self.slowdown * self._deadlines.odom
+        if self.phase is Phase.WAITING:
+            limit = max(limit, _FIRST_GAP)
+        if self.phase is not Phase.ENDED and now - self._heard > limit:
+            reason = f"odom is missing: expected newer odometry within {limit:.3g} s, got none"
             self.end(Ending.INPUT_LOST, reason)
             self._course.take(Signal.SILENT)
 
@@ -278,13 +286,15 @@ class Execution:
         return False
 
     def _give_up_waiting(self) -> None:
-        limit = f"expected one within {self._deadlines.start:g} s of the goal, got none"
+        seconds = self.slowdown * self._deadlines.start
+        got = "got none" if math.isinf(self._heard) else "it came too late"
+        limit = f"expected one within {seconds:.3g} s of the goal"
         if self.start is None:
-            self.end(Ending.INPUT_LOST, f"odom is missing: {limit}")
+            self.end(Ending.INPUT_LOST, f"odom is missing: {limit}, {got}")
             self._course.take(Signal.SILENT)
         else:
             name, top = missing_in(self.chain.calls, self.start) or ("", "")
-            self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}")
+            self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}, got none")
 
     def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command | None:
         if not self._forecast.begun:

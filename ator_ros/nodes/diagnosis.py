@@ -13,8 +13,10 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosgraph_msgs.msg import Clock
 
-from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
+from ator_ros.nodes.tf_listener import TfListener, TFMessage
 from ator_ros.printable import printable
+from ator_ros.world.messages import FrameError
 
 _MOST_NAMED = 4
 _WALL = 1e9
@@ -240,6 +242,73 @@ def type_name(kind: type) -> str:
 # Causes
 
 
+@dataclass(frozen=True, slots=True)
+class Input:
+    """Where a node gets the robot or an object from: a topic and its type, or two frames in tf."""
+
+    topic: str
+    kind: Any
+    frames: tuple[str, str] | None = None
+
+    @classmethod
+    def of_tf(cls, frame: str, child: str) -> Input:
+        """Return the input of the frame `child` in `frame`."""
+        return cls("/tf", TFMessage, (frame, child))
+
+
+class Diagnosis:
+    """Records what becomes of the inputs of a node, and names the most likely cause if one is missing.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    inputs : mapping of str to Input
+        Its inputs by name; "odom" is the robot.
+    tf : TfListener
+        What it knows of tf.
+    """
+
+    def __init__(self, node: Node, inputs: Mapping[str, Input], tf: TfListener) -> None:
+        self._node, self._inputs, self._tf = node, inputs, tf
+        self._receptions = {name: Reception() for name in inputs}
+        self._clock = ClockSampler(node)
+
+    @property
+    def topics(self) -> dict[str, Any]:
+        """The types of the topics that are subscribed to, tf excepted."""
+        return {item.topic: item.kind for item in self._inputs.values() if item.frames is None}
+
+    def read(self, name: str, stamp: float, now: float) -> None:
+        """Record a message of an input with its stamp in s, at `now` in real s."""
+        self._receptions[name].read(stamp, now)
+
+    def reject(self, name: str, error: Exception, now: float) -> None:
+        """Record a message of an input that was ignored."""
+        self._receptions[name].reject(error, now)
+
+    def watch(self, now: float, *, missing: bool) -> None:
+        """Observe /clock as long as odometry is `missing`; to be called now and then."""
+        if missing:
+            self._clock.sample(now)
+        else:
+            self._clock.reset()
+
+    def cause(self, name: str, timeout: float) -> str:
+        """Return why an input is missing, in one sentence; `timeout` is what it should keep, in real s."""
+        item, reception = self._inputs[name], self._receptions[name]
+        if item.frames is not None:
+            facts = publishers_of(self._node, item.topic, item.kind, RESULTS)
+            sent = bool(facts.others) and not all(other.incompatible for other in facts.others)
+            if sent and reception.error is None:
+                return self._tf.lacking(*item.frames)
+        else:
+            known = [other.topic for other in self._inputs.values() if other.topic != item.topic]
+            facts = publishers_of(self._node, item.topic, item.kind, known=known)
+        reference = self._receptions["odom"].stamp if name != "odom" else math.nan
+        return input_cause(facts, reception, self._clock.facts(), timeout=timeout, reference=reference)
+
+
 def input_cause(
     topic: TopicFacts, reception: Reception, clock: ClockFacts, *, timeout: float, reference: float = math.nan
 ) -> str:
@@ -303,7 +372,12 @@ def _rejected(name: str, node: str, reception: Reception, reference: float) -> s
         kinds = ("the wall clock", "simulated time") if wall else ("simulated time", "the wall clock")
         told = f"{name}: {node} stamps with {kinds[0]}, odometry with {kinds[1]}"
         return f"{told}; set use_sim_time alike for both"
-    return f"messages of {node} are ignored: {reception.error}"
+    advice = ""
+    if isinstance(reception.error, FrameError):
+        advice = (
+            f"; set frame:={reception.error.got}" if name == "odom" else "; expected the frame of odometry"
+        )
+    return f"messages of {node} are ignored: {reception.error}{advice}"
 
 
 def _repeated(name: str, sender: Endpoint, reception: Reception, clock: ClockFacts) -> str:

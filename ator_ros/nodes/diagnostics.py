@@ -22,6 +22,8 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """Clock of timers that are independent of simulated time."""
 
 _PERIOD = 1.0
+_LASTING = 5
+"""Reports in a row after which a problem is logged."""
 _LONGEST = 500
 _REMEMBERED = 1000
 
@@ -73,11 +75,24 @@ class Ticks(Lateness):
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """A node's health: its problem (empty: none), whether that keeps it from working, and values by name."""
+    """A node's health.
+
+    Attributes
+    ----------
+    problem : str
+        What is wrong; empty: nothing.
+    error : bool
+        Whether that keeps the node from working.
+    values : mapping of str to object
+        Values by name.
+    lasting : str
+        A problem that is logged once it has lasted for some seconds: inputs are also missing at the start.
+    """
 
     problem: str = ""
     error: bool = False
     values: Mapping[str, object] = field(default_factory=dict)
+    lasting: str = ""
 
 
 class Diagnostics:
@@ -108,6 +123,7 @@ class Diagnostics:
         self._health = health
         self._topics, self._states = topics, states
         self._strange: Sequence[str] = ()
+        self._lasting, self._lasts, self._logged = "", 0, ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
         self._timer = node.create_timer(_PERIOD, self.publish, clock=STEADY)
 
@@ -118,7 +134,9 @@ class Diagnostics:
         if new := [told for told in strange if told and told not in self._strange]:
             self._node.get_logger().warning("; ".join(new))
         self._strange = strange
-        problem = "; ".join(filter(None, (health.problem, *strange)))
+        self._log_lasting(health.lasting)
+        told = (text for text in strange if text not in health.lasting)
+        problem = "; ".join(filter(None, (health.lasting, health.problem, *told)))
         level = DiagnosticStatus.OK
         if problem:
             level = DiagnosticStatus.ERROR if health.error else DiagnosticStatus.WARN
@@ -133,3 +151,12 @@ class Diagnostics:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+    def _log_lasting(self, problem: str) -> None:
+        """Log a problem once it has been published a few times in a row, and its end."""
+        self._lasts = self._lasts + 1 if problem == self._lasting else 1
+        self._lasting = problem
+        if problem != self._logged and self._lasts >= (_LASTING if problem else 1):
+            if problem:
+                self._node.get_logger().warning(printable(problem, _LONGEST))
+            self._logged = problem

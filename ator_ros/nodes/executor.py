@@ -15,6 +15,7 @@ from ator_ros.execution.execution import Execution
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
+from ator_ros.nodes.diagnosis import Diagnosis, rival_senders
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
 from ator_ros.nodes.execution_drawing import ExecutionDrawing
 from ator_ros.nodes.executor_settings import fence_of, inputs_of, parameters_for, rest_of, rolling_of
@@ -34,6 +35,7 @@ from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.nodes.watchdog import Watchdog
 from ator_ros.robot.description import Robot
+from ator_ros.tops.objects import missing_in
 from ator_ros.world.inputs import ClockJumpError
 from ator_ros.world.messages import MessageError
 from ator_ros.world.sightings import StampError
@@ -93,7 +95,7 @@ class ExecutorNode(FrugalNode):
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
         self._offer(robot)
-        topics = self._state.topics | self._objects.topics
+        topics = self._diagnosis.topics
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
         self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
         self.get_logger().info("ready for chains")
@@ -118,6 +120,8 @@ class ExecutorNode(FrugalNode):
         self._state = RobotSource(
             self, settings, robot, self._take_robot, self._ignore, self._note, self._tf, self.gathering
         )
+        inputs = {"odom": self._state.input, **self._objects.inputs}
+        self._diagnosis = Diagnosis(self, inputs, self._tf)
         self._server = DeferredActionServer(
             self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
         )
@@ -131,20 +135,22 @@ class ExecutorNode(FrugalNode):
         return rest_of(self._settings, self._domain.objects, self._inputs.pace, watched=self._drawing.watched)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
+        self._diagnosis.read(name, stamp, time.monotonic())
         try:
             remark = self._inputs.object(name, stamp, there)
         except StampError as error:
-            self._ignore(str(error))
+            self._ignore(name, error)
             return
         if remark is not None:
             self._note(remark)
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         now = time.monotonic()
+        self._diagnosis.read("odom", stamp, now)
         try:
             world = self._inputs.robot(stamp, robot, now)
         except StampError as error:
-            self._ignore(str(error))
+            self._ignore("odom", error)
             return
         except ClockJumpError as error:
             self._take_jump(error)
@@ -155,6 +161,8 @@ class ExecutorNode(FrugalNode):
         self._world, self._heard = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.came(now)
+        if self._run is not None:
+            self._run.execution.slowdown = self._inputs.slowdown
         if self._run is not None and (self._remotes.ending() or self._is_new(self._run, now)):
             self._stand_by(self._run)
         elif self._run is not None:
@@ -199,13 +207,14 @@ class ExecutorNode(FrugalNode):
         self._commands.adapt()
         now = time.monotonic()
         silence, ending = now - self._heard, self._remotes.ending()
-        fresh = silence <= self._settings["odom_timeout"]
+        fresh = silence <= self._odom_timeout
+        self._diagnosis.watch(now, missing=silence > 0.5 * self._odom_timeout)
         self._plans.watch(self._world if fresh else None)
         if self._run is None:
             return
         if ending and fresh:
             self._run.execution.postpone(now, "waiting until a canceled server has ended")
-        if self._run.execution.silent(now) or (ending and silence > 0.5 * self._settings["odom_timeout"]):
+        if self._run.execution.silent(now) or (ending and silence > 0.5 * self._odom_timeout):
             self._send(STOP)
         self._run.execution.watch(now)
         self._follow(self._run)
@@ -236,6 +245,8 @@ class ExecutorNode(FrugalNode):
 
     def _finish(self, handle: ServerGoalHandle, ending: Ending, reason: str) -> None:
         """Finish a goal that never began."""
+        if ending is Ending.INPUT_LOST:
+            reason = f"{reason}; {self._diagnosis.cause('odom', self._odom_timeout)}"
         if ending is not Ending.SUCCEEDED:
             self._note(f"{ending.name.lower()}: {reason}")
         result = unstarted(handle, ending, reason, frame=self._settings["frame"])
@@ -250,7 +261,7 @@ class ExecutorNode(FrugalNode):
 
     def _rests(self) -> bool:
         """Return whether the robot stands, by odometry of just now, and nothing moves it."""
-        fresh = time.monotonic() - self._heard <= self._settings["odom_timeout"]
+        fresh = time.monotonic() - self._heard <= self._odom_timeout
         idle = self._run is None and not self._remotes.ending()
         return fresh and idle and self._world is not None and self._world.robot.is_standing
 
@@ -299,7 +310,21 @@ class ExecutorNode(FrugalNode):
 
     def _cause(self, execution: Execution) -> str:
         """Return the most likely cause of an ending that inputs or the base have brought about."""
-        return self._commands.cause() if execution.ending is Ending.BASE_FAULT else ""
+        if execution.ending is Ending.BASE_FAULT:
+            return self._commands.cause()
+        if execution.ending is not Ending.INPUT_LOST:
+            return ""
+        if self._world is None or time.monotonic() - self._heard > 0.5 * self._odom_timeout:
+            return self._diagnosis.cause("odom", self._odom_timeout)
+        lost = missing_in(execution.chain.calls, self._world)
+        if lost is not None:
+            return self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
+        return rival_senders(self, self._diagnosis.topics)
+
+    @property
+    def _odom_timeout(self) -> float:
+        """Real s without odometry, longer where its clock runs slower than real time."""
+        return float(self._settings["odom_timeout"]) * self._inputs.slowdown
 
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
         """Send a command, as of now or of the state that it `answers`; None where others move the robot."""
@@ -309,7 +334,8 @@ class ExecutorNode(FrugalNode):
         if command is not None:
             self._commands.publish(command, self._inputs.time or 0.0)
 
-    def _ignore(self, error: str) -> None:
+    def _ignore(self, name: str, error: Exception) -> None:
+        self._diagnosis.reject(name, error, time.monotonic())
         self._note(f"ignored: {error}")
 
     def _note(self, error: str) -> None:
@@ -318,7 +344,7 @@ class ExecutorNode(FrugalNode):
 
     def _health(self) -> Health:
         silence = time.monotonic() - self._heard if self._heard else None
-        stale = silence is None or silence > self._settings["odom_timeout"]
+        stale = silence is None or silence > self._odom_timeout
         known = {} if self._world is None else self._world.objects
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
@@ -327,20 +353,27 @@ class ExecutorNode(FrugalNode):
             **self._ticks.told(),
             "goal": "none" if self._run is None else self._run.execution.phase.value,
             "goals": self._goals,
+            "times real time, by odometry": f"{self._inputs.pace:.2f}",
             "goals rejected as busy": self._server.rejected,
             "last error": self._last_error,
             **self._digests,
             **told_of(self._sets.present.models),
             **self._sets.told(),
         }
-        missing = self._state.missing() if stale else self._objects.missing(known)
-        problems = (
-            missing,
-            self._commands.mismatch(),
-            problems_of(self._sets.present.models),
-            self._remotes.problem,
+        lost = self._objects.missing(known)
+        missing = ""
+        if stale:
+            missing = f"{self._state.missing()}; {self._diagnosis.cause('odom', self._odom_timeout)}"
+        elif lost:
+            cause = self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
+            missing = f"{', '.join(lost)}: expected recent messages; {cause}"
+        problems = problems_of(self._sets.present.models), self._remotes.problem
+        return Health(
+            "; ".join(filter(None, problems)),
+            error=stale and self._run is not None,
+            values=values,
+            lasting="; ".join(filter(None, (missing, self._commands.mismatch()))),
         )
-        return Health("; ".join(filter(None, problems)), error=stale and self._run is not None, values=values)
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""

@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
+from ator_ros.nodes.diagnosis import Input
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.tf_listener import Found, TfListener
 from ator_ros.world.messages import MessageError, ObjectReader
@@ -36,7 +37,7 @@ class ObjectSources:
     take : callable
         Is given name, time in s and state of an object for each message.
     reject : callable
-        Is given the error of a message that cannot be used.
+        Is given the name of an object and the error of a message that cannot be used.
     tf : TfListener
         Looks up objects in tf.
     frame : str
@@ -46,8 +47,8 @@ class ObjectSources:
 
     Attributes
     ----------
-    topics : dict of str to type
-        The types of the messages by the names of the topics, tf excepted.
+    inputs : dict of str to Input
+        Where each object comes from, by its name.
     """
 
     def __init__(
@@ -55,28 +56,30 @@ class ObjectSources:
         node: Node,
         sources: Iterable[ObjectSource],
         take: Callable[[str, float, ObjectState], None],
-        reject: Callable[[str], None],
+        reject: Callable[[str, MessageError], None],
         tf: TfListener,
         *,
         frame: str,
         group: CallbackGroup | None = None,
     ) -> None:
         self._sources, self._take, self._reject = tuple(sources), take, reject
-        self.topics = {item.listened: TYPES[item.type] for item in self._sources if item.type in TYPES}
+        self.inputs: dict[str, Input] = {}
         for source in self._sources:
             reader = ObjectReader(source, frame)
             if source.type == "tf":
+                self.inputs[source.name] = Input.of_tf(frame, source.listened)
                 tf.follow(frame, source.listened, partial(self._take_found, source.name, reader))
             else:
                 callback = partial(self._take_message, source.name, reader)
                 kind, topic = TYPES[source.type], source.listened
+                self.inputs[source.name] = Input(topic, kind)
                 node.create_subscription(kind, topic, callback, SENSOR_DATA, callback_group=group)
 
     def _take_message(self, name: str, reader: ObjectReader, message: Any) -> None:
         try:
             time, there = reader.read(message)
         except MessageError as error:
-            self._reject(str(error))
+            self._reject(name, error)
             return
         self._take(name, time, there)
 
@@ -84,7 +87,7 @@ class ObjectSources:
         try:
             time, there = reader.read_placement(found.time, found.placement)
         except MessageError as error:
-            self._reject(str(error))
+            self._reject(name, error)
             return
         self._take(name, time, there)
 
@@ -97,7 +100,6 @@ class ObjectSources:
             for source in self._sources
         }
 
-    def missing(self, known: Container[str]) -> str:
-        """Return which objects are not known that should be; empty where there is none."""
-        names = [item.name for item in self._sources if not item.optional and item.name not in known]
-        return f"{', '.join(names)}: expected on its topic, got nothing recent" if names else ""
+    def missing(self, known: Container[str]) -> list[str]:
+        """Return which objects are not known that should be."""
+        return [item.name for item in self._sources if not item.optional and item.name not in known]

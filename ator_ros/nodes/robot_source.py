@@ -9,6 +9,7 @@ from nav_msgs.msg import Odometry
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
+from ator_ros.nodes.diagnosis import Input
 from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.tf_listener import Found, TfListener
@@ -36,7 +37,7 @@ class RobotSource:
     take : callable
         Is given time in s and state of the robot for each message.
     reject : callable
-        Is given the error of a message that cannot be used.
+        Is given "odom" and the error of a message that cannot be used.
     warn : callable
         Is given what is doubtful about messages that are used.
     tf : TfListener
@@ -46,8 +47,8 @@ class RobotSource:
 
     Attributes
     ----------
-    topics : dict of str to type
-        The type of the messages by the name of the topic, tf excepted.
+    input : Input
+        Where the state comes from.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class RobotSource:
         settings: Mapping[str, Any],
         robot: Robot,
         take: Callable[[float, RobotState], None],
-        reject: Callable[[str], None],
+        reject: Callable[[str, MessageError], None],
         warn: Callable[[str], None],
         tf: TfListener,
         group: CallbackGroup | None = None,
@@ -68,10 +69,9 @@ class RobotSource:
             raise SetupError(
                 f"parameter robot_frame: expected another frame than frame, got {self._frames[1]}"
             )
-        self.topics: dict[str, type] = {} if self._from_tf else {"odom": Odometry}
+        self.input = Input.of_tf(*self._frames) if self._from_tf else Input("odom", Odometry)
         self._velocity = RobotVelocity(robot.limits.v, robot.limits.w)
         self._reader = OdometryReader(settings["frame"])
-        self._rejected = ""
         if self._from_tf:
             tf.follow(*self._frames, self._take_found)
         else:
@@ -81,10 +81,8 @@ class RobotSource:
         try:
             time, robot = self._reader.read(message)
         except MessageError as error:
-            self._rejected = str(error)
-            self._reject(self._rejected)
+            self._reject("odom", error)
             return
-        self._rejected = ""
         if self._reader.remark:
             self._warn(self._reader.remark)
         self._take(time, robot)
@@ -93,14 +91,10 @@ class RobotSource:
         try:
             robot = robot_from_placement(found.time, found.placement, self._velocity)
         except MessageError as error:
-            self._reject(str(error))
+            self._reject("odom", error)
             return
         self._take(found.time, robot)
 
     def missing(self) -> str:
         """Return what is said where no state has come, or none that can be used."""
-        if not self._from_tf:
-            return self._rejected or "odom is missing"
-        frame, child = self._frames
-        known = self._tf.connects(frame, child)
-        return f"tf is {'old' if known else 'missing'}: expected transforms from {frame} to {child}"
+        return "tf is missing" if self._from_tf else "odom is missing"

@@ -14,6 +14,7 @@ from ator_ros.nodes.object_sources import ObjectSources
 from ator_ros.nodes.robot_source import RobotSource
 from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.robot.description import Robot
+from ator_ros.world.messages import MessageError
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _ANEW = 3
@@ -69,7 +70,7 @@ class SeenWorld:
         self._objects[name] = stamp, there
         self._heard[name] += 1
 
-    def _ignore(self, error: str) -> None:
+    def _ignore(self, _: str, error: MessageError) -> None:
         self._warn(f"ignored: {error}")
 
     def _warn(self, text: str) -> None:

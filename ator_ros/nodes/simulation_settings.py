@@ -34,7 +34,12 @@ _COMMON = (
         live=True,
     ),
     Parameter(
-        "command_wait", 0.3, "real s that a tick waits for a command, where it waits", 0.0, 10.0, live=True
+        "command_wait",
+        0.2,
+        "real s that a tick waits for a command; less than the executor's odom_timeout",
+        0.0,
+        10.0,
+        live=True,
     ),
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),

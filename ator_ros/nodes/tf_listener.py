@@ -17,7 +17,7 @@ from ator_ros.world.messages import transform_from
 from ator_ros.world.transforms import MOST_FRAMES, Placement, Transforms
 
 try:
-    from tf2_msgs.msg import TFMessage
+    from tf2_msgs.msg import TFMessage as TFMessage
 except ImportError:  # ROS without tf
     TFMessage = None
 
@@ -29,6 +29,7 @@ _FIXED = QoSProfile(
 )
 """For /tf_static, on which each of many publishers keeps its last message."""
 _WARNING_PERIOD = 2.0
+_MOST_NAMED = 8
 
 
 class Found(NamedTuple):
@@ -76,9 +77,13 @@ class TfListener:
         """Whether any frame is followed."""
         return bool(self._followed)
 
-    def connects(self, frame: str, child: str) -> bool:
-        """Return whether `child` is known in `frame`."""
-        return self._transforms.latest(frame, child) is not None
+    def lacking(self, frame: str, child: str) -> str:
+        """Return what is said if the place of `child` in `frame` is not known, or no longer."""
+        if self._transforms.latest(frame, child) is not None:
+            return f"tf: expected newer transforms from {frame} to {child}"
+        frames = self._transforms.frames
+        known = f"{', '.join(frames[:_MOST_NAMED])}{' …' if len(frames) > _MOST_NAMED else ''}"
+        return f"tf: expected transforms from {frame} to {child}, got the frames: {known or 'none'}"
 
     def follow(self, frame: str, child: str, take: Callable[[Found], None]) -> None:
         """Pass on each update of the pose of `child` in `frame`, in the order of these calls.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 
 from ator_ros.world.sightings import JUMP, Sightings, StampError
@@ -12,6 +13,14 @@ _FASTEST = 1000.0
 """Greatest plausible ratio of simulated to real time; simulations run at a few hundred."""
 _LONGEST = 1.0
 """Longest real time in s without odometry to which that ratio applies."""
+_PACE_WINDOW, _PACE_STEP = 2.0, 0.1
+"""Real s over which the pace of stamps is measured, and between two messages that are remembered for it."""
+_PACE_LEAST = 0.5
+"""Least real s over which it is measured: messages that arrive 0.05 s late then change it by a tenth."""
+_REAL_TIME = 0.8
+"""Pace below which stamps run slower than real time, as in a slow simulation."""
+_SLOWEST = 50.0
+"""Greatest factor of timeouts: with it a simulation at 0.02 times real time keeps them."""
 GAP = 1.0
 """Real time in s without odometry after which the base may have been started anew."""
 
@@ -47,8 +56,10 @@ class Inputs:
         self._came = 0.0
         self.since = -math.inf
         """Real time in s since which odometry has come without a gap of more than `GAP`."""
+        self._clocks: deque[tuple[float, float]] = deque()
+        """Real time and stamp (s) of messages of the last seconds."""
         self.pace = 1.0
-        """Seconds by which the last two stamps of odometry differ, over the real time between them."""
+        """Stamped s that pass in 1 real s, over the last seconds."""
 
     def _forget(self) -> None:
         """Forget all objects because time was reset."""
@@ -99,18 +110,33 @@ class Inputs:
             are forgotten; the new clock counts.
         """
         last, most = self._time, JUMP + _FASTEST * min(now - self._came, _LONGEST)
-        if now - self._came > GAP:
+        if now - self._came > GAP * self.slowdown:
             self.since = now
-        if last is not None and time >= last and now > self._came:
-            self.pace = (time - last) / (now - self._came)
         self._came = now
         if last is not None and time < last and self._is_late(time, last, now):
             return None
         self._check_stamp(time, last, most)
+        if time != last:
+            self._measure_pace(time, now)
         self._time, self._ahead, self._older = time, None, 0
         known = {name: sightings.at(time) for name, sightings in self._objects.items()}
         objects = {name: there for name, there in known.items() if there is not None}
         return None if time == last else World(time, robot, objects)
+
+    @property
+    def slowdown(self) -> float:
+        """How many times longer real timeouts have to be: above 1 where stamps run slower than real time."""
+        return min(1.0 / self.pace, _SLOWEST) if 0.0 < self.pace < _REAL_TIME else 1.0
+
+    def _measure_pace(self, time: float, now: float) -> None:
+        clocks = self._clocks
+        if not clocks or now - clocks[-1][0] >= _PACE_STEP:
+            clocks.append((now, time))
+        while len(clocks) > 2 and now - clocks[1][0] >= _PACE_WINDOW:
+            clocks.popleft()
+        real, stamped = now - clocks[0][0], time - clocks[0][1]
+        if real >= _PACE_LEAST and stamped > 0.0:
+            self.pace = stamped / real
 
     def _is_late(self, time: float, last: float, now: float) -> bool:
         """Return whether odometry older than the `last` came late, not after a reset; see `robot`."""
@@ -137,6 +163,7 @@ class Inputs:
                 f"{time - last:.2f} s ahead: another clock, or odometry had ceased"
             )
         self._time, self._ahead, self._older = time, None, 0
+        self._clocks.clear()
         self._forget()
         if time > last:
             raise ClockJumpError(

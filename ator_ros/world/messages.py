@@ -40,7 +40,11 @@ class MessageError(ValueError):
 
 
 class FrameError(MessageError):
-    """A message in another frame than expected."""
+    """A message in another frame than expected; `got` is its frame."""
+
+    def __init__(self, message: str, *, got: str) -> None:
+        super().__init__(message)
+        self.got = got
 
 
 # Numbers, names and sequences
@@ -126,7 +130,8 @@ def plain_frame(frame_id: str) -> str:
 def frame(frame_id: str, where: str, *, expected: str) -> None:
     """Raise FrameError unless a frame is the expected one, or empty, which means the same."""
     if plain_frame(frame_id) not in ("", plain_frame(expected)):
-        raise FrameError(f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}")
+        told = f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}"
+        raise FrameError(told, got=frame_id)
 
 
 def rotation_from(quaternion: Any, where: str) -> Quaternion:

@@ -95,6 +95,11 @@ class Transforms:
     def __init__(self) -> None:
         self._links: dict[str, _Link] = {}
 
+    @property
+    def frames(self) -> list[str]:
+        """The names of all frames, sorted."""
+        return sorted({*self._links, *(link.parent for link in self._links.values())})
+
     def add(self, frame: str, child: str, time: float, placement: Placement, *, fixed: bool = False) -> None:
         """Take the placement of the frame `child` in `frame` at `time` (s).
 

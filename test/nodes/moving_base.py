@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -45,13 +44,11 @@ class MovingBase:
         qos: QoSProfile = SENSOR_DATA,
     ) -> None:
         self.pose, self.commanded, self.received = Pose(0.0, 0.0, 0.0), Twist(), 0
-        self.rate = 1.0
-        """Stamped s that pass in 1 real s."""
-        self._began, self._frame = time.monotonic(), frame
+        self.frame, self.stamps_stand = frame, False
         self._odom = client.node.create_publisher(Odometry, odom, STATES)
         client.node.create_subscription(kind, topic, self._take, qos)
-        self._time = 100.0
-        self._timer = client.node.create_timer(PERIOD, self._step)
+        self.time = 100.0
+        self.timer = client.node.create_timer(PERIOD, self._step)
 
     def _take(self, message: Twist | TwistStamped) -> None:
         self.received += 1
@@ -59,21 +56,21 @@ class MovingBase:
 
     def pause(self) -> None:
         """Publish no more."""
-        self._timer.cancel()
+        self.timer.cancel()
 
     def slow_down(self, rate: float) -> None:
         """Let time go slower: a tick remains PERIOD long by its stamps."""
-        self._timer.timer_period_ns = round(1e9 * PERIOD / rate)
+        self.timer.timer_period_ns = round(1e9 * PERIOD / rate)
 
     def _step(self) -> None:
         v, w = self.commanded.linear.x, self.commanded.angular.z
-        step = PERIOD * self.rate
+        step = PERIOD
         yaw = self.pose.yaw + 0.5 * step * w
         self.pose = Pose(
             self.pose.x + step * v * math.cos(yaw),
             self.pose.y + step * v * math.sin(yaw),
             self.pose.yaw + step * w,
         )
-        self._time += step
+        self.time += 0.0 if self.stamps_stand else step
         state = RobotState(self.pose, v, w)
-        self._odom.publish(odometry_of(self._time, state, frame=self._frame, child="base_link"))
+        self._odom.publish(odometry_of(self.time, state, frame=self.frame, child="base_link"))

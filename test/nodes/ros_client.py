@@ -41,9 +41,19 @@ class Client:
         The frame of that robot's odometry.
     steers : bool
         Whether it publishes commands: one process cannot have a topic with two types.
+    observes : bool
+        Whether it subscribes to odom and ball.
     """
 
-    def __init__(self, domain: int, namespace: str = "", frame: str = "odom", *, steers: bool = True) -> None:
+    def __init__(
+        self,
+        domain: int,
+        namespace: str = "",
+        frame: str = "odom",
+        *,
+        steers: bool = True,
+        observes: bool = True,
+    ) -> None:
         self.domain, self._frame = domain, frame
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
@@ -52,8 +62,9 @@ class Client:
         self.balls: list[tuple[float, ObjectState]] = []
         self._ball = ObjectReader(ObjectSource("ball"), frame)
         self._callers: dict[str, Any] = {}
-        self.node.create_subscription(Odometry, "odom", self._hear_robot, SENSOR_DATA)
-        self.node.create_subscription(Odometry, "ball", self._hear_ball, SENSOR_DATA)
+        if observes:
+            self.node.create_subscription(Odometry, "odom", self._hear_robot, SENSOR_DATA)
+            self.node.create_subscription(Odometry, "ball", self._hear_ball, SENSOR_DATA)
         self._commands = self.node.create_publisher(Twist, "cmd_vel", COMMANDS) if steers else None
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)

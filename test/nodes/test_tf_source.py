@@ -147,7 +147,7 @@ def test_silence_blocked_wheels_and_the_fence_end_a_goal_as_with_odometry(
     outcome = sent.outcome()
     assert (outcome.code, base.velocity) == (Outcome.INPUT_LOST, STOP)
     assert "odom is missing: expected newer odometry within 1 s" in outcome.reason
-    wanted = "tf is old: expected transforms from map to base_link"
+    wanted = "tf is missing; tf: expected newer transforms from map to base_link"
     client.eventually(
         lambda: any(wanted in status.message for each in list(health) for status in each.status),
         "diagnostics",

@@ -1,0 +1,149 @@
+"""What is said of inputs that do not arrive: in the result, the log and the diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+from chain_client import ChainClient, call
+from conftest import Host, Start
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from moving_base import MovingBase
+from nav_msgs.msg import Odometry
+from ros_client import Client
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
+
+from ator_interfaces.msg import Outcome
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import stamp_of
+from ator_ros.nodes.qos import RESULTS, STATES
+
+pytestmark = pytest.mark.node
+
+AWAY = [call("goToPose", Pose(2.0, 0.0, 0.0))]
+TO_BALL = [call("goToBall", Pose(0.0, 0.0, 0.0))]
+
+
+@pytest.fixture
+def client(domain: int) -> Iterator[Client]:
+    """Yield a client that publishes no commands."""
+    made = Client(domain, steers=False, observes=False)
+    yield made
+    made.close()
+
+
+def elsewhere(client: Client) -> None:
+    """Let a base publish its odometry under another name."""
+    MovingBase(client, odom="wheels/odom")
+
+
+def another_type(client: Client) -> None:
+    """Let something else be published as odom."""
+    client.node.create_publisher(PoseStamped, "odom", STATES)
+
+
+def another_frame(client: Client) -> None:
+    """Let a base publish its odometry in another frame."""
+    MovingBase(client, frame="ann/odom")
+
+
+def silent(client: Client) -> None:
+    """Let a publisher of odometry send nothing."""
+    client.node.create_publisher(Odometry, "odom", STATES)
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        (lambda _: None, "nobody publishes /odom in ROS domain "),
+        (elsewhere, "of type nav_msgs/Odometry there is /wheels/odom: remap with -r odom:=/wheels/odom"),
+        (another_type, "odom: expected nav_msgs/Odometry, /test_client publishes geometry_msgs/PoseStamped"),
+        (another_frame, "expected the frame 'odom', got 'ann/odom'; set frame:=ann/odom"),
+        (silent, "odom: /test_client publishes it, but sends no messages"),
+    ],
+)
+def test_odometry_that_never_comes(
+    host: Host, client: Client, fault: Callable[[Client], None], expected: str
+) -> None:
+    node = host("executor", start_timeout=1.0)
+    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    fault(client)
+    outcome = ChainClient(client).send(AWAY).outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    assert outcome.reason.startswith("odom is missing: expected one within 1 s of the goal, got none; ")
+    assert expected in outcome.reason
+    assert expected in node.output
+    client.eventually(lambda: expected in health[-1].status[0].message, "diagnostics")
+
+
+def test_missing_odometry_is_logged_without_a_goal(host: Host, client: Client) -> None:
+    node = host("executor")
+    told = "odom is missing; nobody publishes /odom"
+    client.eventually(lambda: told in node.output, "a warning")
+    assert node.output.count(told) == 1
+
+
+def test_stamps_that_stand_are_named(host: Host, client: Client) -> None:
+    host("executor", odom_timeout=1.0)
+    base, chains = MovingBase(client), ChainClient(client)
+    sent = chains.send(AWAY)
+    client.eventually(lambda: base.pose.x > 0.2, "the robot drives")
+    base.stamps_stand = True
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "odom: the stamps of /test_client stay at " in outcome.reason
+
+
+def test_a_clock_that_stands_is_a_paused_simulation(host: Host, client: Client) -> None:
+    host("executor", odom_timeout=1.0)
+    base, chains = MovingBase(client), ChainClient(client)
+    clock = client.node.create_publisher(Clock, "/clock", STATES)
+    ticking = client.node.create_timer(0.01, lambda: clock.publish(Clock(clock=stamp_of(base.time))))
+    sent = chains.send(AWAY)
+    client.eventually(lambda: base.pose.x > 0.2, "the robot drives")
+    base.pause()
+    ticking.cancel()
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "/clock of /test_client does not advance: the simulation is paused" in outcome.reason
+
+
+def test_our_own_simulation_that_is_paused_is_named(start: Start, host: Host, client: Client) -> None:
+    start("simulation")
+    host("executor", odom_timeout=1.0, start_timeout=20.0)
+    chains = ChainClient(client)
+    sent = chains.send(AWAY)
+    client.eventually(lambda: any(command.linear.x for command in chains.commands), "commands")
+    assert client.call(SetBool, "pause", SetBool.Request(data=True)).success
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "/simulation" in outcome.reason
+    assert "it is paused; call its service pause with data: false" in outcome.reason
+
+
+def test_an_object_with_stamps_of_another_clock_is_named(host: Host, client: Client) -> None:
+    host("executor", start_timeout=4.0)
+    MovingBase(client)
+    ball = client.node.create_publisher(Odometry, "ball", STATES)
+    message = Odometry()
+    message.header.stamp = client.node.get_clock().now().to_msg()
+    message.pose.pose.position.x, message.pose.pose.orientation.w = 1.0, 1.0
+    client.node.create_timer(0.05, lambda: ball.publish(message))
+    outcome = ChainClient(client).send(TO_BALL).outcome()
+    assert outcome.code == Outcome.INPUT_LOST
+    told = "ball: /test_client stamps with the wall clock, odometry with simulated time; set use_sim_time"
+    assert told in outcome.reason
+
+
+@pytest.mark.parametrize("rate", [0.2, 0.1])
+def test_a_goal_succeeds_though_odometry_is_slower_than_real_time(
+    host: Host, client: Client, rate: float
+) -> None:
+    host("executor")
+    base = MovingBase(client)
+    base.slow_down(rate)
+    chains = ChainClient(client)
+    outcome = chains.send([call("goToPose", Pose(0.4, 0.0, 0.0))]).result(60.0).outcome
+    assert outcome.code == Outcome.SUCCEEDED, outcome.reason
