@@ -23,7 +23,7 @@ from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.gathering import Gathering
 from ator_ros.nodes.goal_run import GoalRun, run_of, unstarted
 from ator_ros.nodes.loading import rehearsed_predictors
-from ator_ros.nodes.model_sets import problems_of, told_of
+from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
 from ator_ros.nodes.object_sources import ObjectSources
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
 from ator_ros.nodes.plan_client import PREEMPTED, PlannedGoals
@@ -98,7 +98,12 @@ class ExecutorNode(FrugalNode):
         topics = self._diagnosis.topics
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
         self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
-        self.get_logger().info("ready for chains")
+        sources = " and ".join(["odom" if "odom" in topics else "tf", *domain.objects])
+        self.get_logger().info(
+            f"ready for chains of {robot.name} (domain {domain.name}, ROS domain "
+            f"{self.context.get_domain_id()}), from {sources} in {self._settings['frame']} to cmd_vel; "
+            f"{startup_text(self._sets.present.models, self._sets.source)}"
+        )
 
     def _offer(self, robot: Robot) -> None:
         settings = self._settings

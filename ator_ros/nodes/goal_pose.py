@@ -69,7 +69,9 @@ class GoalPoseNode(FrugalNode):
         self._sending = self.create_timer(_PERIOD, self._send, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._sending.cancel()
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
-        self.get_logger().info(f"poses become goals of {top.name}")
+        self.get_logger().info(
+            f"poses on goal_pose in {self._frame} become goals of {top.name} (domain {domain.name})"
+        )
 
     def _take(self, message: PoseStamped) -> None:
         try:

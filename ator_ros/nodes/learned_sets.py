@@ -60,6 +60,8 @@ class LearnedSets(Generic[Loaded]):
         self._manifest: Manifest | None = None
         self._switches = 0
         self.present: Loaded
+        self.source: str
+        """Where the first models come from, for the log."""
         self._first(models)
         if self._folder is not None:
             node.create_timer(_PERIOD, self._look, clock=STEADY)
@@ -74,9 +76,10 @@ class LearnedSets(Generic[Loaded]):
             except LearnedSetError as error:
                 self._tell_failure(place, str(error))
             else:
-                self._node.get_logger().info(f"learned set: {_told(self._manifest)}")
+                self.source = f"learned set {self._manifest.digest}"
                 return
         self._manifest = None
+        self.source = f"models in {models}" if models else "shipped models"
         self.present = self._load(models)
 
     def _look(self) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse, rehearse_predictions, rehearse_refinement
@@ -38,6 +39,16 @@ class Refiners:
 
     models: Mapping[str, ModelSet]
     by_set: Mapping[str, Refiner]
+
+    def gate_text(self, *, gated: bool) -> str:
+        """Return what a node logs at the start of the gate of the default action set, if it has models."""
+        if DEFAULT_SET not in self.by_set:
+            return "chains stay as they are sent"
+        if not gated:
+            return "gate is false: a chain is changed whenever a gain is predicted"
+        if isinstance(self.by_set[DEFAULT_SET].gate, OpenGate):
+            return "no gate: a chain is changed whenever a gain is predicted; train or gate learns one"
+        return "with a gate"
 
 
 def load_predictors(node: Node, domain: Domain, libraries: Libraries, folder: str) -> Predictors:
@@ -95,7 +106,7 @@ def set_gates(node: Node, refiners: Refiners, *, gated: bool) -> None:
 def _gate(node: Node, read: ModelSet, action_set: str, *, gated: bool) -> Gate:
     """Read the gate of an action set; without one, or not `gated`, the predicted gain alone decides."""
     path = read.folder / model_path("gate", action_set)
-    if not gated and not path.exists():
+    if not path.exists():
         return OpenGate()
     try:
         gate = load_gate(path, action_set)

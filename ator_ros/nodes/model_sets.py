@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rclpy.node import Node
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import (
@@ -36,6 +37,8 @@ class ModelSet:
         Folder of the files.
     models : mapping
         Action name to model; empty where there are none.
+    lacking : tuple of str
+        Actions that could be executed and have no model.
     absent : str
         Why there are no models; empty where there are some.
     problem : str
@@ -48,6 +51,7 @@ class ModelSet:
 
     folder: Path = Path()
     models: Mapping[str, PerformanceModel] = field(default_factory=dict)
+    lacking: tuple[str, ...] = ()
     absent: str = ""
     problem: str = ""
     digest: str = ""
@@ -55,7 +59,9 @@ class ModelSet:
 
 
 def read_models(node: Node, robot: Robot, action_set: str, folder: str, domain: Domain) -> ModelSet:
-    """Read the models of an action set; log once what is wrong or missing.
+    """Read the models of an action set; log what is wrong.
+
+    Of sets beside the default one, which are seldom used, only damaged files are logged.
 
     Parameters
     ----------
@@ -70,7 +76,7 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str, domain: 
     domain : Domain
         The domain of the actions.
     """
-    log = node.get_logger()
+    log, usual = node.get_logger(), action_set == DEFAULT_SET
     try:
         place = Path(folder) if folder else domain.shipped_models
         with warnings.catch_warnings(record=True) as caught:
@@ -78,20 +84,18 @@ def read_models(node: Node, robot: Robot, action_set: str, folder: str, domain: 
             models = load_models(robot, domain.known_features, action_set=action_set, folder=place)
         digest = _digest(place, action_set, models)
     except NoModelsError as error:
-        log.info(f"action set {action_set}: no models: {error}")
         return ModelSet(absent=str(error))
     except (ModelFileError, OSError) as error:  # a missing resource is one
         log.warning(f"action set {action_set}: no models: {error}")
         return ModelSet(absent=str(error), problem=str(error))
     problem = _summary([str(warning.message) for warning in caught])
-    if problem:
+    if problem and usual:
         log.warning(f"action set {action_set}: {problem}")
     files = models_folder(place, action_set)
     usable = {top.action for top in domain.library(robot, action_set).usable()}
-    if lacking := sorted(usable - models.keys()):
-        log.info(f"action set {action_set}: no models of {', '.join(lacking)} in {files}")
+    lacking = tuple(sorted(usable - models.keys()))
     calibration = _calibration(node, files, action_set, models)
-    return ModelSet(place, models, problem=problem, digest=digest, calibration=calibration)
+    return ModelSet(place, models, lacking=lacking, problem=problem, digest=digest, calibration=calibration)
 
 
 def _summary(warnings: Sequence[str]) -> str:
@@ -110,7 +114,9 @@ def _calibration(
         node.get_logger().warning(f"action set {action_set}: predictions are not corrected: {error}")
         return Calibration()
     matching = read.matching(models)
-    if others := sorted(models.keys() & read.shortfalls.keys() - matching.shortfalls.keys()):
+    if action_set == DEFAULT_SET and (
+        others := sorted(models.keys() & read.shortfalls.keys() - matching.shortfalls.keys())
+    ):
         node.get_logger().warning(
             f"action set {action_set}: predictions of {', '.join(others)} are not corrected: "
             f"{folder / CALIBRATION} was learned for other models; `calibrate_predictions` learns it anew"
@@ -122,6 +128,23 @@ def _digest(folder: Path, action_set: str, models: Mapping[str, PerformanceModel
     """Return a short digest of the files of models."""
     files = sorted(folder / model_path(name, action_set) for name in models)
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+
+
+def startup_text(sets: Mapping[str, ModelSet], source: str) -> str:
+    """Return what a node logs of its models at the start: those of the default action set.
+
+    Parameters
+    ----------
+    sets : mapping of str to ModelSet
+        The models of each action set.
+    source : str
+        Where they come from.
+    """
+    read = sets[DEFAULT_SET]
+    if not read.models:
+        return f"no models ({read.absent})"
+    none = f", none of {', '.join(read.lacking)}" if read.lacking else ""
+    return f"{source}: {', '.join(read.models)}{none}"
 
 
 def told_of(sets: Mapping[str, ModelSet]) -> dict[str, object]:

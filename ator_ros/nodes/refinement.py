@@ -21,7 +21,7 @@ from ator_ros.nodes.drawn import Drawn
 from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.learned_sets import LEARNED, LearnedSets
 from ator_ros.nodes.loading import Refiners, load_refiners, set_gates
-from ator_ros.nodes.model_sets import problems_of, told_of
+from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
 from ator_ros.nodes.pacing import Outbox, Pace
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -131,11 +131,12 @@ class RefinementNode(FrugalNode):
         self._crowded = False
         self._posting = self.create_timer(1.0 / _REFUSALS_PER_SECOND, self._post, clock=STEADY)
         self._diagnostics = Diagnostics(self, self._health)
-        there = ", ".join(self._sets.present.by_set)
-        work = (
-            f"refining chains of the action sets {there}" if there else "no models yet: chains stay as sent"
+        models = startup_text(self._sets.present.models, self._sets.source)
+        gate = self._sets.present.gate_text(gated=self._settings["gate"])
+        self.get_logger().info(
+            f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
+            f"{self.context.get_domain_id()}); {models}; {gate}"
         )
-        self.get_logger().info(work)
 
     def _load(self, folder: str) -> Refiners:
         gated, cost = self._settings["gate"], self._failure_cost(self._settings)

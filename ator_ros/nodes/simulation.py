@@ -92,7 +92,11 @@ class SimulationNode(FrugalNode):
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
         named = zip((robot.name for robot in robots), self._names, strict=True)
         told = [f"{kind} as {name}" if name else kind for kind, name in named]
-        self.get_logger().info(f"simulating {', '.join(told)} {speed}")
+        where = f"domain {self._settings['domain']}, ROS domain {self.context.get_domain_id()}"
+        self.get_logger().info(
+            f"simulating {', '.join(told)} {speed} ({where}): cmd_vel ({self._command_type.__name__}) to odom"
+            f"{''.join(f', {name}' for name in robots[0].scene.objects)}"
+        )
 
     def _topics_of(self, number: int) -> RobotTopics:
         """Offer topics and services of one robot."""

@@ -48,7 +48,9 @@ def test_an_action_set_without_models_is_no_problem(host: Host, client: Client, 
     assert status.message.startswith(
         {"executor": "odom is missing; nobody pub", "refinement": "running"}[name]
     )
-    assert node.output.count("action set bezier: no models") == 1
+    assert "bezier" not in node.output  # nobody has asked for this action set
+    assert node.output.count("[INFO]") == 1
+    assert f"models in {models}: dribbleBall, goToPose, shoot" in node.output
     assert "[WARN]" not in node.output
 
 
@@ -56,7 +58,7 @@ def test_an_action_set_without_models_is_no_problem(host: Host, client: Client, 
 def test_an_action_that_nothing_was_learned_of_is_told(host: Host, models: Path, name: str) -> None:
     (models / "dribbleBall.json").unlink()
     output = host(name, models=models).output
-    assert output.count("action set default: no models of dribbleBall in ") == 1
+    assert output.count(f"models in {models}: goToPose, shoot, none of dribbleBall") == 1
     assert "[WARN]" not in output  # nor does the calibration of that model count as one of others
 
 
@@ -115,7 +117,7 @@ def test_a_robot_without_a_holder_does_what_needs_none(
     assert told in output
     assert ("dribbleBall needs a holder; robot plain has none" in output) is (name == "executor")
     assert "goToPose needs" not in output
-    assert "action set default: no models" not in output
+    assert "none of" not in output
 
 
 def test_an_incomplete_set_of_actions_is_told_once_and_the_rest_works(host: Host, tmp_path: Path) -> None:
@@ -135,3 +137,40 @@ def test_an_incomplete_set_of_actions_is_told_once_and_the_rest_works(host: Host
     output = host("executor", domain=file).output
     assert "ready for chains" in output
     assert output.count("action set default: without lift: expected also the actions lift") == 1
+
+
+@pytest.mark.parametrize(
+    ("remove", "settings", "told"),
+    [
+        ("", {}, "with a gate"),
+        (
+            "gate.json",
+            {},
+            "no gate: a chain is changed whenever a gain is predicted; train or gate learns one",
+        ),
+        ("", {"gate": False}, "gate is false: a chain is changed whenever a gain is predicted"),
+        ("*.json", {}, "no models ("),
+    ],
+)
+def test_refinement_says_in_one_line_what_decides(
+    host: Host, models: Path, remove: str, settings: dict[str, object], told: str
+) -> None:
+    for file in models.glob(remove) if remove else ():
+        file.unlink()
+    lines = host("refinement", models=models, **settings).output.splitlines()
+    assert len(lines) == 1
+    assert "refining chains for pioneer_3dx (domain soccer, ROS domain " in lines[0]
+    assert told in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("executor", "from odom and ball in odom to cmd_vel; shipped models: "),
+        ("simulation", "cmd_vel (Twist) to odom, ball"),
+    ],
+)
+def test_a_node_says_in_one_line_what_it_works_with(host: Host, name: str, told: str) -> None:
+    lines = host(name).output.splitlines()
+    assert len(lines) == 1
+    assert told in lines[0]
