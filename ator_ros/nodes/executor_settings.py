@@ -36,7 +36,12 @@ _COMMON = (
     LEARNED,
     Parameter("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, 3600.0, live=True),
     Parameter(
-        "odom_timeout", _USUAL.odom, "real s without odom; the robot pauses after half", 0.05, 60.0, live=True
+        "odom_timeout",
+        _USUAL.odom,
+        "real s without odometry, more if its stamps are slower than real time; the robot pauses after half",
+        0.05,
+        60.0,
+        live=True,
     ),
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
     Parameter("fence", _USUAL_FENCE, "m: x and y from, x and y to, of the robot; all 0: area and margin"),
@@ -63,7 +68,7 @@ def _parameters_of(name: str) -> tuple[Parameter, ...]:
         Parameter(
             f"{name}_timeout",
             0.3,
-            f"s that word of the {name} may be older than odometry; pauses likewise",
+            f"s by which the {name} may be older than odometry; the robot pauses after half",
             0.05,
             60.0,
             live=True,

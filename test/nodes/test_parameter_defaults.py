@@ -1,0 +1,72 @@
+"""Each default of a parameter is defined once, in the node; files and documentation agree with it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ator_ros.nodes import executor_settings, goal_pose, learning, refinement, simulation_settings
+from ator_ros.nodes.parameters import Parameter
+from ator_ros.tools import calibrate
+
+ROOT = Path(__file__).parents[2]
+NODES: dict[str, Sequence[Parameter]] = {
+    "executor": executor_settings.parameters_for(["ball"]),
+    "simulation": simulation_settings.parameters_for(["ball"]),
+    "refinement": refinement.PARAMETERS,
+    "learning": learning.PARAMETERS,
+    "goal_pose": goal_pose.PARAMETERS,
+}
+PAGE = ROOT / "docs" / "parameters.md"
+
+
+def row(parameter: Parameter) -> str:
+    """Return the row of a parameter in the documentation."""
+    default = yaml.safe_dump(parameter.default, default_flow_style=True).splitlines()[0].replace("''", '""')
+    live = "live" if parameter.live else ""
+    return f"| `{parameter.name}` | `{default}` | {live} | {parameter.description} |"
+
+
+@pytest.mark.parametrize("name", ["executor", "simulation", "refinement", "learning"])
+def test_the_shipped_file_has_all_parameters_with_their_defaults(name: str) -> None:
+    content = yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text(encoding="utf-8"))
+    assert content[f"/**/{name}"]["ros__parameters"] == {item.name: item.default for item in NODES[name]}
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_the_documentation_has_a_row_of_each_parameter(name: str) -> None:
+    section = PAGE.read_text(encoding="utf-8").partition(f"\n## {name}\n")[2].partition("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("| `")]
+    assert rows == [row(item) for item in NODES[name]]
+
+
+@pytest.mark.parametrize(
+    "page", sorted([*(ROOT / "docs").glob("*.md"), ROOT / "README.md"]), ids=lambda p: p.name
+)
+def test_numbers_that_pages_give_of_a_parameter_are_its_default(page: Path) -> None:
+    numbers = {
+        item.name: float(item.default)
+        for parameters in NODES.values()
+        for item in parameters
+        if isinstance(item.default, float)
+    }
+    text = " ".join(page.read_text(encoding="utf-8").split())
+    found = re.findall(r"(half of )?`(\w+)` \((\d+(?:\.\d+)?) s[;,)]", text)
+    told = {(name, float(value) * (2.0 if half else 1.0)) for half, name, value in found if name in numbers}
+    assert told == {(name, numbers[name]) for name, _ in told}
+
+
+def test_the_launch_file_and_the_tools_have_the_same_defaults() -> None:
+    defaults = {item.name: item.default for name in ("simulation", "goal_pose") for item in NODES[name]}
+    launch = (ROOT / "launch" / "ator.launch.xml").read_text(encoding="utf-8")
+    found = re.findall(r'<arg name="(\w+)" default="([^"$]*)"', launch)
+    args = {name: yaml.safe_load(default) for name, default in found}
+    shared = {"frame", "real_time_factor", "publish_clock"}
+    assert {name: args[name] for name in shared} == {name: defaults[name] for name in shared}
+    assert calibrate.arguments().get_default("frame") == defaults["frame"]
+    stamped = next(item for item in NODES["executor"] if item.name == "stamped_commands")
+    assert calibrate.arguments().get_default("stamped") == stamped.default
