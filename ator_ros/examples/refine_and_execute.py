@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ObjectState, Outcome, Situation, TopCall, TopChain
+from ator_interfaces.msg import ChainPerformance, ObjectState, Outcome, Situation, TopCall, TopChain
 from ator_interfaces.srv import RefineSubgoal
 
 _PATIENCE = 60.0  # s
@@ -58,6 +58,22 @@ def executed(node: Node, chain: TopChain) -> ExecuteChain.Result:
     return _waited(node, handle.get_result_async(), "the end of the chain").result
 
 
+def report(record: ChainPerformance, *, refined: bool) -> str:
+    """Return what was executed: the chain and its duration, then each step with its goal."""
+    kind = "refined" if refined else "naive"
+    first = f"executed the {kind} chain in {record.actual.duration:.2f} s: {record.outcome.reason}"
+    steps = []
+    for action in record.actions:
+        pose = action.call.goal.pose
+        yaw = math.degrees(2.0 * math.atan2(pose.orientation.z, pose.orientation.w))
+        place = f"({pose.position.x:.2f}, {pose.position.y:.2f}), heading {yaw:.0f} deg"
+        steps.append(
+            f"  step {action.step + 1}, {action.call.top}: goal {place}, speed {action.call.speed:.2f} m/s, "
+            f"took {action.actual.duration:.2f} s"
+        )
+    return "\n".join([first, *steps])
+
+
 def _tell(message: Any) -> None:
     told = message.feedback
     print(f"  {told.elapsed:5.2f} s: step {told.step + 1} of {told.steps}, {told.top}: {told.status}")
@@ -85,7 +101,7 @@ def main() -> int:
             return 1
         print(f"predicted: {answer.before.duration:.2f} s before, {answer.after.duration:.2f} s after")
         result = executed(node, answer.chain)
-        print(f"executed in {result.record.actual.duration:.2f} s: {result.outcome.reason}")
+        print(report(result.record, refined=answer.refined))
         return 0 if result.outcome.code == Outcome.SUCCEEDED else 1
     except TimeoutError as error:
         print(f"refine_and_execute: {error}", file=sys.stderr)

@@ -118,8 +118,9 @@ class GoalRun:
         """How it ended, in one line."""
         execution = self.execution
         name = execution.ending.name.lower() if execution.ending else "running"
-        refinement = "refined" if execution.refined else execution.refinement
-        return f"{name} after {execution.elapsed:.2f} s: {execution.reason} ({refinement})"
+        return (
+            f"{name} after {execution.elapsed:.2f} s: {execution.reason}{self._refinement_remark('refined')}"
+        )
 
     def new_records(self) -> list[ActionPerformance]:
         """Return the records of the actions that have ended since the last call."""
@@ -156,13 +157,20 @@ class GoalRun:
             step=execution.step,
             steps=len(execution.chain),
             top=execution.top.name,
-            status=f"{doing} ({execution.refinement})",
+            status=f"{doing}{self._refinement_remark()}",
             elapsed=execution.elapsed,
             predicted_remaining=execution.predicted_remaining(now),
         )
         self.handle.publish_feedback(feedback)
 
     # Refinement
+
+    def _refinement_remark(self, refined: str = "") -> str:
+        """Return the result of refinement in parentheses; empty if the goal does not ask for refinement."""
+        if not self.handle.request.refine:
+            return ""
+        short = refined if refined and self.execution.refined else self.execution.refinement
+        return f" ({short})"
 
     def request_refinement(self) -> None:
         """Ask what the execution wants to know, once the service is there; forget a question that is over."""

@@ -36,4 +36,8 @@ def test_it_drives_the_simulated_robot(start: Start, domain: int) -> None:
     assert ran.returncode == 0, ran.stdout + ran.stderr
     assert "refined: True" in ran.stdout
     assert "step 2 of 2, dribbleBall" in ran.stdout
-    assert re.search(r"executed in \d\.\d\d s: ", ran.stdout)
+    assert re.search(r"executed the refined chain in \d\.\d\d s: ", ran.stdout)
+    assert re.search(
+        r"step 1, goToBall: goal \(0\.00, 0\.00\), heading 15 deg, .* took \d\.\d\d s", ran.stdout
+    )
+    assert "refine: false" not in ran.stdout
