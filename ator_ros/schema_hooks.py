@@ -130,7 +130,10 @@ def _either(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
                 return converter.structure(value, inner)
             except ValueError:
                 continue
-        words = (f"a table with {names_of_fields(one)}" if one in tables else _WORDS[one] for one in kinds)
+        words = (
+            f"a table with {names_of_fields(one)}" if one in tables else _WORDS.get(one, "a list")
+            for one in kinds
+        )
         raise wrong(" or ".join(words), value)
 
     return structure

@@ -8,14 +8,16 @@ import os
 import signal
 import stat
 import threading
+import time
 from pathlib import Path
 
 import pytest
 
+from ator_ros.domains.programs import Program
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.processes import NodeEndedError, NodeProcesses
+from ator_ros.tools.processes import NodeEndedError, NodeProcesses, NodesError
 from ator_ros.tools.work.demo_report import DemoRun, DemoSituation, explanation, save_picture, table
 from ator_ros.tops.chain import TopChain
 
@@ -104,6 +106,19 @@ def test_a_second_signal_leaves_no_process_behind(tmp_path: Path, number: signal
         signal.signal(number, previous)
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path: Path) -> None:
+    with NodeProcesses(tmp_path, 1) as nodes:
+        nodes.start_program(Program(command="touch 'made here'", folder=str(tmp_path)))
+        end = time.monotonic() + 10.0
+        while not (tmp_path / "made here").exists() and time.monotonic() < end:
+            time.sleep(0.01)
+        assert (tmp_path / "made here").exists()
+        with pytest.raises(
+            NodesError, match=r"servers: command: expected a program, got no_such_server 1: No"
+        ):
+            nodes.start_program(Program(command=("no_such_server", "1"), folder=str(tmp_path)))
 
 
 def test_a_node_that_ends_by_itself_is_named_with_its_last_words(tmp_path: Path) -> None:

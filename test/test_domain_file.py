@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,31 @@ def test_a_file_may_name_a_robot_its_bays_chains_drives_a_stand_in_and_servers(t
     navigate = domain.actions()["navigate"]
     assert navigate.factory is DriveToStandIn
     assert navigate.sample(robot, np.random.default_rng(0)).goal.pose.y == 0.5
+
+
+@pytest.mark.parametrize("command", ["python3 my_server.py --speed '0.5 m/s'", ["python3", "my_server.py"]])
+def test_a_server_may_be_a_command_beside_the_file(tmp_path: Path, command: object) -> None:
+    data = copy.deepcopy(TOUR) | {"servers": [{"command": command}, {"command": command, "folder": "ws"}]}
+    beside, below = find_domain(str(file_of(tmp_path, data))).programs
+    assert beside.words[:2] == ["python3", "my_server.py"]
+    assert beside.words[2:] in (["--speed", "0.5 m/s"], [])
+    assert beside.name.startswith("python3 my_server.py")
+    assert (beside.folder, below.folder) == (str(tmp_path), str(tmp_path / "ws"))
+
+
+@pytest.mark.parametrize(
+    ("server", "message"),
+    [
+        ({"command": "sleep 1", "package": "fleet"}, "command: expected none beside package and executable"),
+        ({"command": "echo 'open"}, 'command: expected words as in a shell; got "echo \'open"'),
+        ({"command": 3}, "command: expected a text or a list; got 3"),
+        ({"package": "fleet"}, "executable: expected a name of letters, digits and _ (or `command`); got ''"),
+        ({}, "package: expected a name of letters, digits and _ (or `command`); got ''"),
+    ],
+)
+def test_a_server_that_is_neither_is_refused(tmp_path: Path, server: object, message: str) -> None:
+    with pytest.raises(DomainError, match=re.escape(message)):
+        find_domain(str(file_of(tmp_path, copy.deepcopy(TOUR) | {"servers": [server]})))
 
 
 def test_what_is_not_declared_cannot_be_driven(tour: Domain) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain
 from ator_ros.domains.declared_situations import ChainsOf, DrivesOf
 from ator_ros.domains.domain import Domain, DomainError, find_domain, installed_domains, no_bays
-from ator_ros.domains.programs import NoStandInError, stand_in
+from ator_ros.domains.programs import NoStandInError, Program, stand_in
 from ator_ros.formats import Format
 from ator_ros.performance.features import Feature, names_of
 from ator_ros.performance.training import OBSERVED
@@ -73,9 +74,16 @@ def declared_domain(path: Path) -> Domain:
         features=tuple(dict.fromkeys(feature for _, features in actions for feature in features)),
         bays=_those_described if declared.bays else no_bays,
         description=None if declared.robot is None else path.parent / declared.robot,
-        programs=declared.servers,
+        programs=tuple(_beside(path, program) for program in declared.servers),
         time_limit=declared.time_limit,
     )
+
+
+def _beside(path: Path, program: Program) -> Program:
+    """Return a program whose command runs in its folder relative to the file, which may be a link."""
+    if not program.command:
+        return program
+    return dataclasses.replace(program, folder=str((path.resolve().parent / program.folder).resolve()))
 
 
 def _those_described(scene: Scene) -> tuple[Bay, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 
@@ -20,19 +21,47 @@ class NoStandInError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """An executable of an installed ROS package, as `ros2 run PACKAGE EXECUTABLE` starts it.
+    """A program that tools start beside our nodes: an executable of a ROS package, or a command.
 
-    Tools that start our nodes start it beside them.
+    Attributes
+    ----------
+    package, executable : str
+        As `ros2 run PACKAGE EXECUTABLE` starts it.
+    command : str or tuple of str
+        In place of both: the words of a command. A text is split as a shell does.
+    folder : str
+        The folder in which the command runs; in a domain's file relative to the file.
     """
 
-    package: str
-    executable: str
+    package: str = ""
+    executable: str = ""
+    command: str | tuple[str, ...] = ()
+    folder: str = ""
 
     def __post_init__(self) -> None:
-        """Check the names."""
+        """Check that there is either an executable or a command."""
+        if self.command:
+            alone = not (self.package or self.executable)
+            require(alone, "command", "none beside package and executable", self.command)
+            try:
+                found = bool(self.words)
+            except ValueError:  # a quotation that does not end
+                found = False
+            require(found, "command", "words as in a shell", self.command)
+            return
         for field in ("package", "executable"):
             name = getattr(self, field)
-            require(is_name(name), field, "a name of letters, digits and _", name)
+            require(is_name(name), field, "a name of letters, digits and _ (or `command`)", name)
+
+    @property
+    def words(self) -> list[str]:
+        """The words of the command; empty without one."""
+        return shlex.split(self.command) if isinstance(self.command, str) else list(self.command)
+
+    @property
+    def name(self) -> str:
+        """The executable, or the command in one line."""
+        return self.executable or shlex.join(self.words)
 
 
 def stand_in(name: str) -> ActionFactory:

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -16,6 +16,7 @@ from types import MappingProxyType, TracebackType
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import find_domain
+from ator_ros.domains.programs import Program
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
 
@@ -63,9 +64,32 @@ class NodeProcesses:
     def start(self, name: str, parameters: Mapping[str, object], folder: Path | None = None) -> None:
         """Start the executable `name`, in `folder` where it is of another package, with these parameters."""
         arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+        words = [str((folder or self._folder) / name), *(["--ros-args", *arguments] if arguments else [])]
+        self._run(name, words, None)
+
+    def start_program(self, program: Program) -> None:
+        """Start a program of a domain.
+
+        Raises
+        ------
+        NodesError
+            It is not installed, or cannot be started.
+        """
+        if not program.command:
+            self.start(program.executable, {}, folder_of(program))
+            return
+        try:
+            self._run(program.name, program.words, program.folder)
+        except OSError as error:
+            raise NodesError(
+                f"servers: command: expected a program, got {program.name}: {error.strerror}"
+            ) from error
+
+    def _run(self, name: str, words: Sequence[str], folder: str | None) -> None:
         with self._log(name).open("wb") as log:
             self._processes[name] = subprocess.Popen(
-                [str((folder or self._folder) / name), *(["--ros-args", *arguments] if arguments else [])],
+                words,
+                cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -108,7 +132,7 @@ class NodeProcesses:
         self._processes.clear()
 
     def _log(self, name: str) -> Path:
-        return Path(self._logs.name, f"{name}.log")
+        return Path(self._logs.name, f"{name.replace('/', '_')[:100]}.log")
 
     def __enter__(self) -> NodeProcesses:
         return self
@@ -138,15 +162,41 @@ def own_nodes() -> Iterator[NodeProcesses]:
         ROS is not there, or has not been sourced.
     MachineError
         ROS cannot run on this machine as it is.
+    NodesError
+        Our nodes are not installed.
     """
-    from ament_index_python.packages import get_package_prefix
-
+    folder = folder_of(Program("ator_ros", "executor"))
     check_machine(os.environ, ())
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
-    folder = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
     with free_domain() as domain, NodeProcesses(folder, domain) as nodes:
         yield nodes
+
+
+def folder_of(program: Program) -> Path:
+    """Return the folder of an executable.
+
+    Raises
+    ------
+    NodesError
+        Its package is not installed, or has no such executable.
+    """
+    from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+    name = program.package
+    try:
+        folder = Path(get_package_prefix(name), "lib", name)
+    except (PackageNotFoundError, OSError) as error:  # OSError: no workspace is sourced
+        raise NodesError(
+            f"servers: expected an installed package, got {name}: source the workspace that it is in"
+        ) from error
+    if not os.access(folder / program.executable, os.X_OK):
+        there = sorted(file.name for file in folder.glob("*") if os.access(file, os.X_OK))
+        raise NodesError(
+            f"servers: expected an executable of {name} (it has {', '.join(there) or 'none'}), "
+            f"got {program.executable}"
+        )
+    return folder
 
 
 def node_setting(options: argparse.Namespace) -> dict[str, str]:
@@ -169,14 +219,15 @@ def all_nodes(
 
     `simulated` and `executed` are further parameters of simulation and executor.
     """
-    from ament_index_python.packages import get_package_prefix
-
+    of_domain = find_domain(domain or DEFAULT)
+    for program in of_domain.programs:
+        if not program.command:
+            folder_of(program)  # before anything starts
     whose = {name: value for name, value in (("robot", robot), ("domain", domain)) if value}
     named = {**whose, **({"models": models} if models else {})}
     with own_nodes() as nodes:
         pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
         nodes.start("simulation", {**pace, **simulated, **whose})
-        of_domain = find_domain(domain or DEFAULT)
         # Chains of remote actions are long, and a robot that stands at each station can wait for the answer.
         unhurried = {"deadline": _UNHURRIED} if of_domain.programs else {}
         nodes.start("refinement", {**named, **unhurried})
@@ -185,6 +236,5 @@ def all_nodes(
         limits = {"action_timeout": max(TIME_LIMIT, of_domain.time_limit)}
         nodes.start("executor", {**named, **patience, **limits, **executed})
         for program in of_domain.programs:
-            folder = Path(get_package_prefix(program.package), "lib", program.package)
-            nodes.start(program.executable, {}, folder)
+            nodes.start_program(program)
         yield nodes

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self
@@ -28,6 +29,7 @@ from ator_ros.world.state import World
 
 _FRAME = "odom"
 _NEAR = 0.02
+_SUBSCRIBING = 10.0  # s that programs have to subscribe to odom
 _OUR_LISTENERS = 2
 """Of odom: the executor, and this client."""
 
@@ -80,8 +82,13 @@ class DemoClient:
         for name in servers:
             there = functools.partial(self._own.node.count_services, f"{name}/_action/send_goal")
             self._own.until(lambda there=there: there() > 0, f"the action {name} {where}")  # type: ignore[misc]
-        listening = _OUR_LISTENERS + programs
-        self._own.until(lambda: self._own.node.count_subscribers("odom") >= listening, "listeners of odom")
+        end = time.monotonic() + _SUBSCRIBING  # a program may use tf, or nothing
+
+        def subscribed() -> bool:
+            others = 0 if time.monotonic() > end else programs
+            return self._own.node.count_subscribers("odom") >= _OUR_LISTENERS + others
+
+        self._own.until(subscribed, "subscriptions to odom")
 
     def place(self, start: World) -> None:
         """Place robot and objects at rest where a situation starts; time is paused until a chain runs."""
