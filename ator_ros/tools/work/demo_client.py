@@ -86,7 +86,7 @@ class DemoClient:
 
         def subscribed() -> bool:
             others = 0 if time.monotonic() > end else programs
-            return self._own.node.count_subscribers("odom") >= _OUR_LISTENERS + others
+            return int(self._own.node.count_subscribers("odom")) >= _OUR_LISTENERS + others
 
         self._own.until(subscribed, "subscriptions to odom")
 
