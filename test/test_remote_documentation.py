@@ -45,10 +45,10 @@ RESULT = message(error_code=BasicType("uint16"))
 
 
 def test_the_page_prints_files() -> None:
-    assert [re.search(r"^name: (\w+)", text).group(1) for text in FILES] == ["stations", "errands"]
+    assert [re.search(r"^name: (\w+)", text).group(1) for text in FILES] == ["stations", "shuttle", "errands"]
 
 
-@pytest.mark.parametrize("text", FILES, ids=["stations", "errands"])
+@pytest.mark.parametrize("text", FILES, ids=["stations", "shuttle", "errands"])
 def test_each_file_is_a_domain(tmp_path: Path, text: str) -> None:
     domain = domain_in(tmp_path, text)
     assert {top.action for top in domain.tops} <= set(domain.actions())
