@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.open_variables import OpenVariable
 from ator_ros.evaluation.study_result import FORMAT, MeasuredAction, StudyResult
 from ator_ros.files import read_json
 from ator_ros.report.study_page import study_page
@@ -59,6 +60,7 @@ def test_it_says_what_the_actions_and_refinement_are_like(studied: Path, robot: 
     assert {"naive", "refined", "gated", "gated_speed", "oracle"} <= evaluation.keys()
     model = json.loads((studied / "models" / "goToPose.json").read_text(encoding="utf-8"))
     assert model["robot_digest"] == told.robot_digest
+    assert {(row.step, row.name) for row in told.variables} >= {(1, "yaw"), (1, "speed")}
     page = (studied / "study.html").read_text(encoding="utf-8")
     assert "dribbleBall" in page
     assert (studied / "evaluation" / "report.html").is_file()
@@ -91,13 +93,16 @@ def test_a_folder_of_another_study_is_refused(
 def test_a_study_without_a_chain_is_written_read_and_shown() -> None:
     actions = {"goToPose": MeasuredAction(4, 0.0, None, {}, {"lost": 4})}
     whole = StudyResult(
-        "study", "cart", "0", "soccer", "default", actions, {"shoot": "no holder"}, None, None
-    )
+        "study", "cart", "0", "soccer", "default", actions, {"shoot": "no holder"}, None, None,
+        (OpenVariable(2, "visit", "yaw", 0.25, 0.0, "no effect: the models say so"),),
+    )  # fmt: skip
     read = structured(FORMAT.content(json.loads(FORMAT.text(unstructured(whole)))), StudyResult, closed=True)
     assert read == whole
     page = study_page(read)
     assert "no holder" in page
     assert "No chain of the domain can be executed" in page
+    assert "2 (visit)" in page
+    assert "no effect: the models say so" in page
 
 
 def test_a_robot_without_a_holder_is_studied_as_far_as_it_goes() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ator_ros.evaluation.open_variables import OpenVariable
 from ator_ros.formats import Format
 
 FORMAT = Format("ator_ros study", 1, "study")
@@ -70,6 +71,8 @@ class StudyResult:
         The chain that was evaluated; None without one.
     evaluation : mapping or None
         Summary of its evaluation, as in `evaluation.json`.
+    variables : tuple of OpenVariable
+        What each open variable of the chain is worth, and why if it is worth nothing.
     """
 
     command: str
@@ -81,3 +84,4 @@ class StudyResult:
     left_out: dict[str, str]
     chain: str | None
     evaluation: dict[str, Any] | None
+    variables: tuple[OpenVariable, ...] = ()

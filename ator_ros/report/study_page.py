@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ator_ros.evaluation.open_variables import OpenVariable
 from ator_ros.evaluation.study_result import MeasuredAction, StudyResult
 from ator_ros.report.page import cards, code, page, paragraph, section, table
 from ator_ros.report.terminal_tables import evaluation_table
@@ -20,6 +21,7 @@ def study_page(result: StudyResult) -> str:
         section("Actions", _actions(result.actions)),
         _left_out(result.left_out),
         _evaluation(result),
+        _variables(result.variables),
         section("To repeat this", code(result.command)),
     ]
     return page(title, body)
@@ -52,6 +54,23 @@ def _left_out(left_out: Mapping[str, str]) -> str:
     if not left_out:
         return ""
     return section("What this robot cannot do", table(("action", "why"), list(left_out.items())))
+
+
+def _variables(variables: Sequence[OpenVariable]) -> str:
+    if not variables:
+        return ""
+    rows = [
+        (
+            f"{each.step} ({each.top})",
+            each.name,
+            f"{100 * each.free:.0f} %",
+            f"{each.gain_s:.2f}",
+            each.explanation,
+        )
+        for each in variables
+    ]
+    head = ("step", "open variable", "free in", "predicted gain alone, s", "explanation")
+    return section("Open variables", table(head, rows))
 
 
 def _evaluation(result: StudyResult) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.open_variables import OpenVariable, open_variables
 from ator_ros.evaluation.storage import RESULT, read_result
 from ator_ros.evaluation.study_result import (
     FORMAT,
@@ -19,7 +20,8 @@ from ator_ros.evaluation.study_result import (
     StudyResult,
     StudySettings,
 )
-from ator_ros.evaluation.toolset import ToolsetSource, make_library
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import read_json, write_text
 from ator_ros.performance.model_file import load_model
@@ -37,6 +39,8 @@ from ator_ros.tools.work import train as training
 from ator_ros.tools.work.possible import possible_actions, possible_chain
 
 POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
+EXPLAINED = 50
+"""Situations in which open variables are explained, at most."""
 MARGIN_S = "1.0"
 """Headings predicted to take this much longer than the best are not executed by the oracle."""
 
@@ -57,11 +61,12 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     _trained(options, source, tables, actions)
     learned = [name for name in actions if (source.folder() / f"{name}.json").exists()]
     chain = possible_chain(domain, make_library(robot, source), options.chain, learned)
-    evaluation = None
+    evaluation, variables = None, ()
     if chain is None:
         print(f"study: without an evaluation: no chain of {domain.name} has only {', '.join(learned)}")
     else:
         evaluation = _evaluated(options, source, chain)
+        variables = _variables(options, source, chain)
     result = StudyResult(
         command=command,
         robot=robot.name,
@@ -72,6 +77,7 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         left_out=left_out,
         chain=chain,
         evaluation=evaluation,
+        variables=variables,
     )
     write_text(options.out / "study.json", FORMAT.text(unstructured(result)))
     write_text(options.out / "study.html", study_page(result))
@@ -166,6 +172,19 @@ def _evaluated(options: argparse.Namespace, source: ToolsetSource, chain: str) -
         evaluating.run(settled(evaluate.arguments(), words)[0], "evaluate of study")
     summary: dict[str, Any] = read_result(folder / RESULT)["summary"]
     return summary
+
+
+def _variables(options: argparse.Namespace, source: ToolsetSource, chain: str) -> tuple[OpenVariable, ...]:
+    """Explain what each open variable of the chain is worth, in situations of the evaluation."""
+    tools, library = tools_of(source)
+    trials = [
+        random_trial(tools.domain, chain, library, seed=options.seed + 3, index=index)
+        for index in range(min(options.situations, EXPLAINED))
+    ]
+    found = open_variables(tools, trials)
+    for each in found:
+        print(f"study: step {each.step} ({each.top}), {each.name}: {each.explanation}")
+    return found
 
 
 def _measured(
