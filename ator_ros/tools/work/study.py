@@ -61,7 +61,8 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     _trained(options, source, tables, actions)
     learned = [name for name in actions if (source.folder() / f"{name}.json").exists()]
     chain = possible_chain(domain, make_library(robot, source), options.chain, learned)
-    evaluation, variables = None, ()
+    evaluation: dict[str, Any] | None = None
+    variables: tuple[OpenVariable, ...] = ()
     if chain is None:
         print(f"study: without an evaluation: no chain of {domain.name} has only {', '.join(learned)}")
     else:
