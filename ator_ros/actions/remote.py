@@ -21,6 +21,7 @@ _SERVER = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
 _TYPE = re.compile(r"[a-z]\w*/action/[A-Z]\w*")
 _PATH = re.compile(r"[a-z]\w*(\[0\])?(\.[a-z]\w*(\[0\])?)*", re.ASCII)
 _LONGEST = 86_400.0
+"""Greatest timeout in s: a day, longer than a robot drives on one charge."""
 
 
 def _check_path(path: str) -> None:

@@ -53,7 +53,7 @@ _COMMON = (
         "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True
     ),
     Parameter(
-        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, 3600.0, live=True
+        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, 86400.0, live=True
     ),
 )
 

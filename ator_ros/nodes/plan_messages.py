@@ -15,7 +15,7 @@ from ator_ros.tops.conditions import Condition, Region
 from ator_ros.world import messages
 from ator_ros.world.messages import MessageError
 
-_LARGEST = 10_000.0
+_LARGEST = messages.FARTHEST
 
 
 def is_asked_for(goal: PlanGoal) -> bool:

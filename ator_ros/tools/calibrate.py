@@ -14,7 +14,7 @@ from pathlib import Path
 from ator_ros.tools.guard import guarded
 from ator_ros.tools.option_types import destination, frame
 
-_GREATEST = 50.0  # m, m/s or rad/s
+_GREATEST = 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
 
 
 def arguments() -> argparse.ArgumentParser:

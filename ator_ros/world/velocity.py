@@ -14,8 +14,8 @@ _SPAN = 0.3
 """Time in s over which positions tell the velocity."""
 _LEAST = 0.05
 """Time in s that positions must span; until then the object counts as at rest."""
-_FASTEST = 10.0
-"""Speed in m/s above which the object has not moved but was found elsewhere."""
+_FASTEST = 20.0
+"""Speed in m/s above which an object was found elsewhere instead of moving: other robots reach 15 m/s."""
 _KEPT = 64
 _ROBOT_SPAN = 0.04
 """Least time in s over which two poses of the robot tell its velocity: one tick at 20 Hz, four at 100 Hz."""

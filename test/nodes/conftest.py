@@ -61,9 +61,9 @@ def host(domain: int, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.Mon
         told = capfd.readouterr()
         return told.out + told.err
 
-    def run(name: str, /, **parameters: object) -> Hosted:
+    def run(name: str, /, *words: str, **parameters: object) -> Hosted:
         assert not hosted
-        hosted.append(Hosted(name, domain, said, **parameters))
+        hosted.append(Hosted(name, domain, said, *words, **parameters))
         return hosted[0]
 
     yield run

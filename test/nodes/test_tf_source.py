@@ -84,7 +84,11 @@ class Base:
         while not self._ended.wait(PERIOD):
             self._drive()
             if not self.silent:
-                self._tf.publish(TFMessage(transforms=self._transforms(time.monotonic())))
+                self.publish(time.monotonic())
+
+    def publish(self, now: float) -> None:
+        """Publish the state at `now` (s)."""
+        self._tf.publish(TFMessage(transforms=self._transforms(now)))
 
     def _drive(self) -> None:
         self.velocity = (

@@ -1,0 +1,140 @@
+"""The executor drives by odometry as real bases publish it, and stops without odometry that can be used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import pytest
+from chain_client import ChainClient, call
+from conftest import Host
+from nav_msgs.msg import Odometry
+from ros_client import Client
+from test_tf_source import Base
+
+from ator_interfaces.msg import Outcome
+from ator_ros.geometry import Pose
+from ator_ros.nodes.conversions import odometry_of
+from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.world.state import STOP, RobotState
+
+Quirk = Callable[[Odometry, float], None]
+"""Changes an odometry message of a robot with a heading (rad)."""
+SETTINGS = {"frame": "/odom", "odom_timeout": 1.0, "start_timeout": 2.0, "fence": "[-1e7, -1e7, 1e7, 1e7]"}
+
+REMAPPED = ("-r", "odom:=quirky_odom")
+"""The client of the tests subscribes to odom, and must not receive what cannot be read."""
+
+
+class QuirkyBase(Base):
+    """A base that publishes odometry with a quirk.
+
+    Attributes
+    ----------
+    quirk : callable
+        Changes each message.
+    late : int
+        Messages after which one is published late, behind its successor; 0: none.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self.quirk: Quirk = plain
+        self.late = self._count = 0
+        self._held: Odometry | None = None
+        self._odom = client.node.create_publisher(Odometry, "quirky_odom", SENSOR_DATA)
+        super().__init__(client)
+
+    def publish(self, now: float) -> None:
+        """Publish odometry, with the quirk."""
+        robot = RobotState(self.pose, self.velocity.v, self.velocity.w)
+        message = odometry_of(now, robot, frame="odom", child="base_link")
+        self.quirk(message, self.pose.yaw)
+        self._count += 1
+        if self.late and self._count % self.late == 0:
+            self._held = message
+            return
+        self._odom.publish(message)
+        if self._held is not None:
+            self._odom.publish(self._held)
+            self._held = None
+
+
+def plain(message: Odometry, yaw: float) -> None:
+    """Change nothing."""
+
+
+def leading_slash(message: Odometry, yaw: float) -> None:
+    message.header.frame_id = "/odom"
+
+
+def since_1970(message: Odometry, yaw: float) -> None:
+    message.header.stamp.sec += 1_764_000_000
+
+
+def long_quaternion(message: Odometry, yaw: float) -> None:
+    turn = message.pose.pose.orientation
+    turn.z, turn.w = 1.3 * turn.z, 1.3 * turn.w
+
+
+def twist_in_odom(message: Odometry, yaw: float) -> None:
+    linear = message.twist.twist.linear
+    message.child_frame_id = message.header.frame_id
+    linear.x, linear.y = linear.x * math.cos(yaw), linear.x * math.sin(yaw)
+
+
+def no_direction(message: Odometry, yaw: float) -> None:
+    turn = message.pose.pose.orientation
+    turn.z = turn.w = 0.0
+
+
+def twist_in_odom_unsaid(message: Odometry, yaw: float) -> None:
+    twist_in_odom(message, yaw)
+    message.child_frame_id = "base_link"
+
+
+@pytest.fixture
+def base(client: Client) -> Iterator[QuirkyBase]:
+    made = QuirkyBase(client)
+    yield made
+    made.close()
+
+
+FAR = Pose(691_608.25, 5_334_761.5, 2.2)
+
+
+@pytest.mark.parametrize("quirk", [plain, leading_slash, since_1970, long_quaternion, twist_in_odom])
+def test_odometry_with_a_quirk_drives_the_robot_to_its_goal(
+    host: Host, client: Client, base: QuirkyBase, quirk: Quirk
+) -> None:
+    base.quirk, base.late = quirk, 10
+    base.pose = FAR
+    node = host("executor", *REMAPPED, **SETTINGS)
+    goal = FAR.compose(Pose(0.7, 0.4, 0.8))
+    result = ChainClient(client).send([call("goToPose", goal)]).result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert base.pose.distance(goal) < 0.05
+    assert "contradict" not in node.output
+
+
+def test_odometry_without_direction_is_named_and_stops_the_robot(
+    host: Host, client: Client, base: QuirkyBase
+) -> None:
+    node = host("executor", *REMAPPED, **SETTINGS)
+    sent = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))])
+    client.eventually(lambda: sent.ended() or base.velocity.v > 0.3, "the robot drives")
+    base.quirk = no_direction
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.INPUT_LOST, outcome.reason
+    client.eventually(lambda: base.velocity == STOP, "the robot stands")
+    assert "ignored: odom.pose.pose.orientation: expected a quaternion" in node.output
+
+
+def test_a_twist_that_contradicts_the_poses_is_named_once(
+    host: Host, client: Client, base: QuirkyBase
+) -> None:
+    base.quirk = twist_in_odom_unsaid
+    base.pose = Pose(0.0, 0.0, 2.0)
+    node = host("executor", *REMAPPED, **SETTINGS)
+    base._command = base._command.__class__(0.4, 0.3)
+    client.eventually(lambda: "contradict each other" in node.output, "a warning")
+    assert node.output.count("contradict each other") == 1
