@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import os
 import subprocess
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import rclpy
 from ament_index_python.packages import get_package_prefix
 from conftest import Start
+from nav_msgs.msg import Odometry
 from process import PATIENCE
+from rclpy.node import Node
 from ros_client import Client
 
+from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 
@@ -25,6 +31,53 @@ def calibrate(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
     command = [str(executable), *words]
     kept = {"capture_output": True, "text": True, "timeout": 4 * PATIENCE}
     return subprocess.run(command, env=environment, check=False, **kept)
+
+
+@pytest.fixture
+def publish(domain: int) -> Iterator[Callable[[Odometry], None]]:
+    """Yield a function that publishes an odometry message again and again; nothing here publishes cmd_vel."""
+    context = rclpy.Context()
+    context.init(domain_id=domain)
+    node = Node("strange_base", context=context)
+    publisher, ended = node.create_publisher(Odometry, "odom", SENSOR_DATA), threading.Event()
+
+    def repeat(message: Odometry) -> None:
+        while not ended.wait(0.02):
+            message.header.stamp.sec += 1
+            publisher.publish(message)
+
+    threads: list[threading.Thread] = []
+
+    def begin(message: Odometry) -> None:
+        threads.append(threading.Thread(target=repeat, args=(message,), daemon=True))
+        threads[0].start()
+
+    yield begin
+    ended.set()
+    for thread in threads:
+        thread.join()
+    node.destroy_node()
+    context.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("frame", "w", "expected"),
+    [
+        ("robot1/odom", 1.0, "expected the frame 'odom', got 'robot1/odom'; --frame sets what is expected"),
+        ("/odom", 0.0, "odom.pose.pose.orientation: expected a quaternion (x, y, z, w) with a direction"),
+    ],
+)
+def test_odometry_that_cannot_be_used_is_named_in_one_line(
+    publish: Callable[[Odometry], None], domain: int, tmp_path: Path, frame: str, w: float, expected: str
+) -> None:
+    message = Odometry(child_frame_id="base_link")
+    message.header.frame_id, message.pose.pose.orientation.w = frame, w
+    publish(message)
+    done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("calibrate: odom.")
+    assert expected in line
 
 
 @pytest.mark.long
