@@ -16,6 +16,7 @@ from typing import Any
 LARGEST_JSON = 20_000_000
 """Bytes of a JSON file; the largest model that ships has 40 kB."""
 _DIGITS = 300
+_LONGEST_NAME = 100  # characters; a file's name may have 255 bytes
 
 
 @contextlib.contextmanager
@@ -98,15 +99,15 @@ def alone_in(folder: Path | str) -> Iterator[None]:
     except OSError as error:
         raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
     try:
-        if _is_locked_elsewhere(handle):
+        if is_locked_elsewhere(handle):
             raise OSError(f"{place}: expected a folder of its own, another command is writing there")
         yield
     finally:
         os.close(handle)
 
 
-def _is_locked_elsewhere(handle: int) -> bool:
-    """Lock what is open as `handle`; return whether another process has locked it."""
+def is_locked_elsewhere(handle: int) -> bool:
+    """Lock the file that is open as `handle`; return whether another process has locked it."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -138,7 +139,7 @@ def limited_memory(extra: int) -> Iterator[None]:
 
 def is_name(value: object) -> bool:
     """Return whether `value` may name an action or a set of them, and so a file or a folder."""
-    return isinstance(value, str) and value.isascii() and value.isidentifier()
+    return isinstance(value, str) and len(value) <= _LONGEST_NAME and value.isascii() and value.isidentifier()
 
 
 def portable_command(name: str, words: Sequence[str]) -> str:

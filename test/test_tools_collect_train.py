@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import fcntl
 import json
 import os
 import signal
@@ -100,8 +101,8 @@ def test_collect_writes_nothing_where_no_episode_has_ended(
     monkeypatch.setattr(collect_work, "collect", interrupted)
     file = tmp_path / "none.parquet"
     assert collect.main(["--actions", "goToPose", "--out", str(file)]) == INTERRUPTED
-    assert not file.exists()
-    assert "interrupted; nothing was written" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    assert "interrupted; the same command goes on from here" in capsys.readouterr().err
 
 
 def test_collect_keeps_the_finished_episodes_when_a_worker_is_killed(
@@ -140,6 +141,95 @@ def test_a_signal_to_all_processes_ends_them_and_keeps_the_finished_episodes(
         assert process.wait() == INTERRUPTED
     assert eventually_gone(process.pid)
     assert 3 <= read_experience(file).frame["episode"].nunique() < 2000
+
+
+def test_collect_continues_after_a_kill_with_the_same_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, file = tmp_path / "whole.parquet", tmp_path / "killed.parquet"
+    words = ["--actions", "goToPose", "dribbleBall", "--episodes", "3", "--seed", "9", "--jobs", "1", "--out"]
+    with subprocess.Popen(
+        [sys.executable, "-c", WATCHED, *words, str(file)], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        while "4 episodes" not in process.stdout.readline():
+            assert process.poll() is None
+        process.kill()
+    assert not file.exists()
+    (kept,) = tmp_path.iterdir()
+    lines = kept.read_bytes()
+    kept.write_bytes(lines + lines[-200:-1])  # as if it was killed while it wrote
+    assert collect.main([*words, str(file)]) == 0
+    assert "collect: 4 episodes of an earlier call are there" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [file]
+    assert collect.main([*words, str(whole)]) == 0
+    one, two = map(read_experience, (whole, file))
+    pd.testing.assert_frame_equal(one.frame, two.frame, check_exact=True)
+    assert two.metadata["complete"] is True
+
+
+def test_collect_continues_after_ctrl_c_and_with_more_episodes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
+        yield next(collected(*args, **options))
+        raise KeyboardInterrupt
+
+    collected, file = collect_work.collect, tmp_path / "t.parquet"
+    words = ["--actions", "goToPose", "--seed", "9", "--jobs", "1", "--out", str(file), "--episodes"]
+    with monkeypatch.context() as patched:
+        patched.setattr(collect_work, "collect", interrupted)
+        assert collect.main([*words, "2"]) == INTERRUPTED
+    assert collect.main([*words, "3"]) == 0
+    assert read_experience(file).frame["episode"].unique().tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--seed", "10"], "expected episodes of the same seed, robot and domain, got others"),
+        (["--action-set", "bezier"], "expected episodes of the same seed, robot and domain, got others"),
+    ],
+)
+def test_finished_episodes_of_other_settings_are_not_continued(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    told: str,
+) -> None:
+    def interrupted(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
+        yield made_up_experience("goToPose", episodes=1)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(collect_work, "collect", interrupted)
+    common = ["--actions", "goToPose", "--out", str(tmp_path / "t.parquet")]
+    assert collect.main(common) == INTERRUPTED
+    (kept,) = (file for file in tmp_path.iterdir() if file.suffix == ".jsonl")
+    before = kept.read_bytes()
+    assert collect.main([*common, *words]) == 1
+    assert f"{kept}: {told}: choose another --out, or delete that file" in capsys.readouterr().err
+    assert kept.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "line", ["{}", "[1]", '{"action": "goToPose", "episode": [0]}', "3", "\xff", "[" * 5000]
+)
+def test_a_damaged_file_of_finished_episodes_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str
+) -> None:
+    kept = tmp_path / "t.episodes.jsonl"
+    kept.write_bytes(b'{"seed": 101}\n' + line.encode("latin-1") + b"\n")
+    assert collect.main(["--actions", "goToPose", "--out", str(tmp_path / "t.parquet")]) == 1
+    assert capsys.readouterr().err.startswith(f"collect: {kept}: expected episodes, one a line: ")
+
+
+def test_two_collections_do_not_share_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = tmp_path / "t.episodes.jsonl"
+    with kept.open("ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert collect.main(["--actions", "goToPose", "--out", str(tmp_path / "t.parquet")]) == 1
+    assert "expected a file of its own, another command is writing it" in capsys.readouterr().err
 
 
 @pytest.mark.long

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,8 +88,9 @@ def collect(
     jobs: int = 1,
     backend: str = "loky",
     time_limit: float = TIME_LIMIT,
+    finished: Container[tuple[str, int]] = (),
 ) -> Iterator[pd.DataFrame]:
-    """Yield the rows of episode after episode: `episodes` of each action.
+    """Yield the rows of episode after episode: `episodes` of each action, without those that are finished.
 
     Parameters
     ----------
@@ -107,6 +108,8 @@ def collect(
         As for `run_tasks`.
     time_limit : float
         Time in s that each may take.
+    finished : container of (str, int)
+        Action and number of the episodes that are left out.
 
     Raises
     ------
@@ -118,5 +121,6 @@ def collect(
         EpisodeTask(action, purposes, robot, seed, number, objects, time_limit)
         for action in actions
         for number in numbers
+        if (action.name, number) not in finished
     ]
     yield from run_tasks(run_task, tasks, jobs=jobs, backend=backend)

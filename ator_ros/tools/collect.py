@@ -1,4 +1,7 @@
-"""Collect experience: execute each action from random situations in the simulator (paper, section 3)."""
+"""Collect experience: execute each action from random situations in the simulator (paper, section 3).
+
+The same command continues where it was interrupted.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return work.run(options, domain, portable_command("collect", words))
 
-    return guarded("collect", run, interrupted=RESUMES if options.over_ros else "nothing was written")
+    return guarded("collect", run, interrupted=RESUMES)
 
 
 if __name__ == "__main__":

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
+import pandas as pd
 import pytest
 from ament_index_python.packages import get_package_prefix
 
@@ -17,14 +17,13 @@ from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import collect
 from ator_ros.experience.episode import run_episode
-from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.table import episode_frame, read_experience
+from ator_ros.experience.finished import FinishedEpisodes
+from ator_ros.experience.table import episode_frame, join, library_versions, read_experience
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools import collect as collect_tool
 from ator_ros.tools.command_line import settled
 from ator_ros.tools.work import collect as collecting
 from ator_ros.tools.work import collect_over_ros
-from ator_ros.tools.work.collect_over_ros import Finished, drives
 from ator_ros.tools.work.demo_client import DemoError
 from ator_ros.tops.outcome import top_of
 
@@ -74,36 +73,29 @@ def test_the_demo_plays_a_tour(tmp_path: Path) -> None:
 # What is finished is not driven again
 
 
-def finished(table: Path, seed: int = SEED) -> Finished:
-    return Finished(table, {"seed": seed, "domain": "tour"})
-
-
-def test_finished_drives_are_kept_and_come_first(tmp_path: Path) -> None:
-    file = tmp_path / "drives.parquet"
-    frames = list(
-        collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED)
-    )
-    first = finished(file)
-    for frame in frames:
-        first.add(frame)
-    with first.path.open("a", encoding="utf-8") as text:
-        text.write('{"action": "drive_to", "epi')  # as by a power failure
-    options = argparse.Namespace(actions=["drive_to"], episodes=2)
-    again = list(drives(options, TOUR, TOUR.robot(), finished(file)))  # starts no node
-    assert [frame.iloc[0].to_dict() for frame in again] == [frame.iloc[0].to_dict() for frame in frames]
-    Finished.remove(file)
-    assert list(tmp_path.iterdir()) == []
+def finished_of(table: Path, words: Sequence[str]) -> FinishedEpisodes:
+    """Return the finished episodes of a collection that was killed."""
+    options, _ = settled(collect_tool.arguments(), words)
+    identity = {
+        "seed": options.seed,
+        "robot": TOUR.robot().sections(),
+        "domain": "tour",
+        "action_set": options.action_set,
+        "over_ros": True,
+        "versions": library_versions(),
+    }
+    return FinishedEpisodes(table, identity)
 
 
 def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     table = tmp_path / "drives.parquet"
-    words = ["--domain", "tour", "--actions", "drive_to", "--over-ros", "--episodes", "1"]
+    words = ["--domain", "tour", "--actions", "drive_to", "--over-ros", "--episodes", "2"]
     words += ["--seed", str(SEED), "--out", str(table)]
     options, domain = settled(collect_tool.arguments(), words)
-    identity = {"seed": SEED, "robot_digest": TOUR.robot().digest(), "domain": "tour"}
-    kept = Finished(table, {**identity, "action_set": options.action_set})
-    for frame in collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=1, seed=SEED):
-        kept.add(frame)
+    kept = finished_of(table, words)
+    for frame in collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED):
+        kept.add(frame.head(1))
+    kept.close()
 
     def fail(*_: object) -> None:
         raise OSError("no space left")
@@ -113,9 +105,10 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
         with pytest.raises(OSError, match="no space left"):
             collecting.run(options, domain, "collect of a test")
     assert kept.path.exists()
-    assert collecting.run(options, domain, "collect of a test") == 0
-    assert not kept.path.exists()
-    assert len(read_experience(table).frame) == 1
+    assert collecting.run(options, domain, "collect of a test") == 0  # starts no node
+    assert list(tmp_path.iterdir()) == [table]
+    frame = read_experience(table).frame
+    pd.testing.assert_frame_equal(frame, join(kept.frames.values()), check_exact=True, check_dtype=False)
 
 
 def test_nodes_that_do_not_do_what_is_expected_are_told_in_one_line(
@@ -141,24 +134,9 @@ def test_finished_drives_keep_the_values_of_declared_goal_variables(tmp_path: Pa
     with Simulation(domain.robot()) as simulation:
         top = top_of(situation, domain.tops, domain.robot())
         episode = run_episode(simulation, spec.factory(domain.robot()), situation, top=top)
-    first = finished(tmp_path / "drives.parquet")
+    first = FinishedEpisodes(tmp_path / "drives.parquet", {})
     first.add(episode_frame(0, episode, domain.objects))
-    options = argparse.Namespace(actions=["drive_to"], episodes=1)
-    (frame,) = drives(options, domain, domain.robot(), first)
-    assert list(frame["liftg"]) == [0.3]
-
-
-@pytest.mark.parametrize("line", ["{}", "[1]", '{"action": "drive_to", "episode": [0]}', "3"])
-def test_lines_that_are_no_drives_are_refused(tmp_path: Path, line: str) -> None:
-    file = tmp_path / "drives.parquet"
-    with finished(file).path.open("a", encoding="utf-8") as text:
-        text.write(f"{line}\n")
-    with pytest.raises(ExperienceError, match=r"drives\.drives\.jsonl: expected drives, one a line"):
-        finished(file)
-
-
-def test_drives_of_another_seed_are_not_gone_on_with(tmp_path: Path) -> None:
-    file = tmp_path / "drives.parquet"
-    finished(file)
-    with pytest.raises(ExperienceError, match=r"drives.drives.jsonl: expected drives of the same seed"):
-        finished(file, seed=SEED + 1)
+    first.close()
+    (frame,) = FinishedEpisodes(tmp_path / "drives.parquet", {}).frames.values()
+    assert set(frame["liftg"]) == {0.3}
+    pd.testing.assert_frame_equal(frame, episode_frame(0, episode, domain.objects), check_exact=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Container, Iterator, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -14,6 +15,7 @@ from tqdm import tqdm
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.collect import collect
 from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.finished import FinishedEpisodes
 from ator_ros.experience.parallel import BackendError, cluster
 from ator_ros.experience.table import (
     Experience,
@@ -24,7 +26,7 @@ from ator_ros.experience.table import (
 )
 from ator_ros.files import reserved
 from ator_ros.robot.description import Robot
-from ator_ros.tools.guard import INTERRUPTED, undisturbed
+from ator_ros.tools.guard import INTERRUPTED, RESUMES, undisturbed
 from ator_ros.tools.work.possible import possible_actions
 
 _EPISODE_BYTES = 10_000
@@ -36,21 +38,24 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     require_pyarrow()
     robot = domain.robot(options.robot or None)
     options.actions = _possible(options, domain, robot)
-    frames: list[pd.DataFrame] = []
-    stopped: BaseException | None = None
-    room = _EPISODE_BYTES * options.episodes * len(options.actions)
-    with reserved(options.out.absolute().parent, room), cluster(options.cluster):
-        drive = _over_ros if options.over_ros else _simulated
-        episodes = drive(options, domain, robot)
-        bar = tqdm(episodes, total=options.episodes * len(options.actions), unit="episode", disable=None)
-        try:
-            frames.extend(bar)
-        except (KeyboardInterrupt, BackendError) as error:
-            stopped = error
-        finally:
-            bar.close()
-    if stopped is not None and not frames:
-        raise stopped
+    wanted = [(action, number) for action in options.actions for number in range(options.episodes)]
+    folder, room = options.out.absolute().parent, _EPISODE_BYTES * len(wanted)
+    with reserved(folder, 2 * room):
+        pass  # a full disk is reported before the work
+    identity = {
+        "seed": options.seed,
+        "robot": robot.sections(),
+        "domain": domain.name,
+        "action_set": options.action_set,
+        "over_ros": options.over_ros,
+        "versions": library_versions(),
+    }
+    finished = FinishedEpisodes(options.out, identity)
+    with contextlib.closing(finished), reserved(folder, room), cluster(options.cluster):
+        stopped = _collect(options, domain, robot, finished, wanted)
+        frames = [finished.frames[key] for key in wanted if key in finished.frames]
+        if stopped is not None and not frames:
+            raise stopped
     with undisturbed():
         metadata = {
             "seed": options.seed,
@@ -64,11 +69,35 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
         frame = join(frames)
         file = _kept(Experience(frame, metadata), options.out)
         _report(frame, file, stopped)
-        if options.over_ros and stopped is None and file == options.out:
-            _forget_drives(file)
+        if stopped is None and file == options.out:
+            finished.remove()
     if isinstance(stopped, KeyboardInterrupt):
         return INTERRUPTED
     return 0 if stopped is None and file == options.out else 1
+
+
+def _collect(
+    options: argparse.Namespace,
+    domain: Domain,
+    robot: Robot,
+    finished: FinishedEpisodes,
+    wanted: Sequence[tuple[str, int]],
+) -> BaseException | None:
+    """Execute the episodes that are missing, and keep each; return what has stopped it, None if nothing."""
+    done = sum(key in finished.frames for key in wanted)
+    if done:
+        print(f"collect: {done} episodes of an earlier call are there", file=sys.stderr)
+    drive = _over_ros if options.over_ros else _simulated
+    episodes = drive(options, domain, robot, frozenset(finished.frames))
+    bar = tqdm(episodes, initial=done, total=len(wanted), unit="episode", disable=None)
+    try:
+        for frame in bar:
+            finished.add(frame)
+    except (KeyboardInterrupt, BackendError, OSError) as error:
+        return error
+    finally:
+        bar.close()
+    return None
 
 
 def _possible(options: argparse.Namespace, domain: Domain, robot: Robot) -> list[str]:
@@ -86,7 +115,9 @@ def _possible(options: argparse.Namespace, domain: Domain, robot: Robot) -> list
     return [name for name in wanted if name not in without]
 
 
-def _simulated(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator[pd.DataFrame]:
+def _simulated(
+    options: argparse.Namespace, domain: Domain, robot: Robot, finished: Container[tuple[str, int]]
+) -> Iterator[pd.DataFrame]:
     return collect(
         [domain.actions(options.action_set)[name] for name in options.actions],
         domain.tops_for(robot),
@@ -97,34 +128,18 @@ def _simulated(options: argparse.Namespace, domain: Domain, robot: Robot) -> Ite
         jobs=options.jobs,
         backend=options.backend,
         time_limit=domain.time_limit,
+        finished=finished,
     )
 
 
-def _over_ros(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator[pd.DataFrame]:
-    """Drive over ROS, and resume from the drives that an earlier call has kept."""
+def _over_ros(
+    options: argparse.Namespace, domain: Domain, robot: Robot, finished: Container[tuple[str, int]]
+) -> Iterator[pd.DataFrame]:
     try:
-        from ator_ros.tools.work.collect_over_ros import Finished, drives
+        from ator_ros.tools.work.collect_over_ros import drives
     except ImportError as error:
         raise ExperienceError(f"--over-ros: {error}: source your ROS 2 workspace") from error
-    identity = {
-        "seed": options.seed,
-        "robot_digest": robot.digest(),
-        "domain": domain.name,
-        "action_set": options.action_set,
-    }
-    finished = Finished(options.out, identity)
-    try:
-        yield from drives(options, domain, robot, finished)
-    finally:
-        if not finished.rows:
-            Finished.remove(options.out)
-
-
-def _forget_drives(table: Path) -> None:
-    """Delete the drives that were kept one by one, now that the whole table is written."""
-    from ator_ros.tools.work.collect_over_ros import Finished
-
-    Finished.remove(table)
+    yield from drives(options, domain, robot, finished)
 
 
 def _kept(experience: Experience, file: Path) -> Path:
@@ -151,4 +166,5 @@ def _report(frame: pd.DataFrame, file: Path, stopped: BaseException | None) -> N
     if stopped is None:
         print(f"wrote {file}")
     else:
-        print(f"{str(stopped) or 'interrupted'}; kept the finished episodes in {file}")
+        why = str(stopped) or "interrupted"
+        print(f"{why}; kept the finished episodes in {file}; {RESUMES}")
