@@ -155,7 +155,9 @@ def test_records_of_any_action_are_learned_under_its_name(tmp_path: Path) -> Non
 
 def test_the_domain_says_which_point_a_record_is_about(tmp_path: Path) -> None:
     store = own_types()
-    held = dataclasses.replace(PARCELS, tops=(dataclasses.replace(CARRY, name="dockAt", point=Point.HOLD),))
+    held = dataclasses.replace(
+        PARCELS, tops=(dataclasses.replace(CARRY, name="dockAt", action="dock", point=Point.HOLD),)
+    )
     write_records(tmp_path / "bag", store, [dock(store, 0)])
     assert read_recording(tmp_path / "bag", ROBOT, held).of("dock")["hold"].tolist() == [1]
 

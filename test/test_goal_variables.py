@@ -181,7 +181,13 @@ def test_records_of_the_executor_hold_the_values(tmp_path: Path) -> None:
 
     def record(**values: float) -> Any:
         message = action_performance(
-            store, goal=Pose(1.0, 0.0, 0.0), speed=0.0, duration=4.0, code=1, action="turnDriveTurn"
+            store,
+            goal=Pose(1.0, 0.0, 0.0),
+            speed=0.0,
+            duration=4.0,
+            code=1,
+            action="turnDriveTurn",
+            top="visit",
         )
         given = [store.types["ator_interfaces/msg/GoalValue"](name, value) for name, value in values.items()]
         return dataclasses.replace(message, call=dataclasses.replace(message.call, values=given))

@@ -104,10 +104,15 @@ def test_what_finds_no_room_waits(tmp_path: Path, learner: Learner, monkeypatch:
 
     monkeypatch.setattr(os, "write", full)
     take(learner, 5)
+    learner.work(5.0)
     assert "expected room on the disk: No space left" in learner.problem
+    assert not learner.has_room
     monkeypatch.undo()
     learner.work(10.0)
     assert learner.problem == ""
+    assert learner.has_room
+    learner.close()
+    assert learner.lost == 0
     assert len(read_records(tmp_path / RECORDS, "default").rows) == 8
 
 

@@ -19,6 +19,7 @@ from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.tools import train
 from ator_ros.world.state import STOP, Command, World
 
 ROBOT = load_robot()
@@ -201,6 +202,37 @@ def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None
     assert experience.metadata["records_left_out"] == len(bad)
 
 
+def test_records_that_no_executor_makes_are_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = own_types()
+    usual = {"goal": Pose(1.5, 0.5, 0.7), "speed": 0.0, "code": 1}
+    good = [
+        action_performance(store, **usual, duration=2.0 + 0.1 * number, start=(-1.0 + 0.1 * number, 0.0))
+        for number in range(25)
+    ]
+    failed_far = action_performance(store, **{**usual, "code": 2}, duration=3.0, start=(-90.0, 0.0))
+    bad = [
+        action_performance(store, **usual, duration=3.0, action="shoot", top="goToPose"),
+        action_performance(store, **usual, duration=3.0, action="goToPose", top="shoot"),
+        action_performance(store, **usual, duration=3.0, top="visit"),
+        action_performance(store, **usual, duration=3.0, start=(-90.0, 0.0)),  # too far for 3 s
+        action_performance(store, **{**usual, "code": 2}, duration=3.0, start=(0.0, 5000.0)),
+        action_performance(store, **usual, duration=3.0, action="shoot", top="shoot", start=(-900.0, 0.0)),
+    ]
+    long = action_performance(store, **usual, duration=3.0)
+    long.start.objects[0].name = "b" * 1_000
+    far_ball = action_performance(store, **usual, duration=3.0)
+    far_ball.start.objects[0].position.y = -4000.0
+    bad += [long, far_ball]
+    write_records(tmp_path / "bag", store, [*good, failed_far, *bad])
+    experience = read_recording(tmp_path / "bag", ROBOT, SOCCER)
+    assert experience.metadata["records_left_out"] == len(bad)
+    assert len(experience.of("goToPose")) == len(good) + 1
+    assert train.main([str(tmp_path / "bag"), "--models", str(tmp_path / "models")]) == 0
+    assert f"train: left out {len(bad)} records that cannot be used" in capsys.readouterr().err
+
+
 def action_performance(
     store: Any,
     *,
@@ -210,8 +242,10 @@ def action_performance(
     code: int,
     action: str = "goToPose",
     action_set: str = "default",
+    top: str = "goToBall",
+    start: tuple[float, float] = (-1.0, 0.25),
 ) -> Any:
-    """Return the record of a goToBall from (-1, 0.25)."""
+    """Return the record of a goToBall, or of another TOP."""
     types = store.types
     stamp = types["builtin_interfaces/msg/Time"](0, 0)
     header = types["std_msgs/msg/Header"](stamp, "odom")
@@ -225,10 +259,10 @@ def action_performance(
         name="ball", position=point(goal.x, goal.y, 0.0), velocity=vector(0.0, 0.0, 0.0)
     )
     situation = types["ator_interfaces/msg/Situation"](
-        header=header, robot=pose(Pose(-1.0, 0.25, 0.1)), v=0.1, w=0.0, objects=[ball]
+        header=header, robot=pose(Pose(*start, 0.1)), v=0.1, w=0.0, objects=[ball]
     )
     call = types["ator_interfaces/msg/TopCall"](
-        top="goToBall", goal=types["geometry_msgs/msg/PoseStamped"](header, pose(goal)), speed=speed,
+        top=top, goal=types["geometry_msgs/msg/PoseStamped"](header, pose(goal)), speed=speed,
         open=[], values=[],
     )  # fmt: skip
     performance = types["ator_interfaces/msg/Performance"]

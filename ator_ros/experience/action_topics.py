@@ -19,7 +19,7 @@ from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.remote_results import failure_in, status_name, value_at
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.records import sound
+from ator_ros.experience.records import fault_of
 from ator_ros.experience.streams import Track
 from ator_ros.experience.vocabulary import Vocabulary
 from ator_ros.geometry import Pose, wrap_angle
@@ -112,23 +112,23 @@ class ActionTopics:
             try:
                 episode = self._episode(server, execution, track, robot, frame)
             except (AttributeError, TypeError, ValueError):  # another type of action than declared
+                episode = None
+            if episode is None:
                 self.left_out += 1
-                continue
-            if episode is not None and sound(episode):
-                yield episode
             else:
-                self.left_out += 1
+                yield episode
 
     def _episode(
         self, server: str, execution: _Execution, track: Track, robot: Robot, frame: str
     ) -> Episode | None:
-        """Return the episode; None where it was broken off, is not known enough, or is in another frame."""
+        """Return the episode; None if it was broken off, is not known enough, or cannot be used."""
         action, call = self._action_of(server, execution.goal)
         top = next((top for top in self._domain.tops_for(robot) if top.action == action), None)
         if call is None or top is None or not _told(call, execution):
             return None
         known = plain_frame(_frame_of(call, execution.goal)) in ("", frame)
-        return _episode(top, call, execution, track, robot) if known else None
+        episode = _episode(top, call, execution, track, robot) if known else None
+        return None if episode is None or fault_of(episode, top, robot) else episode
 
     def _action_of(self, server: str, goal: Any) -> tuple[str, RemoteCall | None]:
         """Return the action of a server whose constants a goal has: several may share one server."""

@@ -22,7 +22,7 @@ from ator_ros.experience.bag_reading import Recording, RecordingError
 from ator_ros.experience.columns import MOST_OBJECTS
 from ator_ros.experience.drives import SHORTEST, drives
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.records import ENDED, episode_of, sound
+from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.streams import Stretches, Track
 from ator_ros.experience.table import Experience, episode_frame, join, library_versions
 from ator_ros.experience.topics import (
@@ -58,24 +58,21 @@ class _Recorded:
     action_sets: set[str] = field(default_factory=set)
     left_out: int = 0
 
-    def take(self, role: str, message: Any, domain: Vocabulary) -> None:
+    def take(self, role: str, message: Any, domain: Vocabulary, robot: Robot) -> None:
         """Take a message of a topic that was selected as `role`."""
         if role == RECORDS:
             if message.outcome.code in ENDED:
-                self._add_record(message, domain)
+                self._add_record(message, domain, robot)
         elif "/_action/" in role:
             self._add_goal(role, message)
         else:
             self.stretches.take(role, message)
 
-    def _add_record(self, message: Any, domain: Vocabulary) -> None:
+    def _add_record(self, message: Any, domain: Vocabulary, robot: Robot) -> None:
         """Take an ActionPerformance; one that cannot be used is left out, and counted."""
         try:
-            episode = episode_of(message, domain)
+            episode = episode_of(message, domain, robot)
         except MessageError:
-            self.left_out += 1
-            return
-        if not sound(episode):
             self.left_out += 1
             return
         self.records.append(episode)
@@ -125,7 +122,7 @@ def read_recording(
         It names an action or an action set by what is no name.
     """
     file = Path(path)
-    by_robot, selection = _read(file, domain, names)
+    by_robot, selection = _read(file, domain, robot, names)
     episodes = [episode for recorded in by_robot.values() for episode in recorded.episodes(robot, domain)]
     remarks = list(selection.skipped)
     for recorded in by_robot.values():
@@ -190,7 +187,9 @@ def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
     return found[0] if found else None
 
 
-def _read(file: Path, domain: Vocabulary, names: TopicNames) -> tuple[dict[str, _Recorded], Selection]:
+def _read(
+    file: Path, domain: Vocabulary, robot: Robot, names: TopicNames
+) -> tuple[dict[str, _Recorded], Selection]:
     """Return what was recorded by the namespace of the robot, and which topics were read."""
     sources = [domain.source(name) for name in domain.objects]
     wanted = [
@@ -205,7 +204,7 @@ def _read(file: Path, domain: Vocabulary, names: TopicNames) -> tuple[dict[str, 
         by_robot = {space: _Recorded(ActionTopics(domain), Stretches(sources)) for space in selection.robots}
         for topic, kind, message in recording.messages(selection.routes.keys()):
             for space, role in selection.routes[topic, kind]:
-                by_robot[space].take(role, message, domain)
+                by_robot[space].take(role, message, domain, robot)
     return by_robot, selection
 
 

@@ -1,4 +1,4 @@
-"""Convert the executor's records (ator_interfaces/msg/ActionPerformance) to episodes."""
+"""Convert the executor's records (ator_interfaces/msg/ActionPerformance) to episodes, and check them."""
 
 from __future__ import annotations
 
@@ -7,42 +7,52 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.columns import LARGEST, MOST_OBJECTS
 from ator_ros.experience.episode import Episode, sample_width
 from ator_ros.experience.vocabulary import Vocabulary, point_of
 from ator_ros.files import is_name
-from ator_ros.printable import printable
-from ator_ros.world.messages import object_from, pose_from, velocity
+from ator_ros.geometry import Pose
+from ator_ros.printable import printable, quoted
+from ator_ros.robot.description import Robot
+from ator_ros.tops.objects import objects_in
+from ator_ros.tops.top import Top
+from ator_ros.world.messages import MessageError, object_from, pose_from, velocity
 from ator_ros.world.state import RobotState
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)
 """Outcomes of actions that were not broken off from outside."""
+_LONGEST_DRIVE = 600.0  # s
+_SLACK = 0.5  # m; a goal that is already reached takes no time
 
 
-def episode_of(message: Any, domain: Vocabulary) -> Episode:
+def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     """Convert a record of any action to an episode; it has no samples but its start.
+
+    An action that no TOP of the domain calls is known by its name alone.
 
     Raises
     ------
     MessageError
-        A pose or a velocity cannot be used.
+        A value cannot be used, the TOP does not call the action, or the robot cannot have driven so far.
     """
+    top = _called_top(message, domain)
     start, call = message.start, message.call
     objects = {
         item.name: object_from(item.position, item.velocity, "start.objects") for item in start.objects
     }
-    robot = RobotState(
+    state = RobotState(
         pose_from(start.robot, "start.robot"),
         velocity(start.v, "start.v"),
         velocity(start.w, "start.w", "rad/s"),
     )
     pose, speed = pose_from(call.goal.pose, "call.goal.pose"), velocity(call.speed, "call.speed")
     goal = Goal(pose, speed, point_of(domain, call.top), _values(call, domain))
-    return Episode(
-        situation=Situation(message.action, robot, objects, goal),
+    episode = Episode(
+        situation=Situation(message.action, state, objects, goal),
         samples=np.empty((0, sample_width(objects))),
         duration=message.actual.duration,
         success=message.outcome.code == SUCCEEDED,
@@ -51,6 +61,9 @@ def episode_of(message: Any, domain: Vocabulary) -> Episode:
         heading_error=message.heading_error,
         objects=tuple(objects),
     )
+    if fault := fault_of(episode, top, robot):
+        raise MessageError(fault)
+    return episode
 
 
 def _values(call: Any, domain: Vocabulary) -> dict[str, float]:
@@ -59,7 +72,44 @@ def _values(call: Any, domain: Vocabulary) -> dict[str, float]:
     return {name: given[name] for name in domain.goal_variables if name in given}
 
 
-def sound(episode: Episode) -> bool:
+def _called_top(message: Any, domain: Vocabulary) -> Top | None:
+    """Return the TOP of a record, None for that of another domain; raises MessageError."""
+    name, action = message.call.top, message.action
+    action_set = getattr(message, "action_set", "") or DEFAULT_SET  # older recordings have none
+    for field, value in (("action", action), ("action_set", action_set)):
+        if not is_name(value):
+            raise MessageError(f"{field}: expected a name of letters, digits and _, got {quoted(value)}")
+    top = next((top for top in domain.tops if top.name == name), None)
+    calling = [top.name for top in domain.tops if top.action == action]
+    if name not in calling and (calling or top is not None):
+        expected = f"one of {', '.join(calling)}, which call" if calling else "a TOP that calls"
+        raise MessageError(f"call.top: expected {expected} {action}, got {quoted(name)}")
+    return top
+
+
+def fault_of(episode: Episode, top: Top | None, robot: Robot) -> str:
+    """Return why nothing can be learned from an episode of a TOP; empty if something can.
+
+    The goal, and objects that the TOP is about, lie no farther than the robot drives in ten minutes, or in
+    the duration if that is longer. A robot that arrived has driven no faster than twice its limit.
+    """
+    if not _is_finite(episode):
+        return "expected finite numbers, and objects with names of letters, digits and _"
+    start, goal = episode.situation.robot.pose, episode.situation.goal.pose
+    reach = farthest = robot.limits.v * max(_LONGEST_DRIVE, episode.duration)
+    if episode.success and top is not None and top.arrives:
+        farthest = _SLACK + 2.0 * robot.limits.v * episode.duration
+    if (distance := start.distance(goal)) > farthest:
+        return f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
+    for name in () if top is None else objects_in(top):
+        there = episode.situation.objects.get(name)
+        distance = 0.0 if there is None else math.hypot(there.x - start.x, there.y - start.y)
+        if distance > reach:
+            return f"start: expected at most {reach:.3g} m to {name}, got {distance:.3g} m"
+    return ""
+
+
+def _is_finite(episode: Episode) -> bool:
     """Return whether the episode has finite values, and objects with valid names."""
     goal, objects = episode.situation.goal, episode.situation.objects
     if len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):

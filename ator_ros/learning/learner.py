@@ -28,7 +28,7 @@ FROZEN = "frozen"
 _SYNC_PERIOD = 0.5
 """Real s after which records are on the disk, whatever happens to the machine."""
 _LONGEST_ROUND = 300.0
-_MOST_WAITING = 1000
+_MOST_WAITING = 1000  # records; older ones are lost
 _SHARE = 0.02
 """New records, as a share of all, after which it is worth to learn again."""
 
@@ -85,7 +85,8 @@ class Learner:
         self._wanted = False
         self._last = _last_round(folder)
         self.problem = ""
-        self.taken = self.left_out = 0
+        self.taken = self.left_out = self.lost = 0
+        self.has_room = True
         self.manifest: Manifest | None = None
         place = current_set(folder)
         if place is not None:
@@ -115,8 +116,9 @@ class Learner:
         return ""
 
     def take(self, action_set: str, episode: Episode) -> None:
-        """Store a record; where the disk has no room it waits."""
+        """Store a record; it waits in memory while the disk has no room."""
         self.taken += 1
+        self.lost += len(self._waiting) == self._waiting.maxlen
         self._waiting.append((action_set, episode))
         self._store_waiting()
 
@@ -183,6 +185,7 @@ class Learner:
             "records taken": self.taken,
             "records left out": self.left_out,
             "records waiting for room on the disk": len(self._waiting),
+            "records lost": self.lost,
             "records since the last round": self.new,
             "frozen": self.frozen,
             "learning": "under way" if self._round is not None else "waiting for records",
@@ -201,8 +204,11 @@ class Learner:
         return values
 
     def close(self) -> None:
-        """End a round under way, and close the store."""
+        """End a round under way, and close the store; records that still find no room are lost."""
         self._end_round()
+        self._store_waiting()
+        self.lost += len(self._waiting)
+        self._waiting.clear()
         self._guarded(self._store.sync)
         self._store.close()
 
@@ -220,14 +226,15 @@ class Learner:
         self._guarded(store)
 
     def _guarded(self, write: Callable[[], None]) -> None:
-        """Write; report a full disk and retry."""
+        """Write; a full disk is a problem until something can be written again."""
         try:
             write()
         except OSError as error:
+            self.has_room = False
             self.problem = f"{self._folder}: expected room on the disk: {error.strerror}"
         else:
-            if self.problem.startswith(f"{self._folder}: expected room"):
-                self.problem = ""
+            if not (self.has_room or self._waiting):
+                self.has_room, self.problem = True, ""
 
 
 def _last_round(folder: Path) -> dict[str, Any]:

@@ -16,9 +16,8 @@ from std_srvs.srv import SetBool, Trigger
 from ator_interfaces.msg import ActionPerformance
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.records import ENDED, episode_of, sound
+from ator_ros.experience.records import ENDED, episode_of, fault_of_record
 from ator_ros.experience.store import StoreInfo
-from ator_ros.files import is_name
 from ator_ros.learning.learner import Learner, LearningPace
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import LearnedSetError, locked
@@ -52,6 +51,7 @@ PARAMETERS = (
     Parameter("observed", False, "whether to learn without the times that domains describe of actions"),
 )
 _PERIOD = 0.25
+_WARNING_PERIOD = 2.0
 _MOST_ITEMS = 64
 _HOME = Path.home() / ".ros" / "ator_ros" / "learned"
 
@@ -77,7 +77,9 @@ class LearningNode(FrugalNode):
     def __init__(self) -> None:
         super().__init__("learning")
         self._settings = settings = declare_parameters(self, PARAMETERS)
-        self._domain, robot = domain_of(settings), robot_of(settings)
+        self._domain = domain_of(settings)
+        self._robot = robot = robot_of(settings)
+        self._has_room = True
         topics = settings["records"]
         self._check_topics(topics)
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
@@ -126,19 +128,27 @@ class LearningNode(FrugalNode):
         if message.outcome.code not in ENDED:
             return
         try:
-            episode, action_set = episode_of(message, self._domain), message.action_set or DEFAULT_SET
-        except MessageError:
+            episode = episode_of(message, self._domain, self._robot)
+        except MessageError as error:
             self._learner.left_out += 1
+            self.get_logger().warning(f"record left out: {error}", throttle_duration_sec=_WARNING_PERIOD)
             return
-        if sound(episode) and is_name(action_set) and is_name(episode.situation.action):
-            self._learner.take(action_set, episode)
-        else:
-            self._learner.left_out += 1
+        self._learner.take(message.action_set or DEFAULT_SET, episode)
+        self._report_room()
 
     def _work(self) -> None:
         said = self._learner.work(time.monotonic())
         if said:
             self.get_logger().info(printable(said, 1000))
+        self._report_room()
+
+    def _report_room(self) -> None:
+        """Log when the disk has no room for records any more, and when it has room again."""
+        if self._has_room and not self._learner.has_room:
+            self.get_logger().warning(f"{self._learner.problem}: records wait in memory and may be lost")
+        elif self._learner.has_room and not self._has_room:
+            self.get_logger().info(f"room on the disk again; {self._learner.lost} records were lost")
+        self._has_room = self._learner.has_room
 
     def _learn_now(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         why_not = self._learner.learn_now()
@@ -162,6 +172,10 @@ class LearningNode(FrugalNode):
     def stop(self) -> None:
         """End a round under way, and close the files."""
         self._learner.close()
+        if self._learner.lost:
+            self.get_logger().error(
+                f"{self._learner.lost} of {self._learner.taken} records are lost: the disk had no room"
+            )
         self._open.close()
 
 

@@ -11,7 +11,7 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.records import ENDED, episode_of, fault_of_record
+from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import episode_frame
 from ator_ros.nodes.conversions import chain_of
 from ator_ros.robot.description import Robot
@@ -19,6 +19,7 @@ from ator_ros.tools.processes import all_nodes, node_setting
 from ator_ros.tools.work.demo_client import DemoClient
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.outcome import top_of
+from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
 _FRAME = "odom"
@@ -63,11 +64,12 @@ def _driven(
     for _ in range(_TRIES):  # what another program or a busy machine broke off teaches nothing
         client.place(start)
         for record in client.record_of(message, refine=False).actions:
-            episode = episode_of(record, domain)
-            fault = fault_of_record(record, episode, domain, robot)
-            reason = fault or record.outcome.reason
-            if record.outcome.code in ENDED and not fault:
-                return episode_frame(number, episode, domain.objects)
+            reason = record.outcome.reason
+            if record.outcome.code in ENDED:
+                try:
+                    return episode_frame(number, episode_of(record, domain, robot), domain.objects)
+                except MessageError as error:
+                    reason = str(error)
     raise ExperienceError(
         f"{situation.action}, drive {number + 1}: expected a drive that ends by itself in {_TRIES} tries, "
         f"the last one ended with {reason!r}"
