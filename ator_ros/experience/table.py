@@ -29,12 +29,13 @@ from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.validation import checked_rows
 from ator_ros.files import is_name, limited_memory, replaced
 from ator_ros.formats import Format
-from ator_ros.printable import quoted
+from ator_ros.printable import printable, quoted
 from ator_ros.schema import SchemaError, structured
 from ator_ros.world.state import World
 
 FORMAT = Format("ator_ros experience", 1, "experience")
 _KEY = b"ator_ros"
+_TEXTS = ["action", "reason"]
 _MOST_ROWS = 5_000_000  # 30 times those of a thousand episodes of each action
 _MOST_BYTES = 4_000_000_000  # of memory
 
@@ -183,32 +184,49 @@ def read_experience(path: Path | str) -> Experience:
         in it is not what its column holds.
     """
     arrow, parquet = require_pyarrow()
-    if not Path(path).exists():
-        raise ExperienceError(f"{path}: expected a Parquet file with experience: there is no such file")
+    expected = f"{path}: expected a Parquet file with experience"
+    if not Path(path).is_file():
+        found = "a folder, a pipe or a device" if Path(path).exists() else "no such file"
+        raise ExperienceError(f"{expected}, got {found}")
     try:
         with limited_memory(_MOST_BYTES):
             metadata, wanted, table = _read_table(parquet, Path(path))
-    except (OSError, MemoryError, arrow.ArrowException) as error:
-        raise ExperienceError(f"{path}: expected a Parquet file with experience: {error}") from error
-    frame = table.replace_schema_metadata(None).to_pandas()[wanted]  # pandas' own may be damaged
+            frame = table.replace_schema_metadata(None).to_pandas()[wanted]  # pandas' own may be damaged
+    except (OSError, MemoryError, UnicodeError, arrow.ArrowException) as error:
+        why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
+        raise ExperienceError(f"{expected}: {why}") from error
     known = metadata.get("action_set")
     return Experience(checked_rows(path, frame, DEFAULT_SET if known is None else known), metadata)
 
 
 def _read_table(parquet: Any, path: Path) -> tuple[dict[str, Any], list[str], Any]:
     """Return metadata, names of columns, and columns; texts once each, however often they are used."""
-    with parquet.ParquetFile(path, read_dictionary=["action", "reason"]) as file:
-        rows, names = file.metadata.num_rows, file.schema_arrow.names
-        metadata = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
-        if rows > _MOST_ROWS:
-            raise ExperienceError(f"{path}: expected at most {_MOST_ROWS} rows, got {rows}")
-        wanted = list(columns(_objects(path, metadata, names), _goal_variables(path, metadata)))
-        missing = [name for name in wanted if name not in names]
-        if missing:
-            raise ExperienceError(
-                f"{path}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"
-            )
+    with parquet.ParquetFile(path) as file:
+        rows, schema = file.metadata.num_rows, file.schema_arrow
+    metadata = _metadata(path, (schema.metadata or {}).get(_KEY))
+    if rows > _MOST_ROWS:
+        raise ExperienceError(f"{path}: expected at most {_MOST_ROWS} rows, got {rows}")
+    wanted = list(columns(_objects(path, metadata, schema.names), _goal_variables(path, metadata)))
+    missing = [name for name in wanted if name not in schema.names]
+    if missing:
+        raise ExperienceError(
+            f"{path}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"
+        )
+    for name in wanted:
+        if schema.names.count(name) > 1:
+            raise ExperienceError(f"{path}: {name}: expected one column, got {schema.names.count(name)}")
+    for name in _TEXTS:
+        if not _holds_text(schema.field(name).type):
+            raise ExperienceError(f"{path}: {name}: expected text, got the type {schema.field(name).type}")
+    with parquet.ParquetFile(path, read_dictionary=_TEXTS) as file:
         return metadata, wanted, file.read(columns=wanted)
+
+
+def _holds_text(kind: Any) -> bool:
+    """Return whether a column of an Arrow type holds texts."""
+    arrow, _ = require_pyarrow()
+    kind = kind.value_type if arrow.types.is_dictionary(kind) else kind
+    return bool(arrow.types.is_string(kind) or arrow.types.is_large_string(kind))
 
 
 def _objects(path: Path, metadata: dict[str, Any], names: list[str]) -> tuple[str, ...]:

@@ -41,31 +41,35 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
         print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
     except Exception as error:
-        if not isinstance(error, _expected()):
+        if not isinstance(error, expected_errors()):
             raise
         print(f"{program}: {error}", file=sys.stderr)
         return 1
 
 
-def _expected() -> tuple[type[Exception], ...]:
+def expected_errors() -> tuple[type[Exception], ...]:
     """Return the errors that are reported in one line; their modules take long to import."""
     from ator_ros.domains.domain import DomainError
     from ator_ros.evaluation.errors import EvaluationError
     from ator_ros.experience.errors import ExperienceError
     from ator_ros.experience.parallel import BackendError
+    from ator_ros.files import UnreadableError
     from ator_ros.nodes.machine import MachineError
     from ator_ros.performance.model_file import ModelFileError
     from ator_ros.performance.training import TrainingError
+    from ator_ros.plain_yaml import UnreadableYamlError
     from ator_ros.planning.errors import PlanningError
     from ator_ros.refinement.errors import RefinementError
     from ator_ros.robot.description import ConfigError
     from ator_ros.robot.probe_drive import DriveError
+    from ator_ros.schema import SchemaError
     from ator_ros.tools.processes import NodesError
     from ator_ros.world.messages import MessageError
 
     ours = (BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError)
     of_models = (ModelFileError, PlanningError, RefinementError, TrainingError)
-    return (*ours, *of_models, MachineError, MessageError, NodesError, OSError)
+    of_files = (OSError, SchemaError, UnreadableError, UnreadableYamlError)
+    return (*ours, *of_models, *of_files, MachineError, MessageError, NodesError)
 
 
 @contextlib.contextmanager

@@ -10,10 +10,9 @@ from collections.abc import Iterator
 
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
-from ator_ros.nodes.machine import MachineError
 from ator_ros.robot.description import Robot
-from ator_ros.tools.guard import INTERRUPTED, ending_signals, handled, write_plainly
-from ator_ros.tools.processes import NodesError, all_nodes, node_setting
+from ator_ros.tools.guard import INTERRUPTED, ending_signals, expected_errors, handled, write_plainly
+from ator_ros.tools.processes import all_nodes, node_setting
 from ator_ros.tools.work.demo_report import PICTURE, DemoSituation, explanation, save_picture, table
 
 _FRAME = "odom"
@@ -27,16 +26,16 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
     except ImportError as error:
         print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
         return 1
-    robot = domain.robot(options.robot or None)
     played: list[DemoSituation] = []
     code = 0
     try:
+        robot = domain.robot(options.robot or None)
         with handled(dict.fromkeys(ending_signals(), signal.default_int_handler)):
             played.extend(_play(options, domain, robot))  # also a background job can be stopped
     except KeyboardInterrupt:
         print("interrupted")
         code = INTERRUPTED
-    except (MachineError, NodesError) as error:
+    except expected_errors() as error:
         print(f"demo: {error}", file=sys.stderr)
         code = 1
     if played:

@@ -9,12 +9,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ator_ros.domains.domain import DomainError, find_domain
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.storage import RESULT
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.robot.description import ConfigError
 from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
 from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.tools.guard import expected_errors
 from ator_ros.tools.work.until_stopped import until_stopped
 from ator_ros.viewing.recording_file import read_robots
 
@@ -22,12 +22,11 @@ if TYPE_CHECKING:  # viser may not be there
     from ator_ros.page.replay_page import ReplayPage
 
 _PERIOD = 1.0 / 25.0
-_EXPECTED = (DomainError, ConfigError, ExperienceError, OSError)
 
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line asks for until Ctrl-C or SIGTERM; return the exit code."""
-    return until_stopped("view", partial(_serve, options), _EXPECTED)
+    return until_stopped("view", partial(_serve, options), expected_errors())
 
 
 def _serve(options: argparse.Namespace, going_on: Callable[[], None]) -> None:

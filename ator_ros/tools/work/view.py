@@ -12,16 +12,16 @@ from functools import partial
 from pathlib import Path
 
 from ator_ros.domains.domain import Domain, DomainError, find_domain
-from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.nodes.machine import MachineError, check_machine
+from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import SetupError
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_models
-from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.robot.description import Robot
 from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.tools.processes import NodeEndedError, all_nodes, node_setting
+from ator_ros.tools.guard import expected_errors
+from ator_ros.tools.processes import all_nodes, node_setting
 from ator_ros.tools.work.until_stopped import until_stopped
 from ator_ros.viewing.desk import Desk
 from ator_ros.viewing.stage import NO_STAGES, StageError
@@ -35,21 +35,12 @@ _SIMULATED = {"lockstep": True}
 """The simulation waits for the executor at any speed, so that a busy machine spoils no chain."""
 _EXECUTED = {"odom_timeout": 60.0}
 """As long as it can be: a chain outlasts a pause of so many real s, in which the stamps stand still."""
-_EXPECTED = (
-    StageError,
-    MachineError,
-    SetupError,
-    NodeEndedError,
-    DomainError,
-    ConfigError,
-    EvaluationError,
-    OSError,
-)
 
 
 def run(options: argparse.Namespace, words: Sequence[str] = ()) -> int:
     """Do what the command line asks for until Ctrl-C or SIGTERM; return the exit code."""
-    return until_stopped("view", partial(_serve, options, words), _EXPECTED)
+    expected = (*expected_errors(), StageError, SetupError)
+    return until_stopped("view", partial(_serve, options, words), expected)
 
 
 def _serve(options: argparse.Namespace, words: Sequence[str], not_stopped: Callable[[], None]) -> None:
