@@ -14,7 +14,6 @@ from ator_ros.experience.columns import LARGEST, MOST_OBJECTS
 from ator_ros.experience.episode import Episode, sample_width
 from ator_ros.experience.vocabulary import Vocabulary, point_of
 from ator_ros.files import is_name
-from ator_ros.geometry import Pose
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import objects_in
