@@ -182,7 +182,7 @@ def test_status_tells_when_goals_begin_and_end_where_results_come_late(tmp_path:
 
 def performed(action: str, duration: float) -> ActionPerformance:
     record = ActionPerformance(action=action)
-    record.call.top, record.outcome.code = "visit", 1
+    record.call.top, record.outcome.code = "visit" if action == "drive_to" else action, 1
     record.start.robot = record.call.goal.pose = pose_of(Pose(0.0, 0.0, 0.0))
     record.actual.duration, record.actual.accuracy, record.heading_error = duration, 0.0, 0.0
     return record
