@@ -37,7 +37,14 @@ def read_yaml(path: Path, *, largest: int) -> Any:
     try:
         return yaml.load(read_text(path, largest), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
     except _UNREADABLE as error:
-        raise UnreadableYamlError(f"{path}: expected a readable YAML file: {error}") from error
+        raise UnreadableYamlError(f"{path}: expected a readable YAML file: {_in_one_line(error)}") from error
+
+
+def _in_one_line(error: Exception) -> str:
+    """Return what is wrong, after the line in which it is; PyYAML tells it in several lines."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+        return f"line {error.problem_mark.line + 1}: {printable(error.problem, 200)}"
+    return printable(" ".join(str(error).split()), 200)
 
 
 class _PlainLoader(yaml.SafeLoader):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -172,7 +173,7 @@ def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
 def _files(folder: Path, actions: Iterable[str]) -> dict[str, Path]:
     """Return the existing model files; if there are none, all that are expected, for the error message."""
     files = {action: folder / f"{action}.json" for action in actions}
-    return {action: file for action, file in files.items() if file.exists()} or files
+    return {action: file for action, file in files.items() if os.path.lexists(file)} or files
 
 
 def make_toolset(source: ToolsetSource) -> Toolset:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -89,4 +90,4 @@ def load_calibration_if_any(folder: Path) -> Calibration:
         As in `load_calibration`.
     """
     path = folder / CALIBRATION
-    return load_calibration(path) if path.exists() else Calibration()
+    return load_calibration(path) if os.path.lexists(path) else Calibration()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -142,7 +143,7 @@ def gate_in(folder: Path, action_set: str, *, otherwise: Gate | None = None) -> 
     RefinementError
         As for `load_gate`.
     """
-    if (folder / GATE).exists():
+    if os.path.lexists(folder / GATE):  # a link that leads nowhere is no missing gate
         return load_gate(folder / GATE, action_set)
     return OpenGate() if otherwise is None else otherwise
 

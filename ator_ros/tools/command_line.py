@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains import DEFAULT
 from ator_ros.experience.parallel import BACKENDS
+from ator_ros.printable import printable
 from ator_ros.tools.option_types import jobs, number
 
 if TYPE_CHECKING:  # each takes seconds to import, and no help needs it
@@ -89,7 +90,7 @@ def settled(
     try:
         domain = find_domain(options.domain)
     except DomainError as error:
-        parser.error(str(error))
+        parser.error(printable(error, 1000))
     if options.__dict__.get("action_set") is not None:
         check_names(parser, "action_set", [options.action_set], domain.action_sets)
     for name, allowed in names.items():

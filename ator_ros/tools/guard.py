@@ -12,11 +12,14 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from ator_ros.printable import printable
+
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
 
 RESUMES = "the same command goes on from here"
 
+_MOST_LINES, _LONGEST_LINE = 3, 1000
 _IN_ASCII = "ator_ros.in_ascii"
 _SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 
@@ -43,8 +46,14 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
     except Exception as error:
         if not isinstance(error, expected_errors()):
             raise
-        print(f"{program}: {error}", file=sys.stderr)
+        report(program, error)
         return 1
+
+
+def report(program: str, error: Exception) -> None:
+    """Print an error to stderr, at most three lines, without control characters of foreign names."""
+    lines = [printable(line, _LONGEST_LINE) for line in str(error).splitlines() if line.strip()]
+    print(f"{program}: " + "\n".join(lines[:_MOST_LINES]), file=sys.stderr)
 
 
 def expected_errors() -> tuple[type[Exception], ...]:

@@ -79,7 +79,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _is_evaluation(place: Path) -> bool:
     from ator_ros.evaluation.storage import RESULT  # takes long, and no help needs it
 
-    return (place / RESULT).is_file()
+    try:
+        return (place / RESULT).is_file()
+    except OSError:  # too long for a name: it is reported where it is read
+        return False
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.robot.description import Robot
-from ator_ros.tools.guard import INTERRUPTED, ending_signals, expected_errors, handled, write_plainly
+from ator_ros.tools.guard import INTERRUPTED, ending_signals, expected_errors, handled, report, write_plainly
 from ator_ros.tools.processes import all_nodes, node_setting
 from ator_ros.tools.work.demo_report import PICTURE, DemoSituation, explanation, save_picture, table
 
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
         print("interrupted")
         code = INTERRUPTED
     except expected_errors() as error:
-        print(f"demo: {error}", file=sys.stderr)
+        report("demo", error)
         code = 1
     if played:
         print(f"\n{table(played)}")

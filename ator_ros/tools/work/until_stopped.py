@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from ator_ros.tools.guard import ending_signals, handled, write_plainly
+from ator_ros.tools.guard import ending_signals, handled, report, write_plainly
 
 
 class _Stopped(Exception):  # noqa: N818 (no error)
@@ -42,6 +42,6 @@ def until_stopped(
     except _Stopped:
         return 0
     except expected as error:
-        print(f"{program}: {error}", file=sys.stderr)
+        report(program, error)
         return 1
     return 0
