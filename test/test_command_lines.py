@@ -73,7 +73,7 @@ def test_no_jobs_are_refused(command: str, text: str, capsys: pytest.CaptureFixt
             )
         ),
         (["--robots", "ann", "/ann"], "--robots: expected different names, got ann ann"),
-        *((["--frame", name], "expected the name of a frame") for name in ("a b", "/odom", "é", "x" * 101)),
+        *((["--frame", name], "expected the name of a frame") for name in ("a b", "//odom", "é", "x" * 101)),
     ],
 )
 def test_a_view_of_names_that_are_none_is_refused(

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ator_ros.files import reserved
-from ator_ros.world.messages import plain_frame
 
 _NAMESPACE = re.compile(r"(?!__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 _FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
@@ -96,6 +95,8 @@ def topic(text: str) -> str:
 
 def frame(text: str) -> str:
     """Read the name of a frame, with or without a / before it, which is left out; a type for argparse."""
+    from ator_ros.world.messages import plain_frame  # imports numpy, which no help needs
+
     name = plain_frame(text)
     if len(name) > _LONGEST_NAME or not _FRAME.fullmatch(name):
         raise argparse.ArgumentTypeError(f"expected the name of a frame, got {text[:80]!r}")
