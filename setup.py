@@ -15,6 +15,7 @@ EXECUTABLES = {
     ),
 }
 DOMAINS = {
+    "drive": f"{PACKAGE}.domains.drive:DRIVE",
     "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",
     "tour": f"{PACKAGE}.domains.tour.domain:TOUR",
 }

@@ -1,4 +1,6 @@
-"""Domains: each is a folder of TOPs, actions, situations and chains; the core names none of them."""
+"""Domains: each has TOPs, actions, situations and chains; the core names none of them."""
 
 DEFAULT = "soccer"
-"""The domain that is used where no other is named."""
+"""The domain of a robot that can hold the objects of soccer, where no other is named."""
+DRIVE = "drive"
+"""The domain of any other robot, where no other is named."""

@@ -17,7 +17,7 @@ from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.actions.remote import RemoteCall
 from ator_ros.actions.specification import ActionFactory, ActionSpec
-from ator_ros.domains import DEFAULT
+from ator_ros.domains import DEFAULT, DRIVE
 from ator_ros.domains.consistency import inconsistencies
 from ator_ros.domains.measurements import Measurements
 from ator_ros.domains.presentation import Presentation
@@ -265,6 +265,29 @@ class Domain:
 def installed_domains() -> dict[str, EntryPoint]:
     """Return the entry points of the domains that are installed, by name."""
     return {entry.name: entry for entry in entry_points(group=GROUP)}
+
+
+def domain_for(name: str, robot: Path | str | None) -> Domain:
+    """Return a domain by its name as `find_domain` does, or, where `name` is empty, the one for a robot.
+
+    That is soccer if the robot has a holder and its scene has a ball, and otherwise `drive`.
+
+    Parameters
+    ----------
+    name : str
+        Name or file of the domain, or nothing.
+    robot : Path, str or None
+        File of the robot's description; None or empty: the shipped one.
+    """
+    if name:
+        return find_domain(name)
+    soccer = find_domain(DEFAULT)
+    try:
+        described = load_robot(robot or None)
+    except ConfigError:  # raised again where the file is read for the domain
+        return soccer
+    plays = described.holder is not None and all(name in described.scene.objects for name in soccer.objects)
+    return soccer if plays else find_domain(DRIVE)
 
 
 def find_domain(name: str = DEFAULT) -> Domain:

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from ator_ros.domains import DEFAULT
 from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
 
 _FILE = "executor.yaml"
@@ -16,17 +15,16 @@ _LARGEST = 200_000
 def configured_domain(folder: Path) -> str:
     """Return the domain that the executor's file in `folder` names.
 
-    Where the file cannot be read, or names none, it is the default: what is wrong with the file, the node
-    says that reads it.
+    It is empty where the file names none, or cannot be read: the node that reads it reports why.
     """
     try:
         content = read_yaml(folder / _FILE, largest=_LARGEST)
     except UnreadableYamlError:
-        return DEFAULT
+        return ""
     nodes = content.values() if isinstance(content, Mapping) else ()
     settings = (node.get("ros__parameters") for node in nodes if isinstance(node, Mapping))
     named = [found.get("domain") for found in settings if isinstance(found, Mapping)]
-    return next((name for name in named if isinstance(name, str) and name), DEFAULT)
+    return next((name for name in named if isinstance(name, str) and name), "")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from ator_ros.domains import DEFAULT
-from ator_ros.domains.domain import Domain, DomainError, find_domain
+from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.messages import plain_frame
@@ -112,7 +112,9 @@ class Parameter:
 
 _WHOLE = (RosParameter.Type.INTEGER, RosParameter.Type.INTEGER_ARRAY)
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
-DOMAIN = Parameter("domain", DEFAULT, "name of an installed domain, or the YAML file of one")
+DOMAIN = Parameter(
+    "domain", "", "installed domain, or the YAML file of one; empty: soccer with holder and ball, else drive"
+)
 FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
 ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
 MODELS = Parameter("models", "", "folder of the performance models and the gate; empty: the shipped ones")
@@ -123,7 +125,7 @@ Changed = Callable[[Mapping[str, Any]], None]
 
 
 def domain_of(settings: Mapping[str, Any]) -> Domain:
-    """Return the domain that the parameter `DOMAIN` names.
+    """Return the domain that the parameters `DOMAIN` and `ROBOT` select.
 
     Raises
     ------
@@ -131,7 +133,7 @@ def domain_of(settings: Mapping[str, Any]) -> Domain:
         There is none of that name, or it cannot be used.
     """
     try:
-        return find_domain(settings[DOMAIN.name])
+        return domain_for(settings[DOMAIN.name], settings[ROBOT.name])
     except DomainError as error:
         raise SetupError(str(error)) from error
 
@@ -164,8 +166,19 @@ def declare_parameters(
     SetupError
         A value has another type, or is not allowed.
     """
+    return _declare(node, parameters, changed)
+
+
+def _declare(
+    node: Node,
+    parameters: Sequence[Parameter],
+    changed: Changed | None,
+    *,
+    unused: Collection[str] = (),
+) -> dict[str, Any]:
+    """Declare parameters; those named in `unused` may be set as well, without effect."""
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
-    _warn_of_strange(node, values)
+    _warn_of_strange(node, values, unused)
     _follow_changes(node, parameters, values, changed)
     return values
 
@@ -175,14 +188,14 @@ def declare_with_domain(
     parameters_for: Callable[[Sequence[str]], Sequence[Parameter]],
     changed: Changed | None = None,
 ) -> dict[str, Any]:
-    """Declare the parameters of a node for the objects of the domain that `DOMAIN` names.
+    """Declare the parameters of a node for the objects of the domain that `DOMAIN` and `ROBOT` select.
 
     Parameters
     ----------
     node : Node
         The node.
     parameters_for : callable
-        Returns the node's parameters, `DOMAIN` among them, for the names of objects.
+        Returns the node's parameters, `DOMAIN` and `ROBOT` among them, for the names of objects.
     changed : callable, optional
         As for `declare_parameters`.
 
@@ -196,8 +209,10 @@ def declare_with_domain(
     SetupError
         A value has another type, or is not allowed, or the domain cannot be used.
     """
-    domain = domain_of({DOMAIN.name: _declared(node, DOMAIN)})
-    return declare_parameters(node, parameters_for(domain.objects), changed)
+    domain = domain_of({item.name: _declared(node, item) for item in (DOMAIN, ROBOT)})
+    # The shipped parameter files set those of soccer's objects, whatever domain is used.
+    usual = {item.name for item in parameters_for(find_domain(DEFAULT).objects)}
+    return _declare(node, parameters_for(domain.objects), changed, unused=usual)
 
 
 def _follow_changes(
@@ -243,9 +258,10 @@ def _given(node: Node) -> Mapping[str, RosParameter[Any]]:
     return getattr(node, "_parameter_overrides", {})
 
 
-def _warn_of_strange(node: Node, known: Mapping[str, Any]) -> None:
+def _warn_of_strange(node: Node, known: Mapping[str, Any], unused: Collection[str]) -> None:
     """Warn of unknown parameters that were set; ROS ignores them silently."""
-    strange = sorted(name for name in _given(node) if not node.has_parameter(name))
+    given = (name for name in _given(node) if name not in unused)
+    strange = sorted(name for name in given if not node.has_parameter(name))
     if strange:
         node.get_logger().warning(
             f"ignored: parameters {', '.join(map(printable, strange[:5]))}: "

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.domains import DEFAULT
 from ator_ros.experience.parallel import BACKENDS
 from ator_ros.printable import printable
 from ator_ros.tools.option_types import jobs, number
@@ -30,9 +29,10 @@ def add_setting(parser: argparse.ArgumentParser, *, robot: bool = True, action_s
         )
     parser.add_argument(
         "--domain",
-        default=DEFAULT,
+        default="",
         metavar="NAME|FILE",
-        help="an installed domain, or the YAML file of one (default: %(default)s)",
+        help="an installed domain, or the YAML file of one (default: soccer for a robot with a holder and a "
+        "ball in its scene, drive for any other)",
     )
     if action_set:
         parser.add_argument(
@@ -85,12 +85,13 @@ def settled(
         The options and the domain. A name that the domain lacks ends the program as argparse does.
     """
     options = parser.parse_args(words)
-    from ator_ros.domains.domain import DomainError, find_domain
+    from ator_ros.domains.domain import DomainError, domain_for
 
     try:
-        domain = find_domain(options.domain)
+        domain = domain_for(options.domain, options.__dict__.get("robot"))
     except DomainError as error:
         parser.error(printable(error, 1000))
+    options.domain = options.domain or domain.name
     if options.__dict__.get("action_set") is not None:
         check_names(parser, "action_set", [options.action_set], domain.action_sets)
     for name, allowed in names.items():

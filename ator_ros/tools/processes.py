@@ -14,8 +14,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.domains import DEFAULT
-from ator_ros.domains.domain import find_domain
+from ator_ros.domains.domain import domain_for
 from ator_ros.domains.programs import Program
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
@@ -219,7 +218,7 @@ def all_nodes(
 
     `simulated` and `executed` are further parameters of simulation and executor.
     """
-    of_domain = find_domain(domain or DEFAULT)
+    of_domain = domain_for(domain, robot)
     for program in of_domain.programs:
         if not program.command:
             folder_of(program)  # before anything starts

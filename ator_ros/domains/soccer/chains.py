@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.domains.domain import ChainSampler
@@ -124,10 +125,12 @@ def _last_shot(robot: Robot, chain: TopChain) -> Situation:
     return Situation(shot.top.action, RobotState(robot.pose_holding(held)), ball, shot.goal)
 
 
-def drive(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+def drive(
+    robot: Robot, library: TopLibrary, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT
+) -> tuple[World, TopChain]:
     """Draw a place to pass on the way to a pose, without a ball: every robot can drive there."""
     way = random_pose(robot, rng)
-    most = farthest(robot, _OF_TWO, SHORTEST)
+    most = farthest(robot, _OF_TWO, SHORTEST, time_limit=time_limit)
     goal, start = (pose_within(robot, rng, way, SHORTEST, most) for _ in range(2))
     calls = (_call(library, "goToPose", way, _OPEN_HEADING), _call(library, "goToPose", goal))
     return World(0.0, RobotState(start)), TopChain(calls)

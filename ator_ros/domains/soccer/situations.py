@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation, drawn_until, short_goal
 from ator_ros.domains.soccer.ball import BALL, objects_of
@@ -95,14 +96,14 @@ def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
     return speed if _share(rng, share) else 0.0
 
 
-def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
+def go_to_pose(robot: Robot, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT) -> Situation:
     """Draw a drive: most approach a ball, half of these with an arrival speed, the others drive to a pose.
 
     One start in seven is in motion. One drive in seven is short, see `short_goal`, and a few leave a ball
     that the robot holds. A robot without a holder has no ball to approach or to leave, nor has one in a
     domain without a ball.
     """
-    situation = _long_drive(robot, rng)
+    situation = _long_drive(robot, rng, time_limit)
     start = situation.robot.pose
     short = short_goal(start, rng)
     if short is not None and is_inside(short, robot):
@@ -111,12 +112,13 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     return _leave_ball(robot, rng) if leaves else situation
 
 
-def _long_drive(robot: Robot, rng: np.random.Generator) -> Situation:
+def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Situation:
     """Draw a drive whose start and goal are drawn independently."""
     with_ball = _share(rng, 0.75) and robot.holder is not None and BALL in robot.scene.objects
     goal = random_pose(robot, rng)
     nearest = ball_clearance(robot) if with_ball else SHORTEST
-    start = pose_within(robot, rng, goal, nearest, farthest(robot, ALONE, nearest))
+    most = farthest(robot, ALONE, nearest, time_limit=time_limit)
+    start = pose_within(robot, rng, goal, nearest, most)
     state = RobotState(start)
     if _share(rng, 1.0 / 7.0):
         v = float(rng.uniform(-0.3, 0.8) * robot.limits.v)

@@ -49,9 +49,12 @@ def ball_clearance(robot: Robot) -> float:
 def line_margins(robot: Robot) -> tuple[float, float]:
     """Return the distances in m that starts and goals keep from the goal lines and from the side lines.
 
-    A robot of any size has room to turn there, also with a ball in front, and is clear of the posts.
+    A robot of any size has room to turn there, also with a ball in front, and is clear of the posts. Where
+    there is neither ball nor goal, room to turn is enough.
     """
     room = robot.reach + _BODY_ROOM
+    if not robot.scene.objects and not robot.scene.bays:
+        return room, room
     with_ball = robot.hold + (robot.holder.radius if robot.holder else 0.0)
     return max(_LEAST_END_MARGIN, room + with_ball), max(_LEAST_SIDE_MARGIN, robot.half_width + _BODY_ROOM)
 
@@ -66,8 +69,10 @@ def gripping(robot: Robot, limits: Limits) -> Limits:
     return dataclasses.replace(limits, w=steady_rate(robot, limits.w, limits.v))
 
 
-def farthest(robot: Robot, share: float, least: float, *, with_ball: bool = False) -> float:
-    """Return the distance in m that a robot at full speed drives in a share of the time that a run may take.
+def farthest(
+    robot: Robot, share: float, least: float, *, with_ball: bool = False, time_limit: float = TIME_LIMIT
+) -> float:
+    """Return the distance in m that a robot at full speed drives in a share of `time_limit` (s).
 
     The samplers draw no goal beyond it: a slow robot would not get there in time.
 
@@ -78,12 +83,12 @@ def farthest(robot: Robot, share: float, least: float, *, with_ball: bool = Fals
     """
     holds = with_ball and robot.holder is not None
     speed = min(robot.limits.v, robot.holder.limits.v if holds and robot.holder else robot.limits.v)
-    most = share * TIME_LIMIT * speed
+    most = share * time_limit * speed
     if most < least:
-        needed, load = least / (share * TIME_LIMIT), " with the ball" if holds else ""
+        needed, load = least / (share * time_limit), " with the ball" if holds else ""
         raise NoPlaceError(
             f"limits.v: expected {needed:.3f} m/s or more{load}, to drive {least:.2f} m in "
-            f"{share * TIME_LIMIT:g} of {TIME_LIMIT:g} s, got {speed:g} m/s of robot {robot.name}"
+            f"{share * time_limit:g} of {time_limit:g} s, got {speed:g} m/s of robot {robot.name}"
         )
     return most
 

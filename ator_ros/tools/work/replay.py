@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ator_ros.domains.domain import find_domain
+from ator_ros.domains.domain import domain_for
 from ator_ros.evaluation.storage import RESULT
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
 def _serve(options: argparse.Namespace, going_on: Callable[[], None]) -> None:
     from ator_ros.page.replay_page import ReplayPage
 
-    domain, file = find_domain(options.domain), options.shown
+    domain, file = domain_for(options.domain, options.robot), options.shown
     if not file.exists() or (file.is_dir() and not (file / "metadata.yaml").is_file()):
         raise ExperienceError(
             f"{file}: expected the folder of an evaluation, with {RESULT}, or a recording, "

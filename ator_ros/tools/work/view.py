@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from ator_ros.domains.domain import Domain, DomainError, find_domain
+from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import SetupError
@@ -48,7 +48,7 @@ def _serve(options: argparse.Namespace, words: Sequence[str], not_stopped: Calla
     from ator_ros.nodes.spun_node import SpunNode
     from ator_ros.page.page import Page
 
-    domain = find_domain(options.domain)
+    domain = domain_for(options.domain, options.robot)
     if not domain.chains:
         raise DomainError(f"domain: expected one with chains, got {domain.name}, which has none")
     robot = domain.robot(options.robot or None)

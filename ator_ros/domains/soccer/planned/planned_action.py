@@ -119,7 +119,9 @@ class PlannedAction(Action):
     def missed(self, world: World) -> str | None:
         """Return why the robot is not at the goal, None if it is."""
         distance, heading = self._off(world)
-        near = distance <= POSITION_TOLERANCE and heading <= HEADING_TOLERANCE
+        # A goal that is passed at a speed is judged once per tick.
+        most = max(POSITION_TOLERANCE, self._arrival_speed * CONTROL_PERIOD)
+        near = distance <= most and heading <= HEADING_TOLERANCE
         return None if near else f"missed: {_told(distance, heading)}"
 
     def _is_short(self, world: World) -> bool:
@@ -149,17 +151,17 @@ class PlannedAction(Action):
         if tracker is None:
             return self._plan_on(world)
         tracker.keep_time(world)
-        disturbed = tracker.disturbed(world)
-        if disturbed:
+        over = tracker.left(world) <= 0.0
+        # At speed, a robot at its goal may be farther along than planned by more than counts as disturbed.
+        if tracker.disturbed(world) and not (over and self.missed(world) is None):
             return self.replan(world, "disturbed")
         if self.outdated(world):
             return self.replan(world, "the goal has moved", counts=self.chases())
-        left = tracker.left(world)
-        if left <= 0.0:
+        if over:
             return self.arrive(world)
         if self._search is not None:
             return self._look_on(world, self._search)
-        return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {left:.1f} s to go")
+        return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {tracker.left(world):.1f} s to go")
 
     def replan(self, world: World, why: str, *, counts: bool = True) -> Step:
         """Plan again from here, or fail if that cannot help any more.

@@ -1,0 +1,86 @@
+"""The domain `drive`: a robot with two driven wheels goes to poses; there are no objects."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ator_ros.actions import DEFAULT_SET
+from ator_ros.actions.base import Goal
+from ator_ros.actions.situation import SHORT, Situation
+from ator_ros.actions.specification import ActionSpec
+from ator_ros.domains.domain import Domain
+from ator_ros.domains.presentation import Presentation
+from ator_ros.domains.soccer import chains, situations
+from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.tops import GO_TO_POSE
+from ator_ros.performance.features import names_of
+from ator_ros.performance.training import OBSERVED
+from ator_ros.resources import resource_path
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
+from ator_ros.tops.top import Top
+from ator_ros.world.state import CONTROL_PERIOD, World
+
+TIME_LIMIT = 120.0
+"""Time in s that a drive or a chain may take: at 0.05 m/s a robot drives 6 m."""
+_TOLERANCE, _OFF_THE_WAY = 0.06, 0.01
+"""In m: least tolerance of a place, and how far the robot may be beside its path."""
+ARRIVAL_SHARE = 2.0 / 3.0
+"""Greatest arrival speed as a share of the robot's limit, in situations and in what is searched."""
+
+
+def arrival_limit(robot: Robot) -> float:
+    """Return the greatest arrival speed in m/s."""
+    return ARRIVAL_SHARE * robot.limits.v
+
+
+def arrival_speed(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
+    """Return the range of an arrival speed in m/s."""
+    return Range(0.0, arrival_limit(robot), 6, rest=0.0)
+
+
+RANGES: Ranges = {**USUAL_RANGES, "speed": arrival_speed}
+
+
+def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
+    """Draw a drive to a pose; one goal in two is passed at a speed, unless it is near the start."""
+    situation = situations.go_to_pose(robot, rng, time_limit=TIME_LIMIT)
+    if situation.robot.pose.distance(situation.goal.pose) < SHORT:
+        return situation
+    speed = float(rng.uniform(0.0, arrival_limit(robot))) if rng.random() < 0.5 else 0.0
+    return dataclasses.replace(situation, goal=dataclasses.replace(situation.goal, speed=speed))
+
+
+def passing(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+    """Draw a place to pass, with any heading, on the way to a pose."""
+    return chains.drive(robot, library, rng, time_limit=TIME_LIMIT)
+
+
+def tops_for(robot: Robot) -> tuple[Top, ...]:
+    """Return the TOPs; a place that is passed at a speed is judged once per control tick."""
+    tolerance = max(_TOLERANCE, arrival_limit(robot) * CONTROL_PERIOD + _OFF_THE_WAY)
+    terms = (
+        Term(term.variable, term.target, tolerance) if term.variable in ("robot.x", "robot.y") else term
+        for term in GO_TO_POSE.post.terms
+    )
+    return (dataclasses.replace(GO_TO_POSE, post=Condition(tuple(terms))),)
+
+
+DRIVE = Domain(
+    "drive",
+    (GO_TO_POSE,),
+    {DEFAULT_SET: (ActionSpec("goToPose", GoToPose, go_to_pose, names_of(OBSERVED)),)},
+    chains={"passing": passing},
+    variables=RANGES,
+    presentation=Presentation(
+        place="place", chains={"passing": "pass a place on the way to a pose, with any heading"}
+    ),
+    description=resource_path("config", "turtlebot4.yaml"),
+    time_limit=TIME_LIMIT,
+    fitted=tops_for,
+)
