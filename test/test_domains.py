@@ -36,7 +36,9 @@ def test_soccer_is_the_default() -> None:
 
 
 def test_an_unknown_name_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(DomainError, match=r"ator_ros.domains, one of \['soccer', 'tour'\], got 'chess'"):
+    with pytest.raises(
+        DomainError, match=r"ator_ros.domains, one of \['drive', 'soccer', 'tour'\], got 'chess'"
+    ):
         find_domain("chess")
 
 

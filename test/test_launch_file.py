@@ -149,12 +149,12 @@ def test_robot_and_domain_reach_every_node() -> None:
 @pytest.mark.parametrize(
     ("content", "domain"),
     [
-        (None, "soccer"),  # the shipped one
+        (None, ""),  # the shipped one: by the robot
         ("/**/executor:\n  ros__parameters:\n    domain: tour\n", "tour"),
         ("/**/executor:\n  ros__parameters:\n    domain: /there/own.yaml\n", "/there/own.yaml"),
-        ("/**/executor:\n  ros__parameters:\n    robot: ''\n", "soccer"),
-        ("- no parameters", "soccer"),
-        ("{", "soccer"),
+        ("/**/executor:\n  ros__parameters:\n    robot: ''\n", ""),
+        ("- no parameters", ""),
+        ("{", ""),
     ],
 )
 def test_robot_and_domain_are_by_default_what_the_configuration_says(

@@ -65,16 +65,20 @@ class Fence:
         """Return the distance in m from (x, y) in m to the area; 0 inside."""
         return math.hypot(max(self.x_min - x, 0.0, x - self.x_max), max(self.y_min - y, 0.0, y - self.y_max))
 
-    def violation(self, chain: TopChain, robot: Robot) -> str | None:
-        """Return a sentence on the first step of a chain that leads out of the area; None if none does."""
+    def violation(self, chain: TopChain, robot: Robot, where: str = "chain") -> str | None:
+        """Return a sentence on the first step of a chain that leads out of the fence; None if none does.
+
+        Executor and refinement reject such chains with this sentence; it begins with `where`.
+        """
         for number, call in enumerate(chain.calls):
             if self.leads_out(call, robot):
                 (x, y, _), speed = call.goal.robot_pose(robot), call.goal.speed
                 room = f"{room_inside(robot):.2f} m from its edge" + (", with room to stop" if speed else "")
                 return (
-                    f"chain.calls[{number}].goal ({call.top.name}): expected a place for the robot inside "
+                    f"{where}.calls[{number}].goal ({call.top.name}): expected a place for the robot inside "
                     f"the {self}, {room}, got the axle at x {x:.2f} m, y {y:.2f} m"
                     + (f", {speed:.2f} m/s" if speed else "")
+                    + "; change scene.area or the parameter fence"
                 )
         return None
 
@@ -101,7 +105,10 @@ class Fence:
 
     def __str__(self) -> str:
         """Return the area as text."""
-        return f"fence (x from {self.x_min:g} to {self.x_max:g} m, y from {self.y_min:g} to {self.y_max:g} m)"
+        return (
+            f"fence (x from {self.x_min:.10g} to {self.x_max:.10g} m, "
+            f"y from {self.y_min:.10g} to {self.y_max:.10g} m)"
+        )
 
 
 class FenceWatch:

@@ -17,6 +17,7 @@ import ator_interfaces.msg as msg
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, GoalVariable
+from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.refinement.alternatives import MOST_ALTERNATIVES
 from ator_ros.refinement.errors import RefinementError
@@ -136,7 +137,14 @@ def echo_of(chain: msg.TopChain) -> msg.TopChain:
     return chain if all(len(text) <= messages.LONGEST_NAME for text in texts) else msg.TopChain()
 
 
-def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: str = "chain") -> TopChain:
+def chain_from(
+    chain: msg.TopChain,
+    library: TopLibrary,
+    *,
+    frame: str,
+    where: str = "chain",
+    fence: Fence | None = None,
+) -> TopChain:
     """Read a chain.
 
     Parameters
@@ -145,27 +153,35 @@ def chain_from(chain: msg.TopChain, library: TopLibrary, *, frame: str, where: s
         Knows the TOPs.
     frame : str
         The frame that goals must be given in.
+    fence : Fence, optional
+        A chain that leads out of it raises MessageError.
     """
     messages.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     calls = [_call_from(call, library, frame, f"{where}.calls[{i}]") for i, call in enumerate(chain.calls)]
-    return TopChain(tuple(calls))
+    read = TopChain(tuple(calls))
+    violation = None if fence is None else fence.violation(read, library.robot, where)
+    if violation is not None:
+        raise MessageError(violation)
+    return read
 
 
 def alternatives_from(
-    chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str
+    chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str, fence: Fence | None = None
 ) -> list[TopChain | str]:
     """Read the alternatives of a chain: each as a chain, or why it cannot be used."""
     messages.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)
     return [
-        _alternative_from(chain, library, frame, f"alternatives[{number}]")
+        _alternative_from(chain, library, frame, f"alternatives[{number}]", fence)
         for number, chain in enumerate(chains)
     ]
 
 
-def _alternative_from(chain: msg.TopChain, library: TopLibrary, frame: str, where: str) -> TopChain | str:
+def _alternative_from(
+    chain: msg.TopChain, library: TopLibrary, frame: str, where: str, fence: Fence | None
+) -> TopChain | str:
     try:
         action_set_from(chain, allowed=(library.action_set,), where=where)
-        return chain_from(chain, library, frame=frame, where=where)
+        return chain_from(chain, library, frame=frame, where=where, fence=fence)
     except MessageError as error:
         return str(error)
 

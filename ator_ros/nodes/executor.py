@@ -18,14 +18,14 @@ from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnosis import Diagnosis, rival_senders
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
 from ator_ros.nodes.execution_drawing import ExecutionDrawing
-from ator_ros.nodes.executor_settings import fence_of, inputs_of, parameters_for, rest_of, rolling_of
+from ator_ros.nodes.executor_settings import inputs_of, parameters_for, rest_of, rolling_of
 from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.gathering import Gathering
 from ator_ros.nodes.goal_run import GoalRun, run_of, unstarted
 from ator_ros.nodes.loading import rehearsed_predictors
 from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
 from ator_ros.nodes.object_sources import ObjectSources
-from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, robot_of
+from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, fence_of, robot_of
 from ator_ros.nodes.plan_client import PREEMPTED, PlannedGoals
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement_client import refinement_client

@@ -6,13 +6,12 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ator_ros.execution.fence import Fence
 from ator_ros.execution.phases import Deadlines
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
 from ator_ros.nodes.commands import STAMPED
 from ator_ros.nodes.learned_sets import LEARNED
-from ator_ros.nodes.parameters import DOMAIN, FRAME, MODELS, ROBOT, ROBOT_FRAME, Parameter, SetupError
+from ator_ros.nodes.parameters import DOMAIN, FENCE, FRAME, MODELS, ROBOT, ROBOT_FRAME, Parameter, SetupError
 from ator_ros.nodes.robot_source import STATE
 from ator_ros.robot.description import Robot
 from ator_ros.world.inputs import Inputs
@@ -20,7 +19,6 @@ from ator_ros.world.sightings import Sightings
 from ator_ros.world.tracking import ObjectTracker
 
 _USUAL = Deadlines()
-_USUAL_FENCE = [0.0] * 4
 _REST, _REST_WATCHED = 0.15, 0.1
 """Real s that inputs may gather, in all, and while somebody sees the objects drawn, ten times a second."""
 _APART = 0.2
@@ -44,7 +42,7 @@ _COMMON = (
         live=True,
     ),
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
-    Parameter("fence", _USUAL_FENCE, "m: x and y from, x and y to, of the robot; all 0: area and margin"),
+    FENCE,
     Parameter("plan_timeout", 10.0, "real s that a goal waits for its chains", 0.05, 3600.0, live=True),
     Parameter(
         "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
@@ -99,15 +97,6 @@ def rolling_of(settings: Mapping[str, Any], robot: Robot) -> Rolling:
     """Return what watches objects roll, at speeds that stand out from the noise."""
     noises = (value for name, value in settings.items() if name.endswith("_velocity_noise"))
     return Rolling(robot, slowest=3.0 * max(noises, default=0.0))
-
-
-def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
-    """Return the area that the robot may drive in; raises SetupError."""
-    edges = settings["fence"]
-    try:
-        return Fence.around(robot) if list(edges) == _USUAL_FENCE else Fence.of(edges)
-    except ValueError as error:
-        raise SetupError(f"parameter fence: {error}") from error
 
 
 def rest_of(settings: Mapping[str, Any], objects: Iterable[str], pace: float, *, watched: bool) -> float:

@@ -82,10 +82,8 @@ class GoalRun:
         frame: str,
     ) -> None:
         goal = handle.request
-        chain = conversions.chain_from(goal.chain, library, frame=frame)
-        others = _alternatives(goal, library, frame)
-        for plan in (chain, *others):
-            _stay_inside(fence, plan, library)
+        chain = conversions.chain_from(goal.chain, library, frame=frame, fence=fence)
+        others = _alternatives(goal, library, frame, fence)
         if goal.refine:
             conversions.objective_from(goal.objective, failure_cost=1.0)  # what it is, refinement knows
         self.handle = handle
@@ -206,9 +204,8 @@ class GoalRun:
             return
         try:
             chain = conversions.chain_from(
-                answer.chain, self._library, frame=self._frame, where="refined chain"
+                answer.chain, self._library, frame=self._frame, where="refined chain", fence=self._fence
             )
-            _stay_inside(self._fence, chain, self._library)
         except MessageError as error:
             self.execution.unrefined(str(error))
         else:
@@ -226,20 +223,13 @@ class GoalRun:
         return ExecuteChain.Result(outcome=record.outcome, record=record)
 
 
-def _alternatives(goal: ExecuteChain.Goal, library: TopLibrary, frame: str) -> list[TopChain]:
+def _alternatives(goal: ExecuteChain.Goal, library: TopLibrary, frame: str, fence: Fence) -> list[TopChain]:
     """Read the alternatives of a goal; raises MessageError where one cannot be read."""
-    read = conversions.alternatives_from(goal.alternatives, library, frame=frame)
+    read = conversions.alternatives_from(goal.alternatives, library, frame=frame, fence=fence)
     for each in read:
         if isinstance(each, str):
             raise MessageError(each)
     return [each for each in read if not isinstance(each, str)]
-
-
-def _stay_inside(fence: Fence, chain: TopChain, library: TopLibrary) -> None:
-    """Make sure that no step leads out of the fence; raises MessageError."""
-    violation = fence.violation(chain, library.robot)
-    if violation is not None:
-        raise MessageError(violation)
 
 
 def id_of(handle: ServerGoalHandle) -> str:

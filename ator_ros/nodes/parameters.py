@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
+from ator_ros.execution.fence import Fence
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.messages import plain_frame
@@ -118,6 +119,9 @@ DOMAIN = Parameter(
 FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
 ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
 MODELS = Parameter("models", "", "folder of the performance models and the gate; empty: the shipped ones")
+FENCE = Parameter(
+    "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"
+)
 OBJECT = "OBJECT"
 """Placeholder for the name of an object in descriptions of parameters."""
 Changed = Callable[[Mapping[str, Any]], None]
@@ -151,6 +155,15 @@ def robot_of(settings: Mapping[str, Any]) -> Robot:
         return domain.robot(settings[ROBOT.name] or None)
     except ConfigError as error:
         raise SetupError(str(error)) from error
+
+
+def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
+    """Return the area that the robot may drive in; raises SetupError."""
+    edges = settings[FENCE.name]
+    try:
+        return Fence.around(robot) if list(edges) == FENCE.default else Fence.of(edges)
+    except ValueError as error:
+        raise SetupError(f"parameter fence: {error}") from error
 
 
 def declare_parameters(

@@ -13,6 +13,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.cores import use_cores
+from ator_ros.execution.fence import Fence
 from ator_ros.learning.exploring import Explorer
 from ator_ros.nodes import conversions
 from ator_ros.nodes.deferred_service import Answer, DeferredService
@@ -25,6 +26,7 @@ from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
 from ator_ros.nodes.pacing import Outbox, Pace
 from ator_ros.nodes.parameters import (
     DOMAIN,
+    FENCE,
     FRAME,
     MODELS,
     ROBOT,
@@ -32,6 +34,7 @@ from ator_ros.nodes.parameters import (
     declare_parameters,
     digest_of,
     domain_of,
+    fence_of,
     robot_of,
 )
 from ator_ros.nodes.plan_service import PlanService
@@ -52,6 +55,7 @@ PARAMETERS = (
     FRAME,
     DOMAIN,
     ROBOT,
+    FENCE,
     MODELS,
     LEARNED,
     Parameter("gate", True, "whether to refine only where the gate expects that it pays", live=True),
@@ -109,6 +113,7 @@ class RefinementNode(FrugalNode):
         self._settings = declare_parameters(self, PARAMETERS, self._change)
         use_cores(self._settings["cores"])
         robot = robot_of(self._settings)
+        self._fence = fence_of(self._settings, robot)
         self._domain = domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         models, learned = self._settings["models"], self._settings["learned"]
@@ -234,7 +239,7 @@ class RefinementNode(FrugalNode):
             raise RefinementError(f"action set {action_set}: {present.models[action_set].absent}")
         library, refiner = self._libraries[action_set], present.by_set[action_set]
         frame = self._settings["frame"]
-        choice = yield from refining_of(request, refiner, library, frame=frame)
+        choice = yield from refining_of(request, refiner, library, frame=frame, fence=self._fence)
         if self._settings["explore"] == 0.0 or request.as_given:
             return choice
         yield
@@ -278,18 +283,24 @@ def _size_of(request: RefineSubgoal.Request) -> int:
 
 
 def refining_of(
-    request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary, *, frame: str
+    request: RefineSubgoal.Request,
+    refiner: Refiner,
+    library: TopLibrary,
+    *,
+    frame: str,
+    fence: Fence | None = None,
 ) -> Slices[Selection]:
     """Refine the chain of a request and its alternatives, in slices, and choose the best.
 
     Raises
     ------
     MessageError, RefinementError
-        The request cannot be read, or none of its chains is a valid plan from its situation.
+        The request cannot be read, its chain leads out of the fence, or none of its chains is a valid plan
+        from its situation.
     """
     world = conversions.world_from(request.situation, frame=frame)
-    chain = conversions.chain_from(request.chain, library, frame=frame)
-    others = conversions.alternatives_from(request.alternatives, library, frame=frame)
+    chain = conversions.chain_from(request.chain, library, frame=frame, fence=fence)
+    others = conversions.alternatives_from(request.alternatives, library, frame=frame, fence=fence)
     objective = conversions.objective_from(request.objective, refiner.failure_cost)
     yield
     placeholders = not request.as_given
