@@ -129,15 +129,6 @@ def test_reports_execute_nothing_and_what_executes_draws_nothing(
     ] == []
 
 
-def test_no_public_class_has_the_name_of_another() -> None:
-    named: dict[str, list[str]] = {}
-    for file in FILES:
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                named.setdefault(node.name, []).append(str(file.relative_to(PACKAGE)))
-    assert {name: files for name, files in named.items() if len(files) > 1} == {}
-
-
 def test_nodes_start_without_what_only_learning_needs() -> None:
     names = [f"ator_ros.nodes.{name}" for name in ("executor", "refinement", "simulation")]
     names.append("ator_ros.domains.soccer.domain")
