@@ -89,7 +89,9 @@ def why_nothing_free(chain: TopChain, not_free: Sequence[NotFree]) -> str:
     return f"nothing is free: {_told(chain, not_free)}"
 
 
-def remarks(chain: TopChain, not_free: Sequence[NotFree], without_model: Sequence[int]) -> str:
+def remarks(
+    chain: TopChain, not_free: Sequence[NotFree], without_model: Sequence[int], outside: Sequence[str]
+) -> str:
     """Return what is to be said beside the gate's reason; empty, or it begins with a semicolon.
 
     What "*" opened appears only in `Refinement.not_free`: not all of it is expected to be free.
@@ -101,6 +103,8 @@ def remarks(chain: TopChain, not_free: Sequence[NotFree], without_model: Sequenc
     if without_model:
         steps = _listed([f"step {step + 1} ({chain.calls[step].top.action})" for step in without_model])
         said += f"; no performance model for {steps}: neither predicted nor counted"
+    if outside:
+        said += f"; {_listed(outside)}: its prediction is a guess"
     return said
 
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ator_ros.actions.goal_variables import direct_name
+from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement.free_variables import (
     Analysis,
     FreeVariable,
@@ -20,27 +22,104 @@ from ator_ros.refinement.free_variables import (
     PredictsPerformance,
     start_variables,
 )
+from ator_ros.refinement.projection import chain_situations
 from ator_ros.refinement.regions import Regions, experience_of
 from ator_ros.refinement.sampled import spread_points
+from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.ranges import Range
+from ator_ros.world.state import World
 
 NEGLIGIBLE = 0.02
 """Share of a range that a bound must take away to count: random starts never reach the ends of theirs."""
 _POINTS = 2048
+_SLACK = 0.05
+"""By how much (m, rad, m/s) a value may leave the experience, besides the share `_ROOM` of its range."""
 _ROOM = 0.05
 """Share by which the extent of the points that a region allows is widened on each side."""
 
 
+class Outside(NamedTuple):
+    """What of a step lies outside the experience of its performance model.
+
+    Attributes
+    ----------
+    step : int
+        Counted from 0.
+    name : str
+        Quantity: `dist`, `turn`, `v` or `speedg`.
+    text : str
+        A sentence that names the step, the value and the range.
+    """
+
+    step: int
+    name: str
+    text: str
+
+
+def outside_experience(
+    world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
+) -> list[Outside]:
+    """Return what of a chain lies outside the experience of the models, in the order of the steps.
+
+    Distances, turns and speeds are compared with those at the starts of the episodes that a model was learned
+    from. What a step or the one before it leaves open is left out.
+    """
+    found, opened = [], frozenset[str]()
+    situations = chain_situations(world, chain, robot)
+    for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
+        known = experience_of(models.get(call.top.action))
+        opens = frozenset(name for name in ("x", "y", "yaw", "speed") if call.opens(name))
+        values = _quantities({name: float(row[0]) for name, row in direct.items()}, robot, opened, opens)
+        for name, value, unit in values:
+            low, high = known.get("way" if name == "dist" else name, (-math.inf, math.inf))
+            slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
+            if not low - slack <= value <= high + slack:
+                text = (
+                    f"step {step + 1} {call.top.name}: {name} {value:.1f} {unit} is outside the experience "
+                    f"of {low:.1f} to {high:.1f} {unit}"
+                )
+                found.append(Outside(step, name, text))
+        opened = opens
+    return found
+
+
+def _quantities(
+    direct: Mapping[str, float], robot: Robot, opened: frozenset[str], opens: frozenset[str]
+) -> Iterator[tuple[str, float, str]]:
+    """Yield name, value and unit of what is fixed of a step between two subgoals with open variables."""
+    x, y, yaw = direct["x"], direct["y"], direct["yaw"]
+    if not {"x", "y"} & (opened | opens):
+        ahead = robot.hold * direct["hold"] if robot.holder is not None else 0.0
+        hold = Pose(x, y, yaw).ahead(ahead)
+        yield "dist", math.hypot(direct["xg"] - hold.x, direct["yg"] - hold.y), "m"
+    if "yaw" not in opened | opens:
+        yield "turn", abs(wrap_angle(direct["yawg"] - yaw)), "rad"
+    if "speed" not in opened:
+        yield "v", direct["v"], "m/s"
+    if "speed" not in opens:
+        yield "speedg", direct["speedg"], "m/s"
+
+
 def within_experience(
-    analysis: Analysis, chain: TopChain, models: Mapping[str, PredictsPerformance]
+    analysis: Analysis,
+    chain: TopChain,
+    models: Mapping[str, PredictsPerformance],
+    outside: Sequence[Outside] = (),
 ) -> Analysis:
     """Return `analysis` with the ranges narrowed to the goals that the models were learned with.
 
-    A variable of which they know no two values within its range is not free.
+    A variable of which they know no two values within its range is not free, and none is next to a step whose
+    distance lies outside: its predictions are not relied on.
     """
     free, not_free = [], list(analysis.not_free)
+    far = {each.step: each for each in outside if each.name == "dist"}
     for variable in analysis.free:
+        beyond = far.get(variable.subgoal, far.get(variable.subgoal + 1))
+        if beyond is not None:
+            why = f"next to step {beyond.step + 1}, whose distance is outside the experience"
+            not_free.append(NotFree(variable.subgoal, variable.name, why))
+            continue
         narrowed = variable
         for low, high, said in _experienced(variable, chain, models):
             if narrowed.domain.periodic:

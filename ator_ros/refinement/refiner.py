@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
 from ator_ros.refinement.averaging import Averages
-from ator_ros.refinement.bounds import within_experience, within_regions
+from ator_ros.refinement.bounds import outside_experience, within_experience, within_regions
 from ator_ros.refinement.calibration import Calibration
 from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
 from ator_ros.refinement.errors import RefinementError
@@ -130,7 +130,7 @@ class Refiner:
             prediction = yield from model.predicting(model.given)
             yield
             told = self._corrected(world, (chain,), (prediction,), (), objective)
-            return self._left_alone(chain, analysis, *told)
+            return self._left_alone(world, chain, analysis, *told)
         if late:
             before = after = yield from model.predicting(model.given)
             optimum = unsearched(model.given, before.cost)
@@ -210,7 +210,9 @@ class Refiner:
         RefinementError
             As in `analyse`.
         """
-        analysis = within_experience(self.analyse(world, chain), chain, self.models)
+        analysis = self.analyse(world, chain)
+        outside = outside_experience(world, chain, self.models, self.robot)
+        analysis = within_experience(analysis, chain, self.models, outside)
         regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
         if regions.allowing() is None:
             return analysis, regions
@@ -254,7 +256,7 @@ class Refiner:
         return Refinement(
             best if changed else chain,
             changed,
-            reason + remarks(chain, analysis.not_free, lacking),
+            reason + remarks(chain, analysis.not_free, lacking, self._outside(world, chain)),
             original=chain,
             best=best,
             before=told[0],
@@ -267,13 +269,20 @@ class Refiner:
             complete=optimum.complete,
         )
 
-    def _left_alone(self, chain: TopChain, analysis: Analysis, prediction: ChainPrediction) -> Refinement:
+    def _outside(self, world: World, chain: TopChain) -> list[str]:
+        """Return in words what of a chain lies outside the experience of the models."""
+        return [each.text for each in outside_experience(world, chain, self.models, self.robot)]
+
+    def _left_alone(
+        self, world: World, chain: TopChain, analysis: Analysis, prediction: ChainPrediction
+    ) -> Refinement:
         """Return the answer where nothing is free."""
         lacking = self._without_model(chain)
         return Refinement(
             chain,
             False,
-            why_nothing_free(chain, analysis.not_free) + remarks(chain, (), lacking),
+            why_nothing_free(chain, analysis.not_free)
+            + remarks(chain, (), lacking, self._outside(world, chain)),
             original=chain,
             best=chain,
             before=prediction,
