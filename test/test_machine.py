@@ -86,7 +86,7 @@ def test_a_node_ends_with_one_line(full: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("value", [1e-12, 5e-4])
 def test_a_time_that_hardly_passes_is_refused(value: float) -> None:
     factor: Parameter = next(p for p in parameters_for([]) if p.name == "real_time_factor")
-    factor.check(0.0)
-    factor.check(0.001)
+    factor.read(0.0)
+    factor.read(0.001)
     with pytest.raises(SetupError, match="real_time_factor: expected 0, or a number"):
-        factor.check(value)
+        factor.read(value)
