@@ -14,15 +14,19 @@ from ator_ros.domains.declared_situations import DeclaredDrives, DeclaredPlace, 
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.ball import BALL, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.experience.episode import Episode, run_episode
 from ator_ros.experience.table import episode_frame, join
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import load_models
 from ator_ros.performance.training import OBSERVED, train
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -235,3 +239,23 @@ def test_turns_are_predicted_within_the_spread(model: PerformanceModel, simulati
 def test_a_goal_at_the_start_is_predicted_at_a_tick(model: PerformanceModel) -> None:
     assert predicted(model, START)[0] == pytest.approx(CONTROL_PERIOD)
     assert predicted(model, moved(0.0, 0.0, 0.5))[0] > 0.3
+
+
+def test_a_chain_that_goes_on_after_a_dribble_is_refined_and_executed() -> None:
+    library, opened = SOCCER.library(ROBOT), frozenset({"yaw"})
+    fetch, put = Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD), Goal(Pose(1.5, 1.0, 1.2), 0.0, Point.HOLD)
+    chain = TopChain(
+        (
+            TopCall(library["goToBall"], fetch, opened),
+            TopCall(library["dribbleBall"], put, opened),
+            TopCall(library["goToPose"], Goal(Pose(-1.0, -1.0, 0.0))),
+        )
+    )
+    start = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), objects_of(ObjectState(0.0, 0.0)))
+    answer = Refiner(ROBOT, load_models(ROBOT, SOCCER.known_features)).refine(start, chain)
+    assert answer.refined, answer.reason
+    run = run_chain(ROBOT, library, start, answer.chain)
+    assert run.success, run.reason
+    for prediction in (answer.before, answer.after):
+        steps = [action["duration"] for action in prediction.actions]
+        assert prediction.duration == pytest.approx(sum(steps))
