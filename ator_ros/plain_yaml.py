@@ -20,6 +20,7 @@ _UNREADABLE = (
     RecursionError,
     yaml.YAMLError,
 )
+_DEEPEST = 100
 
 
 class UnreadableYamlError(ValueError):
@@ -50,12 +51,19 @@ def _in_one_line(error: Exception) -> str:
 class _PlainLoader(yaml.SafeLoader):
     """Reads YAML with each key once, without aliases, with which a few lines name billions of values."""
 
+    _depth = 0
+
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Refuse an alias."""
         if self.check_event(yaml.AliasEvent):
             event = self.get_event()  # type: ignore[no-untyped-call]
             raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
-        return super().compose_node(parent, index)
+        self._depth += 1
+        if self._depth > _DEEPEST:  # PyYAML takes seconds until it gives up
+            raise yaml.YAMLError(f"expected at most {_DEEPEST} levels of lists and tables, got more")
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Refuse a key that stands twice: PyYAML would take the later value without a word."""

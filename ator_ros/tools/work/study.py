@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -91,7 +92,7 @@ def _begin(options: argparse.Namespace, robot: Robot) -> None:
     names = (item.name for item in fields(StudySettings) if item.name != "description_digest")
     ours = StudySettings(robot.description_digest(), **{name: getattr(options, name) for name in names})
     file = options.out / "settings.json"
-    if not file.exists():
+    if not os.path.lexists(file):
         write_text(file, SETTINGS.text(unstructured(ours)))
         return
     try:
