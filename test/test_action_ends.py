@@ -14,7 +14,7 @@ from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides, release_sides, run_up_sides
 from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
 from ator_ros.execution.chain_executor import ChainExecutor
-from ator_ros.execution.driving import Driving
+from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopCall, TopChain

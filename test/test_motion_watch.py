@@ -15,7 +15,7 @@ from executions import LIBRARY, ROBOT, chain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.noise import REALISTIC
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.execution.driving import Driving
+from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import MotionWatch, Thresholds
 from ator_ros.execution.phases import Ending

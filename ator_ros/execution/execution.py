@@ -24,7 +24,7 @@ from ator_ros.tops.objects import at_rest, missing_in, missing_object
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, Command, World
 
-_LONGEST_STOP = 2.0
+_LONGEST_STOP = 2.0  # s for which a robot that still moves is commanded to stop
 _FIRST_GAP = 1.0
 """Real s in which a robot that does not drive yet may lack odometry, whose rate may not be known."""
 
@@ -195,7 +195,13 @@ class Execution:
             return self._execute(world, now, overdue=overdue)
         if self.phase is Phase.STOPPING:
             self._stopped_at = min(self._stopped_at, world.time)
-            if world.robot.is_standing or world.time - self._stopped_at > _LONGEST_STOP:
+            late = world.time - self._stopped_at > _LONGEST_STOP
+            if late and not world.robot.is_standing:
+                self.explain(
+                    f"the robot still moves at {world.robot.v:.2f} m/s and {world.robot.w:.2f} rad/s, "
+                    f"{_LONGEST_STOP:g} s after it was commanded to stop"
+                )
+            if late or world.robot.is_standing:
                 self._course.take(Signal.STOOD)
         return STOP
 

@@ -1,74 +1,302 @@
-"""Detection of bases that do not move as commanded, by odometry (without ROS; both clocks are passed in)."""
+"""Watch whether the base follows its commands, by odometry (without ROS; both clocks are passed in)."""
 
 from __future__ import annotations
 
+import enum
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ator_ros.execution.spans import LONGEST_GAP, ROUNDING, Span, Stretch
+from ator_ros.execution.execution import Execution
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
-from ator_ros.robot.ramp import ramped
-from ator_ros.world.state import STOP, Command, RobotState
+from ator_ros.robot.foresight import Foresight
+from ator_ros.robot.ramp import clip
+from ator_ros.world.state import STOP, Command, RobotState, World
 
-_TENTH = 0.1
-_QUARTER = 0.25
-_WINDOW = 0.1  # s over which the motion of the pose is judged
+_DELAY = 0.1  # s by which a base may be later than `latency`: two messages at 20 Hz
+_WINDOW = 0.3  # s of commands that are judged, besides twice the lag of the motors
+_PERSISTS = 0.15  # s: three messages at 20 Hz; noise does not last as long
+_LEAST_REAL_TIME = 0.1  # s in which commands reach the base, however fast simulated time passes
+_LONG_GAP = 0.15  # s between two messages, after which a base with a watchdog may have stopped by itself
+_SMOOTHING = 0.1  # s over which measured velocities are averaged
+_QUARTER = 0.25  # share of the expected motion; a base that shows less does not follow
+_TOP_SHARE = 0.4  # of the greatest speed; a base that drives faster may have reached a lower limit of its own
+_COASTING = 0.25  # s for which a base may keep a speed beyond its commands
+_BEYOND = 1.5  # times the tolerance
+_LOSES = 0.3  # s in which a base that follows does not go on losing speed below its commands
+_STEP = 0.025  # s of a step of the prediction
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """Thresholds above which motion that contradicts the commands is a fault, derived from the robot.
+    """What is measured of one axis (driving or turning), in m and m/s or in rad and rad/s.
 
     Attributes
     ----------
-    asked : float
-        Speed of the faster wheel in m/s from which a command must be answered: 4 % of the greatest speed. The
-        dead zone of a base lies below.
-    patience : float
-        Time in s without an answer, or with motion that was not commanded: 0.2 s and three time constants of
-        the motors. With the time that it takes to brake it stays below half a second.
-    frozen : float
-        Time in s in which the pose may contradict the velocity: three messages at 20 Hz.
-    v, w : float
-        Speeds in m/s and rad/s by which the base may exceed the commands: a tenth of the limits.
-    brake, aw : float
-        Decelerations in m/s^2 and rad/s^2 that a slow base must reach: half of the limits.
+    limit, rate, lag, stop : float
+        Greatest speed, its greatest change per second, time constant in s of the motors, and change per second when
+        commanded to stand, as described.
+    tolerance : float
+        Difference of speeds that is ignored: 4 % of the limit, at least 0.04 m/s or 0.1 rad/s (noise, dead band),
+        at most 40 % of the limit.
+    window : float
+        Time in s over which the measured change of speed is compared with the predicted one.
+    moved : float
+        Motion after which a constant pose counts as frozen: 3 cm or 0.08 rad.
     """
 
-    asked: float
-    patience: float
-    frozen: float
-    v: float
-    w: float
-    brake: float
-    aw: float
+    limit: float
+    rate: float
+    lag: float
+    stop: float
+    tolerance: float
+    window: float
+    moved: float
 
     @classmethod
-    def of(cls, robot: Robot) -> Thresholds:
-        """Derive the thresholds from the description of a robot."""
-        limits = robot.limits
-        return cls(
-            asked=0.04 * limits.v,
-            patience=0.2 + 3.0 * robot.motor_time_constant,
-            frozen=0.15,
-            v=_TENTH * limits.v,
-            w=_TENTH * limits.w,
-            brake=0.5 * limits.brake,
-            aw=0.5 * limits.aw,
+    def of(cls, robot: Robot) -> tuple[Thresholds, Thresholds]:
+        """Return those of driving and those of turning."""
+        limits, lag = robot.limits, robot.motor_time_constant
+        window = _WINDOW + 2.0 * lag
+        v, w = (min(max(0.04 * x, least), 0.4 * x) for x, least in ((limits.v, 0.04), (limits.w, 0.1)))
+        return (
+            cls(limits.v, min(limits.a, limits.brake), lag, robot.stop.backward, v, window, 0.03),
+            cls(limits.w, limits.aw, lag, robot.stop.turning, w, window, 0.08),
         )
 
 
+class Fault(enum.Enum):
+    """How an axis does not follow its commands."""
+
+    STILL = "shows less than a quarter of the expected speed, or the wrong direction"
+    EXCESS = "is faster than every recent command, or does not slow down"
+    CONSTANT = "does not change its speed as commanded"
+    LOSING = "goes on losing speed although it is commanded to keep it"
+
+
+class Debounce:
+    """How long a condition has held without a break, by the stamps and in real time."""
+
+    def __init__(self) -> None:
+        self.seconds, self._since = 0.0, math.inf
+
+    def update(self, holds: bool, gap: Gap) -> bool:
+        """Add the gap before a message if the condition `holds`, else reset; return whether it persists."""
+        if not holds:
+            self.seconds, self._since = 0.0, math.inf
+            return False
+        self._since = min(self._since, gap.began)
+        # One message tells little of the gap before it, unless the gap is very long.
+        self.seconds += gap.elapsed if gap.elapsed >= _WINDOW - _ROUNDING else min(gap.elapsed, 0.1)
+        in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - _ROUNDING
+        return self.seconds >= _PERSISTS - _ROUNDING and in_real_time
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """The time between two messages: s by their stamps, and when both came, in real time."""
+
+    elapsed: float
+    began: float
+    ended: float
+
+
+class Axis:
+    """Compares one velocity of the base with the commands.
+
+    The speed that was measured a window ago is predicted forward under the commands sent since, as a base would
+    show it that is later and lags more than described. Since the prediction begins at a measured speed, a base may
+    have less acceleration, or reach a part of the commanded speed only. A base that keeps a speed whatever is
+    commanded is noticed even if each new plan begins at that speed.
+    """
+
+    def __init__(self, thresholds: Thresholds) -> None:
+        self.thresholds = thresholds
+        self._measured: deque[tuple[float, float]] = deque()
+        self._smooth: deque[tuple[float, float]] = deque()
+        self._fault = Debounce()
+        self._slow_for, self._share = 0.0, 1.0
+        self._lost, self._eased, self._lost_for, self._commanded = 0.0, 0.0, 0.0, 0.0
+
+    @property
+    def share(self) -> float:
+        """The speed as a share of the commanded one, if it has been lower for more than a second; else 1."""
+        return self._share if self._slow_for >= 1.0 else 1.0
+
+    @property
+    def speed(self) -> float:
+        """The last speed, averaged."""
+        return self._smooth[-1][1]
+
+    @property
+    def seconds(self) -> float:
+        """For how long in s there has been a fault."""
+        return self._fault.seconds
+
+    def update(self, time: float, speed: float, commands: Commands, gap: Gap) -> Fault | None:
+        """Take the speed at `time` (s); return the fault that persists."""
+        self._measured.append((time, speed))
+        while self._measured[0][0] < time - _SMOOTHING + _ROUNDING:
+            self._measured.popleft()
+        speed = sum(value for _, value in self._measured) / len(self._measured)
+        self._smooth.append((time, speed))
+        while len(self._smooth) > 1 and self._smooth[1][0] <= time - self.thresholds.window + _ROUNDING:
+            self._smooth.popleft()
+        if len(self._smooth) == 1:
+            return None
+        limit = self.thresholds.limit
+        recent = [clip(command, limit) for command in commands.between(time - _DELAY, time)]
+        fault = self._judge(time, speed, recent, commands, gap)
+        persists = self._fault.update(fault is not None, gap)
+        stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
+        loses = not stood and self._loses(speed, min(recent), max(recent), gap)
+        self._observe_share(speed, recent, gap.elapsed)
+        return fault if persists else Fault.LOSING if loses else None
+
+    def _judge(
+        self, time: float, speed: float, recent: Sequence[float], commands: Commands, gap: Gap
+    ) -> Fault | None:
+        tolerance, limit = self.thresholds.tolerance, self.thresholds.limit
+        since, before = self._smooth[0]
+        fast = [0.0, before, *self._fast(since, before, time, commands)[-round(_COASTING / _STEP) :]]
+        if not min(fast) - _BEYOND * tolerance <= self._measured[-1][1] <= max(fast) + _BEYOND * tolerance:
+            return Fault.EXCESS
+        lately = commands.between(since - _DELAY - 2.0 * self.thresholds.lag, since)
+        share = min(0.99, self._share_then(before, lately))
+        slow, part = (self._slow(since, before, time, commands, each) for each in (1.0, share))
+        # The magnitudes between which the speed should be now, in the direction of the commands.
+        least = max(0.0, min(part, share * min(recent))) + min(0.0, max(part, share * max(recent)))
+        ahead, gained = abs(least) - math.copysign(1.0, least) * before, math.copysign(1.0, least) * (speed - before)
+        approached = ahead > 0.0 and gained >= _QUARTER * ahead
+        if abs(least) >= tolerance and speed * least < _QUARTER * least * least and not approached:
+            return Fault.STILL
+        if gap.elapsed > _LONG_GAP:
+            return None  # a base with a watchdog of its own has stopped, and started again
+        sign = math.copysign(1.0, before)
+        most = max(sign * slow, *(sign * command for command in recent))
+        had, has = sign * before, sign * speed
+        if had - most >= tolerance and had - has < _QUARTER * (had - most):
+            return Fault.EXCESS
+        able = has < _TOP_SHARE * limit
+        speeds = [value for _, value in self._smooth]
+        constant = max(speeds) - min(speeds) < max(tolerance, _QUARTER * (sign * least - had))
+        if able and constant and sign * least - had >= tolerance and has - had < _QUARTER * (sign * least - had):
+            return Fault.CONSTANT
+        return None
+
+    def _share_then(self, speed: float, commands: Sequence[float]) -> float:
+        """Return the speed as a share of the commands then: 1 if there was none, at least a quarter."""
+        command = max(commands, key=abs)
+        if abs(command) < self.thresholds.tolerance or speed * command <= 0.0:
+            return 1.0
+        return min(1.0, max(_QUARTER, speed / command))
+
+    def _slow(self, since: float, speed: float, time: float, commands: Commands, share: float) -> float:
+        """Return the speed at `time` of a base that had `speed` at `since`, is late and lags.
+
+        Toward a lower share it brakes as hard as bases do that are told to stand.
+        """
+        most, count, dt = self.thresholds, *_steps(time - since)
+        sent = [share * clip(speed if c is None else c, most.limit) for c in commands.sampled(since - _DELAY, dt, count)]
+        # A base that changed its speed goes on doing so for a moment.
+        overshoot = clip(sent[0] - speed, 2.0 * most.lag * most.rate)
+        setpoint = speed + (overshoot if overshoot * (sent[-1] - speed) < 0.0 else 0.0)
+        for target in sent:
+            rate = most.stop if target == 0.0 and share < 1.0 else most.rate
+            setpoint += clip(target - setpoint, rate * dt)
+            speed += (setpoint - speed) * min(1.0, dt / max(most.lag, _STEP))
+        return speed
+
+    def _fast(self, since: float, speed: float, time: float, commands: Commands) -> list[float]:
+        """Return the speeds until `time` of a base that changes its speed twice as fast as described."""
+        speeds, (count, dt) = [], _steps(time - since)
+        for command in commands.sampled(since + dt, dt, count):
+            speed += clip((speed if command is None else command) - speed, 2.0 * self.thresholds.rate * dt)
+            speeds.append(speed)
+        return speeds
+
+    def _loses(self, speed: float, low: float, high: float, gap: Gap) -> bool:
+        """Return whether the axis goes on losing speed, although it has less than every recent command.
+
+        A base that drops to a part of its speed, and keeps that, is slow, but follows.
+        """
+        (_, before), sign = self._smooth[-2], math.copysign(1.0, speed)
+        commanded = sign * (low if sign > 0.0 else high)
+        lost = sign * (before - speed)
+        falls = lost >= _QUARTER * self.thresholds.rate * gap.elapsed
+        below = sign * speed < commanded - 0.25 * self.thresholds.tolerance
+        eased, self._commanded = max(0.0, sign * self._commanded - commanded), sign * commanded
+        if not (falls and below) or gap.elapsed > _LONG_GAP:
+            self._lost, self._eased, self._lost_for = 0.0, 0.0, 0.0
+            return False
+        self._lost, self._eased = self._lost + lost, self._eased + eased
+        self._lost_for += gap.elapsed
+        tolerance = self.thresholds.tolerance
+        enough = self._lost >= max(2.0 * tolerance, self._eased + 0.5 * tolerance)
+        return enough and self._lost_for >= _LOSES - _ROUNDING
+
+    def _observe_share(self, speed: float, recent: Sequence[float], elapsed: float) -> None:
+        """Note which share of the commanded speed the base reaches."""
+        command = min(recent, key=abs)
+        if abs(command) < 0.2 * self.thresholds.limit:
+            return
+        share = speed / command
+        if share < 0.75:
+            passed = min(elapsed, 0.1)
+            self._share += (share - self._share) * (passed / (self._slow_for + passed))
+            self._slow_for = min(self._slow_for + passed, 2.0)
+        else:
+            self._slow_for = max(0.0, self._slow_for - min(elapsed, 0.1))
+
+
+class Commands:
+    """The commands of one axis, by the time in s from which they act."""
+
+    def __init__(self) -> None:
+        self._sent: deque[tuple[float, float]] = deque()
+
+    def add(self, acts: float, command: float) -> None:
+        """Note a command that acts from `acts` (s) on; it replaces later ones."""
+        while self._sent and self._sent[-1][0] >= acts:
+            self._sent.pop()
+        self._sent.append((acts, command))
+
+    def delay_last(self, seconds: float) -> None:
+        """Let the last command act later."""
+        if self._sent:
+            acts, command = self._sent.pop()
+            self._sent.append((acts + seconds, command))
+
+    def forget(self, time: float) -> None:
+        """Forget the commands that act no more at `time` (s)."""
+        while len(self._sent) > 1 and self._sent[1][0] <= time:
+            self._sent.popleft()
+
+    def between(self, since: float, until: float) -> list[float]:
+        """Return the commands that acted between two times in s; where there was none, to stand."""
+        first = next((command for acts, command in reversed(self._sent) if acts <= since + _ROUNDING), 0.0)
+        return [first, *(command for acts, command in self._sent if since + _ROUNDING < acts <= until + _ROUNDING)]
+
+    def sampled(self, since: float, dt: float, count: int) -> list[float | None]:
+        """Return the commands that act at `count` times in s from `since` on; None before the first one."""
+        found: list[float | None] = []
+        command, following = None, 0
+        for number in range(count):
+            while following < len(self._sent) and self._sent[following][0] <= since + number * dt + _ROUNDING:
+                command, following = self._sent[following][1], following + 1
+            found.append(command)
+        return found
+
+
 class MotionWatch:
-    """Compares odometry with the commands that were sent.
+    """Compares odometry with the commands that were sent, driving and turning apart.
 
-    Four contradictions are faults:
-
-    - frozen pose: the pose does not change although the velocity is not zero;
-    - no motion: blocked wheels, or odometry that froze while the robot stood;
-    - too little motion, less than a quarter: wrong odometry, or a weak base;
-    - uncommanded motion: another program steers the base, or it does not stop.
+    Faults are: less than a quarter of the expected speed, or the wrong direction; speeds beyond all commands; a
+    speed that does not change as commanded, or is lost; and a pose that is constant while the velocity is not.
+    Thresholds are those of `Thresholds`.
 
     With odometry below 6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between two
     messages. Then a late base and frozen odometry look alike. Some frozen odometry is not noticed, and the
@@ -77,193 +305,229 @@ class MotionWatch:
     Parameters
     ----------
     robot : Robot
-        Limits, track and lag of the motors.
+        Limits and lag of the motors.
     latency : float
         Time in s from the stamp of a state until the command that answers it moves the base.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
-        self.bounds = Thresholds.of(robot)
-        self._limits, self._stop, self._arm = robot.limits, robot.stop, robot.track / 2.0
+        self._driving, self._turning = Thresholds.of(robot)
         self._latency = latency
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, as when a goal begins: earlier commands to the base are unknown."""
-        self._sent: deque[tuple[float, Command]] = deque()
-        self._last: tuple[float, RobotState] | None = None
-        self._heard = -math.inf
-        self._answered: float | None = None
-        self._expected = STOP
-        self._unanswered = Stretch()
-        self._weak = Stretch()
-        self._unasked = Stretch()
-        self._frozen = Stretch()
-        self._poses: deque[tuple[float, RobotState]] = deque()
-        self._bands: tuple[_Band, _Band] | None = None
+        self._v, self._w = Axis(self._driving), Axis(self._turning)
+        self._commands = Commands(), Commands()
+        self._last = STOP
+        self._states: deque[tuple[float, RobotState]] = deque()
+        self._heard, self._answered = -math.inf, math.inf
+
+    @property
+    def remark(self) -> str:
+        """A sentence on a base that is slower than commanded; empty if it is not."""
+        said = [
+            f"{verb} at about {100 * round(axis.share, 1):.0f} % of the commanded speed"
+            for verb, axis in (("drives", self._v), ("turns", self._w))
+            if axis.share < 1.0
+        ]
+        return f"the base {' and '.join(said)}" if said else ""
 
     def sent(self, time: float, command: Command, now: float = -math.inf) -> None:
         """Note a command that was sent as the answer to a state of `time` (s).
 
         `now` is the real time in s at which it was sent, where that may be later than the state was heard.
         """
-        self._answered = now if self._answered is None else self._answered
-        acts = time + self._latency
-        while self._sent and self._sent[-1][0] >= acts:
-            self._sent.pop()
-        self._sent.append((acts, command))
+        self._answered, self._last = min(self._answered, now), command
+        for commands, value in zip(self._commands, (command.v, command.w), strict=True):
+            commands.add(time + self._latency, value)
 
     def fault(self, time: float, robot: RobotState, now: float) -> str | None:
-        """Take a state of the robot as odometry tells it, at `time` s by its stamp and `now` s of real time.
+        """Take a state of the robot by odometry, at `time` s by its stamp and `now` s of real time.
 
         Returns
         -------
         str or None
             What is wrong, in words; None if the base moves as commanded.
         """
-        last, self._last = self._last, (time, robot)
-        heard, self._heard = self._heard, now
-        answered, self._answered = self._answered, None
-        if last is None or self._bands is None or time <= last[0]:
-            self._bands = _Band.around(robot.v), _Band.around(robot.w)
-            return None
-        before, elapsed = last[1], time - last[0]
-        dt = min(elapsed, LONGEST_GAP)
-        command = self._weakest(last[0], time)
-        return (
-            self._contradiction(time, robot, Span(dt, heard, now))
-            or self._silence(before, robot, command, Span(elapsed, heard, now).since(answered))
-            or self._excess(time, robot, elapsed, Span(dt, heard, now))
-        )
+        last = self._states[-1] if self._states else (time, robot)
+        if time < last[0]:
+            self.reset()
+        gap = Gap(time - last[0], self._heard, now)
+        self._delay_late_answer(gap)
+        self._heard, self._answered = now, math.inf
+        self._states.append((time, robot))
+        while len(self._states) > 1 and self._states[1][0] <= time - 1.0:
+            self._states.popleft()
+        v, w = self._shown(last[1], robot, gap)
+        faults = [
+            axis.update(time, speed, commands, gap)
+            for axis, speed, commands in zip((self._v, self._w), (v, w), self._commands, strict=True)
+        ]
+        for commands in self._commands:
+            commands.forget(time - 2.0 * self._driving.window)
+        return self._frozen(time, robot) or self._message(robot, faults)
 
-    def _contradiction(self, time: float, robot: RobotState, span: Span) -> str | None:
-        """Return a fault if the pose is constant while odometry reports motion.
+    def _delay_late_answer(self, gap: Gap) -> None:
+        """Let a command that left late in a long gap act from then on.
 
-        The pose is compared with one several messages ago, because between consecutive messages jitter
-        looks like motion.
+        In a short gap it counts from the beginning: a simulation may have waited for it.
         """
-        self._poses.append((time, robot))
-        while len(self._poses) > 1 and self._poses[1][0] <= time - _WINDOW + ROUNDING:
-            self._poses.popleft()
-        then, before = self._poses[0]
-        states, count = [state for _, state in self._poses], len(self._poses)
-        mean = self._wheel(sum(state.v for state in states) / count, sum(state.w for state in states) / count)
-        said = min(mean, *(self._wheel(state.v, state.w) for state in states))  # blocked wheels say 0
-        by_pose = self._speed_by_pose(before, robot, time - then) if time > then else math.inf
-        frozen = said >= self.bounds.asked and by_pose < _TENTH * said
-        if not self._frozen.lasts(frozen, span, self.bounds.frozen - _WINDOW):
-            return None
-        return _frozen_pose(robot, _WINDOW + self._frozen.seconds)
+        late = self._answered - gap.began
+        if gap.elapsed > _LONG_GAP and 0.0 < late < gap.ended - gap.began:
+            for commands in self._commands:
+                commands.delay_last(late / (gap.ended - gap.began) * gap.elapsed)
 
-    def _silence(self, before: RobotState, robot: RobotState, command: Command, span: Span) -> str | None:
-        """Return the fault where the base does not answer commands, or hardly does.
-
-        A base whose velocity changes answers them, though it may be passing through zero: a weak one stands
-        nearly still for a while when it goes from backward to forward.
-        """
-        dt = span.seconds
-        self._expected = ramped(self._expected, command, dt, self._limits, self._stop)
-        wanted = self._wheel(self._expected.v, self._expected.w)
-        asked = self._wheel(command.v, command.w) >= self.bounds.asked
-        shown = self._shown(before, robot, span)
-        changed = self._wheel(robot.v - before.v, robot.w - before.w)
-        gained = _QUARTER * self._wheel(self._limits.a * dt, self._limits.aw * dt)
-        steady = asked and changed < gained
-        weak = steady and wanted >= _QUARTER * self._limits.v and shown < _QUARTER * wanted
-        weak = weak and not span.long  # the mean over more lags behind too far
-        too_weak = self._weak.lasts(weak, span, self.bounds.patience)
-        if not self._unanswered.lasts(steady and shown < _TENTH * wanted, span, self.bounds.patience):
-            return self._weak_base(shown, wanted) if too_weak else None
-        if self._wheel(robot.v, robot.w) >= self.bounds.asked:
-            return _frozen_pose(robot, self._unanswered.seconds)
-        return (
-            f"the base does not move: commanded to {command.v:.2f} m/s and {command.w:.2f} rad/s, odometry "
-            f"has shown no motion for {self._unanswered.seconds:.2f} s: blocked wheels, motors off, or "
-            "frozen odometry"
-        )
-
-    def _shown(self, before: RobotState, robot: RobotState, span: Span) -> float:
-        """Return the speed in m/s of the faster wheel that odometry shows, both by pose and by velocity.
+    def _shown(self, before: RobotState, robot: RobotState, gap: Gap) -> tuple[float, float]:
+        """Return the velocities that odometry shows.
 
         In a long gap a base that hears nothing stands by itself, after it has moved: either is an answer.
         """
-        told = self._wheel(robot.v, robot.w)
-        if not span.long:
-            return min(told, self._speed_by_pose(before, robot, span.elapsed))
-        return max(told, self._speed_by_pose(before, robot, min(span.elapsed, self.bounds.patience)))
+        if gap.elapsed <= _LONG_GAP:
+            return robot.v, robot.w
+        seconds = min(gap.elapsed, self._driving.window)
+        along, turned = _moved(before, robot)
+        v = robot.v if abs(robot.v) >= self._driving.tolerance else along / seconds
+        return v, robot.w if abs(robot.w) >= self._turning.tolerance else turned / seconds
 
-    def _weak_base(self, shown: float, wanted: float) -> str:
-        return (
-            f"the base hardly moves: its wheels were commanded to {wanted:.2f} m/s, odometry has shown less "
-            f"than a quarter of that for {self._weak.seconds:.2f} s, now {shown:.2f} m/s: slipping wheels, "
-            "or odometry that shows too little"
-        )
+    def _frozen(self, time: float, robot: RobotState) -> str | None:
+        """Return the fault if the pose is constant, or goes the wrong way, while the velocity is not zero."""
+        for axis, name, unit in ((0, "position", "m/s"), (1, "heading", "rad/s")):
+            thresholds = (self._driving, self._turning)[axis]
+            said = (robot.v, robot.w)[axis]
+            seconds = min(max(thresholds.moved / max(abs(said), _ROUNDING), _PERSISTS), 0.35)
+            since = [index for index, (then, _) in enumerate(self._states) if then <= time - seconds + _ROUNDING]
+            if abs(said) < thresholds.tolerance or not since:
+                continue
+            states = [state for _, state in self._states][since[-1] :]
+            least = min((state.v, state.w)[axis] * math.copysign(1.0, said) for state in states)
+            moved = max(abs(_moved(states[0], state)[axis]) for state in states)
+            elapsed = time - self._states[since[-1]][0]
+            if least >= thresholds.tolerance and moved < _QUARTER * least * elapsed:
+                return (
+                    f"odometry is frozen: it says that the robot moves at {robot.v:.2f} m/s and "
+                    f"{robot.w:.2f} rad/s, but its {name} has been constant for {elapsed:.2f} s "
+                    f"(velocity {said:.2f} {unit})"
+                )
+        return None
 
-    def _excess(self, time: float, robot: RobotState, elapsed: float, span: Span) -> str | None:
-        """Return the fault where the base moves beyond all commands, coasting included."""
-        assert self._bands is not None
-        commands = self._recent(time - elapsed)
-        v, w = self._bands
-        v.follow([command.v for command in commands], self.bounds.brake * elapsed)
-        w.follow([command.w for command in commands], self.bounds.aw * elapsed)
-        beyond = v.beyond(robot.v, self.bounds.v) or w.beyond(robot.w, self.bounds.w)
-        if not self._unasked.lasts(beyond, span, self.bounds.patience):
+    def _message(self, robot: RobotState, faults: Sequence[Fault | None]) -> str | None:
+        """Return in words that the first axis with a fault has this fault."""
+        found = next((number for number, fault in enumerate(faults) if fault is not None), None)
+        if found is None:
             return None
-        last = commands[-1] if commands else STOP
-        return (
-            f"the base moves although it was not commanded to: odometry shows {robot.v:.2f} m/s and "
-            f"{robot.w:.2f} rad/s, the last command was {last.v:.2f} m/s and {last.w:.2f} rad/s"
-        )
+        fault, axis = faults[found], (self._v, self._w)[found]
+        command, speed = (self._last.v, self._last.w)[found], axis.speed
+        shows = f"odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s"
+        told = f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, {shows}"
+        move, moves = (("move", "moves"), ("turn", "turns"))[found]
+        if fault is Fault.EXCESS:
+            return (
+                f"the base {moves} although it was not commanded to: {shows}, the last command was "
+                f"{self._last.v:.2f} m/s and {self._last.w:.2f} rad/s"
+            )
+        if fault is Fault.LOSING and speed * command < _QUARTER * command * command:
+            fault = Fault.STILL
+        if fault is Fault.STILL and speed * command <= -axis.thresholds.tolerance * abs(command):
+            return f"the base {moves} in the wrong direction: {told}: motors or odometry with the wrong sign"
+        if fault is Fault.STILL and abs(speed) < max(axis.thresholds.tolerance, 0.1 * abs(command)):
+            return (
+                f"the base does not {move}: {told} for {axis.seconds:.2f} s: blocked wheels, motors off, or frozen "
+                "odometry"
+            )
+        if fault is Fault.STILL:
+            return (
+                f"the base hardly {moves}: {told}, less than a quarter of that, for {axis.seconds:.2f} s: slipping "
+                "wheels, or odometry that shows too little"
+            )
+        if fault is Fault.LOSING:
+            return f"the base loses speed although it was not commanded to: {told}: an obstacle, or failing motors"
+        return f"the base does not follow its commands: {told}, constantly: motors off, or another program steers it"
 
-    def _weakest(self, since: float, time: float) -> Command:
-        """Return the slowest command that moved the base between two times in s.
 
-        Between messages that are far apart the robot is commanded to stand.
+def _steps(seconds: float) -> tuple[int, float]:
+    """Return the number of steps in which to predict, and their length in s."""
+    count = math.ceil(seconds / _STEP - _ROUNDING)
+    return count, seconds / count
+
+
+def _moved(before: RobotState, after: RobotState) -> tuple[float, float]:
+    """Return how far in m, with its direction along the heading, and by which angle in rad a robot moved."""
+    way, turned = before.pose.distance(after.pose), wrap_angle(after.pose.yaw - before.pose.yaw)
+    ahead = before.pose.relative(after.pose).x
+    return math.copysign(way, ahead), turned
+
+
+class Driving:
+    """Predicts late states forward, and ends a goal if the base does not move as commanded.
+
+    Parameters
+    ----------
+    robot : Robot
+        Limits and lag of the base.
+    latency : float
+        See `Foresight`.
+    """
+
+    def __init__(self, robot: Robot, latency: float) -> None:
+        self._robot = robot
+        self._use(latency)
+
+    def _use(self, latency: float) -> None:
+        self._latency = latency
+        self._watch = MotionWatch(self._robot, latency)
+        self._foresight = Foresight(self._robot, latency)
+
+    def reset(self) -> None:
+        """Forget all states and commands because time was reset."""
+        self._foresight.reset()
+        self._watch.reset()
+
+    def begin(self, latency: float, *, preempts: bool) -> None:
+        """Begin to watch the base for a new goal, with a latency that may be another one.
+
+        Motion before the goal is ignored, as others may have moved the base. A goal that `preempts` another
+        continues its watch, and with the latency of before: its commands may still be under way.
         """
-        at_first = next((sent for acts, sent in reversed(self._sent) if acts <= since + ROUNDING), STOP)
-        later = [sent for acts, sent in self._sent if since + ROUNDING < acts <= time]
-        return min([at_first, *later], key=lambda command: self._wheel(command.v, command.w))
+        if preempts:
+            return
+        if latency != self._latency:
+            self._use(latency)
+        self._watch.reset()
 
-    def _recent(self, time: float) -> list[Command]:
-        """Return the commands, the oldest first, that `time` s may still show, and forget older ones."""
-        while len(self._sent) > 1 and self._sent[1][0] < time - self.bounds.patience:
-            self._sent.popleft()
-        return [command for _, command in self._sent]
+    @property
+    def remark(self) -> str:
+        """See `MotionWatch.remark`."""
+        return self._watch.remark
 
-    def _speed_by_pose(self, before: RobotState, robot: RobotState, elapsed: float) -> float:
-        """Return the speed in m/s of the faster wheel, as the difference of two poses tells it."""
-        way = before.pose.distance(robot.pose)
-        turn = wrap_angle(robot.pose.yaw - before.pose.yaw)
-        return self._wheel(way / elapsed, turn / elapsed)
+    def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
+        """Record a command sent in response to the state of `time` (s); see `MotionWatch.sent`.
 
-    def _wheel(self, v: float, w: float) -> float:
-        """Return the speed in m/s of the faster wheel, without its sign."""
-        return abs(v) + abs(w) * self._arm
+        None: another program moves the base, so its motion is not compared with our commands.
+        """
+        if command is None:
+            self._watch.reset()
+        else:
+            self._watch.sent(time, command, now)
+        self._foresight.sent(time, command)
 
+    def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
+        """Return the command to send now for one that took `took` s to compute; see `Foresight.punctual`."""
+        return self._foresight.punctual(robot, command, took)
 
-def _frozen_pose(robot: RobotState, seconds: float) -> str:
-    return (
-        f"odometry is frozen: it says that the robot moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
-        f"but its pose has stood still for {seconds:.2f} s"
-    )
+    def ahead(self, world: World, execution: Execution | None, now: float) -> World:
+        """Return the world at the time when the command for `world` takes effect.
 
-
-class _Band:
-    """The speeds that the commands explain: between 0 and the commands, or where the base still brakes."""
-
-    def __init__(self, low: float, high: float) -> None:
-        self._low, self._high = low, high
-
-    @classmethod
-    def around(cls, speed: float) -> _Band:
-        """Return the band of a base that was found at `speed`."""
-        return cls(min(0.0, speed), max(0.0, speed))
-
-    def follow(self, targets: list[float], braked: float) -> None:
-        """Take the commands that may still show, and by how much speeds beyond them have had to fall."""
-        self._low = min(0.0, *targets, self._low + braked)
-        self._high = max(0.0, *targets, self._high - braked)
-
-    def beyond(self, speed: float, margin: float) -> bool:
-        """Return whether `speed` lies outside by more than `margin`."""
-        return speed < self._low - margin or speed > self._high + margin
+        Parameters
+        ----------
+        world : World
+            The measured state.
+        execution : Execution or None
+            The execution to end if the base does not obey.
+        now : float
+            Real time in s.
+        """
+        fault = None if execution is None else self._watch.fault(world.time, world.robot, now)
+        if execution is not None and fault is not None:
+            execution.misbehaved(fault)
+        return self._foresight.ahead(world)

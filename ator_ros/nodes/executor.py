@@ -10,8 +10,8 @@ from rclpy.action.server import ServerGoalHandle
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
-from ator_ros.execution.driving import Driving
 from ator_ros.execution.execution import Execution
+from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
@@ -92,6 +92,7 @@ class ExecutorNode(FrugalNode):
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._heard, self._jumped = 0.0, -math.inf
+        self._slow = ""  # what was last said of a base that is slower than commanded
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
         self._offer(robot)
@@ -163,6 +164,9 @@ class ExecutorNode(FrugalNode):
         if world is None:
             return
         world = self._driving.ahead(world, None if self._run is None else self._run.execution, now)
+        if self._run is not None and self._driving.remark not in ("", self._slow):
+            self._slow = self._driving.remark
+            self.get_logger().warning(self._slow)
         self._world, self._heard = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.came(now)
@@ -317,6 +321,8 @@ class ExecutorNode(FrugalNode):
         """Return the most likely cause of an ending that inputs or the base have brought about."""
         if execution.ending is Ending.BASE_FAULT:
             return self._commands.cause()
+        if execution.ending is Ending.FAILED:
+            return self._driving.remark
         if execution.ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._heard > 0.5 * self._odom_timeout:

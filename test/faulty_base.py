@@ -1,0 +1,225 @@
+"""A kinematic base that can fail on one axis, and goals driven on it as the executor node drives them."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ator_ros.execution.execution import Execution
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.motion_watch import Driving
+from ator_ros.execution.phases import Deadlines, Ending, Phase
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.refining import Refining
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.robot.description import Robot
+from ator_ros.robot.ramp import ramped
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
+
+DT = 0.01
+TIMEOUT = 0.15
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What goes wrong on `axis` (v or w) from `since` s on.
+
+    `kind` is stuck, reversed, constant, delayed (by 1 s), or half. `place` says where: in the command, which the base
+    then ramps; in the motion, at once; or in the odometry, which no longer shows the motion (stuck only).
+    """
+
+    kind: str
+    axis: str
+    since: float
+    place: str = "command"
+    value: float = 0.0
+
+
+@dataclass
+class KinematicBase:
+    """A base that follows commands within limits and lags, and reports odometry."""
+
+    robot: Robot
+    pose: Pose
+    lag: float = 0.0  # s; 0: as described
+    share: float = 1.0  # of the commanded speed
+    strength: float = 1.0  # of the acceleration
+    latency: float = 0.0
+    dead_band: Command = STOP
+    failure: Failure | None = None
+    time: float = 0.0
+    sent: list[tuple[float, Command]] = field(default_factory=list)
+    setpoint: Command = STOP
+    speeds: Command = STOP
+    shown: Pose | None = None
+
+    def command(self, command: Command) -> None:
+        self.sent.append((self.time + self.latency, command))
+
+    def _sent(self, time: float) -> Command:
+        acts, command = next(((a, c) for a, c in reversed(self.sent) if a <= time + 1e-9), (0.0, STOP))
+        return command if time - acts < TIMEOUT else STOP
+
+    def _fails(self, places: tuple[str, ...]) -> Failure | None:
+        failure = self.failure
+        return failure if failure and failure.place in places and self.time >= failure.since - 1e-9 else None
+
+    def _wrong(self, failure: Failure, value: float) -> float:
+        if failure.kind == "delayed":
+            return float(getattr(self._sent(self.time - 1.0), failure.axis))
+        share = {"stuck": 0.0, "reversed": -1.0, "half": 0.5}
+        return failure.value if failure.kind == "constant" else share[failure.kind] * value
+
+    def step(self) -> None:
+        """Go on by `DT`."""
+        command = self._sent(self.time)
+        command = Command(
+            0.0 if abs(command.v) <= self.dead_band.v else self.share * command.v,
+            0.0 if abs(command.w) <= self.dead_band.w else self.share * command.w,
+        )
+        failure = self._fails(("command",))
+        if failure:
+            command = _with(command, failure.axis, self._wrong(failure, getattr(command, failure.axis)))
+        limits = self.robot.limits.scaled(self.strength)
+        self.setpoint = ramped(self.setpoint, command, DT, limits, self.robot.stop)
+        follows = min(1.0, DT / (self.lag or self.robot.motor_time_constant))
+        v, w = (s + (c - s) * follows for s, c in zip(_both(self.speeds), _both(self.setpoint), strict=True))
+        failure = self._fails(("motion",))
+        if failure:
+            wrong = self._wrong(failure, getattr(self._sent(self.time), failure.axis))
+            v, w = (wrong, w) if failure.axis == "v" else (v, wrong)
+        self.speeds = Command(v, w)
+        self.pose = _moved(self.pose, v, w)
+        shows = self.odometry()
+        self.shown = _moved(self.shown or self.pose, shows.v, shows.w)
+        self.time += DT
+
+    def odometry(self) -> Command:
+        """The velocities that odometry shows."""
+        failure = self._fails(("odometry",))
+        return _with(self.speeds, failure.axis, 0.0) if failure else self.speeds
+
+    def state(self) -> RobotState:
+        """What odometry shows."""
+        shows = self.odometry()
+        return RobotState(self.shown or self.pose, shows.v, shows.w)
+
+
+def _both(command: Command) -> tuple[float, float]:
+    return command.v, command.w
+
+
+def _with(command: Command, axis: str, value: float) -> Command:
+    return Command(value, command.w) if axis == "v" else Command(command.v, value)
+
+
+def _moved(pose: Pose, v: float, w: float) -> Pose:
+    yaw = pose.yaw + 0.5 * w * DT
+    return Pose(
+        pose.x + v * DT * math.cos(yaw), pose.y + v * DT * math.sin(yaw), wrap_angle(pose.yaw + w * DT)
+    )
+
+
+@dataclass
+class Goal:
+    """What came of a goal. Times are in s."""
+
+    execution: Execution
+    driving: Driving
+    states: list[tuple[float, RobotState]] = field(default_factory=list)
+    commands: list[Command] = field(default_factory=list)
+    late: float = 0.0
+    """The longest stretch in which odometry differed from that of a healthy base with the same commands."""
+    ended: float | None = None
+
+    @property
+    def ending(self) -> Ending | None:
+        return self.execution.ending
+
+
+def tolerances(robot: Robot) -> Command:
+    """The differences in m/s and rad/s from which odometry differs."""
+    limits = robot.limits
+    return Command(*(1.5 * min(max(0.04 * x, y), 0.4 * x) for x, y in ((limits.v, 0.04), (limits.w, 0.1))))
+
+
+def execute(
+    library: TopLibrary,
+    chain: TopChain,
+    base: KinematicBase,
+    *,
+    rate: float = 20.0,
+    latency: float = 0.0,
+    objects: dict[str, ObjectState] | None = None,
+    sense: Callable[[RobotState], RobotState] | None = None,
+    jitter: float = 0.0,
+    dropped: float = 0.0,
+    seed: int = 0,
+    longest: float = 60.0,
+    until_stood: bool = True,
+) -> Goal:
+    """Execute a goal until it has ended, or for `longest` s."""
+    robot, rng = library.robot, np.random.default_rng(seed)
+    execution = Execution(
+        library,
+        chain,
+        refining=Refining(robot, wanted=False, again_after=0.0),
+        now=0.0,
+        predictor=Predictor(robot, {}),
+        deadlines=Deadlines(),
+        fence=Fence(-100.0, -100.0, 100.0, 100.0),
+    )
+    goal, twin = Goal(execution, Driving(robot, latency)), None
+    due, heard, stopped = 0.0, 0.0, False
+    since: float | None = None
+    while execution.phase is not Phase.ENDED and base.time < longest:
+        if base.failure and twin is None and base.time >= base.failure.since - 1e-9:
+            twin = copy.deepcopy(base)
+            twin.failure = None
+        if twin and base.time >= due - 1e-9:
+            pairs = zip(_both(base.odometry()), _both(twin.odometry()), _both(tolerances(robot)), strict=True)
+            differs = any(_differ(base, *pair) for pair in pairs)
+            since = (since if since is not None else base.time) if differs else None
+            goal.late = max(goal.late, 0.0 if since is None else base.time - since)
+        if base.time >= due - 1e-9:
+            due += (1.0 + rng.uniform(-jitter, jitter)) / rate
+            if rng.random() >= dropped:
+                state = sense(base.state()) if sense else base.state()
+                world = World(base.time, state, objects or {})
+                command = execution.tick(goal.driving.ahead(world, execution, base.time), base.time)
+                goal.driving.sent(base.time, command, base.time)
+                _command((base, twin), command or STOP)
+                goal.states.append((base.time, base.state()))
+                goal.commands.append(command or STOP)
+                heard, stopped = base.time, False
+        elif not stopped and execution.silent(base.time):
+            goal.driving.sent(heard + (base.time - heard), STOP, base.time)
+            _command((base, twin), STOP)
+            stopped = True
+        if goal.ended is None and execution.ending is not None:
+            goal.ended = base.time
+            if not until_stood:
+                break
+        for each in (base, twin):
+            if each:
+                each.step()
+    return goal
+
+
+def _differ(base: KinematicBase, shown: float, healthy: float, tolerance: float) -> bool:
+    """Return whether a speed differs; a constant lower one may be the top speed of a slower base."""
+    assert base.failure is not None
+    slower = shown * healthy > 0.0 and 0.25 * abs(healthy) <= abs(shown) <= abs(healthy)
+    return abs(shown - healthy) > tolerance and not (base.failure.kind in ("constant", "delayed") and slower)
+
+
+def _command(bases: tuple[KinematicBase | None, ...], command: Command) -> None:
+    for base in bases:
+        if base:
+            base.command(command)
