@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ator_ros.domains.soccer.ball import BALL, ball_of
-from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.fence import Fence
+from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Refining

@@ -30,8 +30,8 @@ TIMEOUT = 0.15
 class Failure:
     """What goes wrong on `axis` (v or w) from `since` s on.
 
-    `kind` is stuck, reversed, constant, delayed (by 1 s), or half. `place` says where: in the command, which the base
-    then ramps; in the motion, at once; or in the odometry, which no longer shows the motion (stuck only).
+    `kind` is stuck, reversed, constant, delayed (by 1 s), or half. `place` says where: in the command, which
+    the base then ramps; in the motion, at once; or in the odometry, which does not show the motion (stuck).
     """
 
     kind: str
@@ -101,12 +101,12 @@ class KinematicBase:
         self.time += DT
 
     def odometry(self) -> Command:
-        """The velocities that odometry shows."""
+        """Return the velocities that odometry shows."""
         failure = self._fails(("odometry",))
         return _with(self.speeds, failure.axis, 0.0) if failure else self.speeds
 
     def state(self) -> RobotState:
-        """What odometry shows."""
+        """Return what odometry shows."""
         shows = self.odometry()
         return RobotState(self.shown or self.pose, shows.v, shows.w)
 
@@ -144,7 +144,7 @@ class Goal:
 
 
 def tolerances(robot: Robot) -> Command:
-    """The differences in m/s and rad/s from which odometry differs."""
+    """Return the differences in m/s and rad/s from which odometry differs."""
     limits = robot.limits
     return Command(*(1.5 * min(max(0.04 * x, y), 0.4 * x) for x, y in ((limits.v, 0.04), (limits.w, 0.1))))
 
@@ -163,6 +163,7 @@ def execute(
     seed: int = 0,
     longest: float = 60.0,
     until_stood: bool = True,
+    cancel: float = math.inf,
 ) -> Goal:
     """Execute a goal until it has ended, or for `longest` s."""
     robot, rng = library.robot, np.random.default_rng(seed)
@@ -179,6 +180,8 @@ def execute(
     due, heard, stopped = 0.0, 0.0, False
     since: float | None = None
     while execution.phase is not Phase.ENDED and base.time < longest:
+        if base.time >= cancel and execution.ending is None:
+            execution.end(Ending.CANCELED, "canceled by the client")
         if base.failure and twin is None and base.time >= base.failure.since - 1e-9:
             twin = copy.deepcopy(base)
             twin.failure = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -15,17 +16,14 @@ from executions import LIBRARY, ROBOT, chain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.noise import REALISTIC
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.motion_watch import MotionWatch, Thresholds
+from ator_ros.execution.motion_watch import Driving, MotionWatch, Thresholds
 from ator_ros.execution.phases import Ending
 from ator_ros.geometry import Pose
 from ator_ros.robot.ramp import ramped
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 TICK = 0.05
-MOTORS = 0.1
-"""Time in s in which the motors bring a base from rest to a tenth of its limits."""
 AHEAD = chain(("goToPose", Pose(3.0, 0.0, 0.0)))
 START = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)))
 BASES = {
@@ -78,7 +76,7 @@ def test_odometry_that_freezes_stops_the_robot_within_half_a_second(since: float
 def test_blocked_wheels_end_the_goal_within_half_a_second(since: float) -> None:
     done = drive(LIBRARY, START, AHEAD, motors=blocked(since))
     assert done.ending is Ending.BASE_FAULT
-    assert "the base does not move" in done.reason
+    assert re.match("the base (does not move|hardly moves|loses speed)", done.reason)
     halted = since + stood(done, since)
     told = max(w.time for w, c in zip(done.worlds, done.commands, strict=True) if c != STOP)
     assert told - halted <= 0.5 + 1e-6
@@ -89,10 +87,10 @@ def test_a_base_that_moves_without_a_command_ends_the_goal(speeds: Command) -> N
     waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # for a ball, standing
     done = drive(LIBRARY, START, waits, motors=runaway(0.5, speeds), limit=3.0)
     assert done.ending is Ending.BASE_FAULT
-    assert "moves although it was not commanded to" in done.reason
+    assert ("turns" if speeds.w else "moves") + " although it was not commanded to" in done.reason
     assert done.execution.records == []
     assert done.ended is not None
-    assert 0.5 < done.ended <= 0.5 + MOTORS + Thresholds.of(ROBOT).patience + 2.0 * TICK
+    assert 0.5 < done.ended <= 1.0
 
 
 def test_a_base_that_drives_on_after_its_goal_spoils_the_success() -> None:
@@ -175,11 +173,12 @@ def test_commands_need_real_time_however_fast_simulated_time_is() -> None:
     assert said[-1] is not None
 
 
-def test_bounds_follow_from_the_robot() -> None:
-    lazy = dataclasses.replace(ROBOT, motor_time_constant=0.1, limits=ROBOT.limits.scaled(0.5))
-    assert Thresholds.of(lazy).patience == pytest.approx(0.5)
-    assert Thresholds.of(lazy).asked == pytest.approx(0.5 * Thresholds.of(ROBOT).asked)
-    assert Thresholds.of(ROBOT).patience < 0.3
+def test_thresholds_follow_from_the_robot() -> None:
+    slow = dataclasses.replace(ROBOT, motor_time_constant=0.1, limits=ROBOT.limits.scaled(0.05))
+    usual, small = Thresholds.of(ROBOT)[0], Thresholds.of(slow)[0]
+    assert small.window == pytest.approx(0.5)
+    assert usual.tolerance == pytest.approx(0.048)
+    assert small.tolerance == pytest.approx(0.024)
 
 
 def struck(done: Drive) -> bool:

@@ -37,11 +37,11 @@ class Thresholds:
     Attributes
     ----------
     limit, rate, lag, stop : float
-        Greatest speed, its greatest change per second, time constant in s of the motors, and change per second when
-        commanded to stand, as described.
+        As described: greatest speed, its greatest change per second, time constant in s of the motors, and
+        change of speed per second when commanded to stand.
     tolerance : float
-        Difference of speeds that is ignored: 4 % of the limit, at least 0.04 m/s or 0.1 rad/s (noise, dead band),
-        at most 40 % of the limit.
+        Difference of speeds that is ignored: 4 % of the limit, at least 0.04 m/s or 0.1 rad/s (noise, dead
+        band), at most 40 % of the limit.
     window : float
         Time in s over which the measured change of speed is compared with the predicted one.
     moved : float
@@ -107,10 +107,10 @@ class Gap:
 class Axis:
     """Compares one velocity of the base with the commands.
 
-    The speed that was measured a window ago is predicted forward under the commands sent since, as a base would
-    show it that is later and lags more than described. Since the prediction begins at a measured speed, a base may
-    have less acceleration, or reach a part of the commanded speed only. A base that keeps a speed whatever is
-    commanded is noticed even if each new plan begins at that speed.
+    The speed that was measured a window ago is predicted forward under the commands sent since, for a base
+    that may be late. The base must have made at least a quarter of the predicted change. So one that keeps a
+    speed whatever is commanded is noticed, even if each new plan begins at that speed. A base that reaches
+    a quarter of the commanded speeds or more is slow, which is no fault.
     """
 
     def __init__(self, thresholds: Thresholds) -> None:
@@ -169,7 +169,10 @@ class Axis:
         slow, part = (self._slow(since, before, time, commands, each) for each in (1.0, share))
         # The magnitudes between which the speed should be now, in the direction of the commands.
         least = max(0.0, min(part, share * min(recent))) + min(0.0, max(part, share * max(recent)))
-        ahead, gained = abs(least) - math.copysign(1.0, least) * before, math.copysign(1.0, least) * (speed - before)
+        ahead, gained = (
+            abs(least) - math.copysign(1.0, least) * before,
+            math.copysign(1.0, least) * (speed - before),
+        )
         approached = ahead > 0.0 and gained >= _QUARTER * ahead
         if abs(least) >= tolerance and speed * least < _QUARTER * least * least and not approached:
             return Fault.STILL
@@ -183,7 +186,12 @@ class Axis:
         able = has < _TOP_SHARE * limit
         speeds = [value for _, value in self._smooth]
         constant = max(speeds) - min(speeds) < max(tolerance, _QUARTER * (sign * least - had))
-        if able and constant and sign * least - had >= tolerance and has - had < _QUARTER * (sign * least - had):
+        if (
+            able
+            and constant
+            and sign * least - had >= tolerance
+            and has - had < _QUARTER * (sign * least - had)
+        ):
             return Fault.CONSTANT
         return None
 
@@ -200,7 +208,10 @@ class Axis:
         Toward a lower share it brakes as hard as bases do that are told to stand.
         """
         most, count, dt = self.thresholds, *_steps(time - since)
-        sent = [share * clip(speed if c is None else c, most.limit) for c in commands.sampled(since - _DELAY, dt, count)]
+        sent = [
+            share * clip(speed if c is None else c, most.limit)
+            for c in commands.sampled(since - _DELAY, dt, count)
+        ]
         # A base that changed its speed goes on doing so for a moment.
         overshoot = clip(sent[0] - speed, 2.0 * most.lag * most.rate)
         setpoint = speed + (overshoot if overshoot * (sent[-1] - speed) < 0.0 else 0.0)
@@ -278,7 +289,10 @@ class Commands:
     def between(self, since: float, until: float) -> list[float]:
         """Return the commands that acted between two times in s; where there was none, to stand."""
         first = next((command for acts, command in reversed(self._sent) if acts <= since + _ROUNDING), 0.0)
-        return [first, *(command for acts, command in self._sent if since + _ROUNDING < acts <= until + _ROUNDING)]
+        return [
+            first,
+            *(command for acts, command in self._sent if since + _ROUNDING < acts <= until + _ROUNDING),
+        ]
 
     def sampled(self, since: float, dt: float, count: int) -> list[float | None]:
         """Return the commands that act at `count` times in s from `since` on; None before the first one."""
@@ -294,9 +308,7 @@ class Commands:
 class MotionWatch:
     """Compares odometry with the commands that were sent, driving and turning apart.
 
-    Faults are: less than a quarter of the expected speed, or the wrong direction; speeds beyond all commands; a
-    speed that does not change as commanded, or is lost; and a pose that is constant while the velocity is not.
-    Thresholds are those of `Thresholds`.
+    Faults are those of `Fault`, and a pose that is constant while the velocity is not.
 
     With odometry below 6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between two
     messages. Then a late base and frozen odometry look alike. Some frozen odometry is not noticed, and the
@@ -396,7 +408,9 @@ class MotionWatch:
             thresholds = (self._driving, self._turning)[axis]
             said = (robot.v, robot.w)[axis]
             seconds = min(max(thresholds.moved / max(abs(said), _ROUNDING), _PERSISTS), 0.35)
-            since = [index for index, (then, _) in enumerate(self._states) if then <= time - seconds + _ROUNDING]
+            since = [
+                index for index, (then, _) in enumerate(self._states) if then <= time - seconds + _ROUNDING
+            ]
             if abs(said) < thresholds.tolerance or not since:
                 continue
             states = [state for _, state in self._states][since[-1] :]
@@ -432,17 +446,19 @@ class MotionWatch:
             return f"the base {moves} in the wrong direction: {told}: motors or odometry with the wrong sign"
         if fault is Fault.STILL and abs(speed) < max(axis.thresholds.tolerance, 0.1 * abs(command)):
             return (
-                f"the base does not {move}: {told} for {axis.seconds:.2f} s: blocked wheels, motors off, or frozen "
-                "odometry"
+                f"the base does not {move}: {told} for {axis.seconds:.2f} s: blocked wheels, motors off, or "
+                "frozen odometry"
             )
         if fault is Fault.STILL:
             return (
-                f"the base hardly {moves}: {told}, less than a quarter of that, for {axis.seconds:.2f} s: slipping "
-                "wheels, or odometry that shows too little"
+                f"the base hardly {moves}: {told}, less than a quarter of that, for {axis.seconds:.2f} s: "
+                "slipping wheels, or odometry that shows too little"
             )
         if fault is Fault.LOSING:
-            return f"the base loses speed although it was not commanded to: {told}: an obstacle, or failing motors"
-        return f"the base does not follow its commands: {told}, constantly: motors off, or another program steers it"
+            return (
+                f"the base loses speed although it was not commanded to: {told}: obstacle, or failing motors"
+            )
+        return f"the base does not follow its commands: {told}, constantly: another program may steer it"
 
 
 def _steps(seconds: float) -> tuple[int, float]:

@@ -1,0 +1,192 @@
+"""Bases that do not follow commands are stopped within half a second; slow and noisy ones are not accused."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from faulty_base import Failure, Goal, KinematicBase, execute
+
+from ator_ros.actions.base import Goal as ActionGoal
+from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.execution.phases import Ending
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.resources import resource_path
+from ator_ros.robot.description import Limits, Robot, load_robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.world.state import Command, ObjectState, RobotState
+
+PIONEER, TURTLEBOT, HEAVY = (
+    load_robot(resource_path("config", f"{name}.yaml")) for name in ("pioneer", "turtlebot4", "pioneer_lx")
+)
+CRAWLER = dataclasses.replace(
+    TURTLEBOT, name="crawler", limits=Limits(v=0.05, w=0.3, a=0.1, brake=0.1, aw=0.6)
+)
+ROBOTS = {robot.name: robot for robot in (PIONEER, TURTLEBOT, HEAVY, CRAWLER)}
+ONE_MESSAGE = 0.05  # s
+
+
+def go(robot: Robot, pose: Pose) -> TopChain:
+    top = SOCCER.library(robot)["goToPose"]
+    return TopChain((TopCall(top, ActionGoal(pose, 0.0, top.point)),))
+
+
+def goals(robot: Robot, speed: float) -> dict[str, Pose]:
+    """Return goals on the way to which the robot reaches a share of its greatest speed, or only turns."""
+    limits = robot.limits
+    way = (speed * limits.v) ** 2 / min(limits.a, limits.brake) + 0.3 * limits.v
+    way = min(3.0, max(way, 2.0 * limits.v, 0.1))
+    return {
+        "bend": Pose(way, 0.5 * way, 1.57),
+        "ahead": Pose(way, 0.0, 0.0),
+        "turn": Pose(0.0, 0.0, 2.5 * speed),
+    }
+
+
+def moments(plain: Goal, robot: Robot) -> dict[str, float]:
+    """Return the times in s of a goal at which a base may begin to fail."""
+    fastest = max(abs(state.v) for _, state in plain.states)
+
+    def first(holds: Callable[[RobotState], bool]) -> float | None:
+        return next((time for time, state in plain.states if holds(state)), None)
+
+    found = {
+        "start": 0.0,
+        "driving": first(lambda state: fastest > 0.1 * robot.limits.v and abs(state.v) > 0.8 * fastest),
+        "turning": first(lambda state: abs(state.w) > 0.4 * robot.limits.w),
+        "near the goal": (plain.ended or 0.0) - 0.4,
+    }
+    return {when: time for when, time in found.items() if time is not None and time >= 0.0}
+
+
+def failures(axis: str, limit: float, since: float) -> list[Failure]:
+    kinds = [
+        ("stuck", "command", 0.0), ("stuck", "motion", 0.0), ("stuck", "odometry", 0.0),
+        ("reversed", "command", 0.0), ("reversed", "motion", 0.0),
+        ("constant", "motion", 0.7 * limit), ("constant", "motion", -0.4 * limit),
+        ("delayed", "command", 0.0), ("delayed", "motion", 0.0),
+    ]  # fmt: skip
+    return [Failure(kind, axis, since, place, value) for kind, place, value in kinds]
+
+
+def stops(robot: Robot, speeds: tuple[float, ...], names: tuple[str, ...]) -> dict[str, tuple[float, str]]:
+    """Return by failure how long odometry differed before the stop at worst, in s, and in which case."""
+    library, worst = SOCCER.library(robot), dict[str, tuple[float, str]]()
+    for speed in speeds:
+        for name in names:
+            chain = go(robot, goals(robot, speed)[name])
+            plain = execute(library, chain, KinematicBase(robot, Pose(0.0, 0.0, 0.0)))
+            assert plain.ending is Ending.SUCCEEDED
+            for when, since in moments(plain, robot).items():
+                for axis in ("v", "w"):
+                    for failure in failures(axis, getattr(robot.limits, axis), since):
+                        base = KinematicBase(robot, Pose(0.0, 0.0, 0.0), failure=failure)
+                        done = execute(library, chain, base, longest=since + 6.0, until_stood=False)
+                        key = f"{failure.kind} {axis} in {failure.place}"
+                        case = f"{speed:g} {name} {when} {failure.value:.2f}: {done.execution.reason}"
+                        worst[key] = max(worst.get(key, (0.0, "")), (done.late, case))
+    return worst
+
+
+def slow(robot: Robot, worst: dict[str, tuple[float, str]], most: float) -> str:
+    """Return a table of what took longer than `most` s."""
+    late = {key: value for key, value in worst.items() if value[0] > most + 1e-6}
+    return "\n".join(f"{robot.name} {key}: {time:.2f} s, {case}" for key, (time, case) in late.items())
+
+
+def test_a_base_that_fails_on_one_axis_is_stopped_within_half_a_second() -> None:
+    assert slow(PIONEER, stops(PIONEER, (1.0,), ("bend", "turn")), 0.5) == ""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["pioneer_3dx", "turtlebot4", "pioneer_lx"])
+def test_each_failure_is_noticed_at_each_moment(name: str) -> None:
+    robot = ROBOTS[name]
+    worst = stops(robot, (0.5, 1.0), ("bend", "ahead", "turn"))
+    for key, (time, case) in sorted(worst.items()):
+        print(f"{name} {key:22} {time:.2f} s  {case[:90]}")
+    assert slow(robot, worst, 0.5 + ONE_MESSAGE) == ""
+
+
+def test_a_dribbling_base_that_stops_turning_is_stopped() -> None:
+    library = SOCCER.library(PIONEER)
+    top = library["dribbleBall"]
+    chain = TopChain((TopCall(top, ActionGoal(Pose(1.5, 1.0, 1.57), 0.0, top.point)),))
+    ball = {BALL: ObjectState(PIONEER.hold, 0.0)}
+    for axis, kind in (("w", "stuck"), ("v", "stuck"), ("v", "reversed")):
+        base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure(kind, axis, 0.0))
+        done = execute(library, chain, base, objects=ball, longest=4.0, until_stood=False)
+        assert done.ended is not None
+        assert done.late <= 0.5
+
+
+def noisy(seed: int) -> Callable[[RobotState], RobotState]:
+    rng = np.random.default_rng(seed)
+
+    def sense(state: RobotState) -> RobotState:
+        x, y, yaw = state.pose
+        pose = Pose(
+            x + rng.normal(0.0, 0.005),
+            y + rng.normal(0.0, 0.005),
+            wrap_angle(yaw + rng.normal(0.0, math.radians(0.5))),
+        )
+        return RobotState(pose, state.v + rng.normal(0.0, 0.02), state.w + rng.normal(0.0, 0.02))
+
+    return sense
+
+
+SLOWER = {
+    "as described": {},
+    "lag": {"lag": 2.0},
+    "dead band": {"dead_band": Command(0.02, 0.05)},
+    "weak": {"strength": 0.5},
+    "late": {"latency": 0.1},
+    "half speed": {"share": 0.5},
+}
+ODOMETRY = {
+    "exact": (20.0, 0.0, 0.0),
+    "rare": (10.0, 0.2, 0.0),
+    "lossy": (10.0, 0.2, 0.05),
+    "dense": (100.0, 0.3, 0.05),
+}
+
+
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("odometry", ODOMETRY)
+@pytest.mark.parametrize("kind", SLOWER)
+def test_a_base_that_follows_is_not_accused(kind: str, odometry: str, noise: bool) -> None:
+    rate, jitter, dropped = ODOMETRY[odometry]
+    if noise and odometry == "lossy":
+        dropped = 0.0  # two messages a fifth of a second apart tell too little
+    for robot in (PIONEER, HEAVY):
+        changed = dict(SLOWER[kind])
+        if "lag" in changed:
+            changed["lag"] = 2.0 * robot.motor_time_constant
+        base = KinematicBase(robot, Pose(0.0, 0.0, 0.0), **changed)
+        done = execute(
+            SOCCER.library(robot), go(robot, Pose(1.0, -0.5, 2.5)), base,
+            rate=rate, jitter=jitter, dropped=dropped,
+            latency=0.1 if kind == "late" else 0.0, sense=noisy(1) if noise else None, longest=25.0,
+        )  # fmt: skip
+        assert done.ending is not Ending.BASE_FAULT, done.execution.reason
+
+
+def test_a_base_at_half_speed_is_reported() -> None:
+    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), share=0.5)
+    done = execute(SOCCER.library(PIONEER), go(PIONEER, Pose(2.0, 0.0, 0.0)), base)
+    assert done.ending is not Ending.BASE_FAULT
+    assert "drives at about 50 % of the commanded speed" in done.driving.remark
+
+
+def test_a_canceled_goal_says_that_the_base_still_moves() -> None:
+    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("constant", "v", 1.5, "motion", 0.8))
+    done = execute(
+        SOCCER.library(PIONEER), go(PIONEER, Pose(3.0, 0.0, 0.0)), base, cancel=1.55,
+    )  # fmt: skip
+    assert done.ending is Ending.CANCELED
+    assert "canceled by the client; the robot still moves at 0.80 m/s and" in done.execution.reason
+    assert all(command == Command() for command in done.commands[-40:])
