@@ -243,6 +243,7 @@ class Axis:
         if not (falls and below) or gap.elapsed > _LONG_GAP:
             self._lost, self._eased, self._lost_for = 0.0, 0.0, 0.0
             return False
+        lost = min(lost, 1.5 * self.thresholds.rate * gap.elapsed)  # more is a drop, as to half the speed
         self._lost, self._eased = self._lost + lost, self._eased + eased
         self._lost_for += gap.elapsed
         tolerance = self.thresholds.tolerance

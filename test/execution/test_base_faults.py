@@ -182,6 +182,15 @@ def test_a_base_at_half_speed_is_reported() -> None:
     assert "drives at about 50 % of the commanded speed" in done.driving.remark
 
 
+@pytest.mark.parametrize("since", [0.5, 1.0, 1.5, 2.0])
+@pytest.mark.parametrize("axis", ["v", "w"])
+def test_a_base_that_drops_to_half_speed_on_the_way_is_not_accused(axis: str, since: float) -> None:
+    for pose in (Pose(4.0, 1.0, 0.0), Pose(2.0, 1.0, 1.57)):
+        base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("half", axis, since, "motion"))
+        done = execute(SOCCER.library(PIONEER), go(PIONEER, pose), base, longest=25.0)
+        assert done.ending is not Ending.BASE_FAULT, done.execution.reason
+
+
 def test_a_canceled_goal_says_that_the_base_still_moves() -> None:
     base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("constant", "v", 1.5, "motion", 0.8))
     done = execute(
