@@ -74,6 +74,7 @@ class Fault(enum.Enum):
     STILL = "shows less than a quarter of the expected speed, or the wrong direction"
     EXCESS = "is faster than every recent command, or does not slow down"
     CONSTANT = "does not change its speed as commanded"
+    REVERSING = "reverses again and again, faster than it can"
     LOSING = "goes on losing speed although it is commanded to keep it"
 
 
@@ -118,6 +119,7 @@ class Axis:
         self._measured: deque[tuple[float, float]] = deque()
         self._smooth: deque[tuple[float, float]] = deque()
         self._fault = Debounce()
+        self._raw, self._reversals = 0.0, deque[float]()
         self._slow_for, self._share = 0.0, 1.0
         self._lost, self._eased, self._lost_for, self._commanded = 0.0, 0.0, 0.0, 0.0
 
@@ -138,6 +140,7 @@ class Axis:
 
     def update(self, time: float, speed: float, commands: Commands, gap: Gap) -> Fault | None:
         """Take the speed at `time` (s); return the fault that persists."""
+        reverses = self._reverses(time, speed, gap)
         self._measured.append((time, speed))
         while self._measured[0][0] < time - _SMOOTHING + _ROUNDING:
             self._measured.popleft()
@@ -154,6 +157,8 @@ class Axis:
         stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)
         self._observe_share(speed, recent, gap.elapsed)
+        if reverses:
+            return Fault.REVERSING
         return fault if persists else Fault.LOSING if loses else None
 
     def _judge(
@@ -229,6 +234,19 @@ class Axis:
             speeds.append(speed)
         return speeds
 
+    def _reverses(self, time: float, speed: float, gap: Gap) -> bool:
+        """Return whether the axis has reversed three times in half a second, each time faster than it can.
+
+        So does a base with the wrong sign if each new plan begins at the measured speed.
+        """
+        before, self._raw = self._raw, speed
+        tolerance, possible = self.thresholds.tolerance, 3.0 * self.thresholds.rate * gap.elapsed
+        if before * speed < 0.0 and abs(speed - before) > possible + 2.0 * tolerance:
+            self._reversals.append(time)
+        while self._reversals and self._reversals[0] < time - 0.5 + _ROUNDING:
+            self._reversals.popleft()
+        return len(self._reversals) >= 3
+
     def _loses(self, speed: float, low: float, high: float, gap: Gap) -> bool:
         """Return whether the axis goes on losing speed, although it has less than every recent command.
 
@@ -256,7 +274,7 @@ class Axis:
         if abs(command) < 0.2 * self.thresholds.limit:
             return
         share = speed / command
-        if share < 0.75:
+        if 0.0 < share < 0.75:
             passed = min(elapsed, 0.1)
             self._share += (share - self._share) * (passed / (self._slow_for + passed))
             self._slow_for = min(self._slow_for + passed, 2.0)
@@ -436,6 +454,8 @@ class MotionWatch:
         shows = f"odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s"
         told = f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, {shows}"
         move, moves = (("move", "moves"), ("turn", "turns"))[found]
+        if fault is Fault.REVERSING:
+            return f"the base {moves} in the wrong direction: {told}: motors or odometry with the wrong sign"
         if fault is Fault.EXCESS:
             return (
                 f"the base {moves} although it was not commanded to: {shows}, the last command was "

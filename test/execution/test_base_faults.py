@@ -102,6 +102,21 @@ def test_a_base_that_fails_on_one_axis_is_stopped_within_half_a_second() -> None
     assert slow(PIONEER, stops(PIONEER, (1.0,), ("bend", "turn")), 0.5) == ""
 
 
+@pytest.mark.parametrize("name", ["pioneer_lx", "turtlebot4"])
+def test_a_base_that_suddenly_drives_the_other_way_is_stopped(name: str) -> None:
+    """Each new plan begins at the measured speed, so that the commands change their sign as well."""
+    robot = ROBOTS[name]
+    library, chain = SOCCER.library(robot), go(robot, Pose(3.0, 0.0, 0.0))
+    plain = execute(library, chain, KinematicBase(robot, Pose(0.0, 0.0, 0.0)))
+    for since in np.linspace(0.2, 0.9, 8) * (plain.ended or 0.0):
+        base = KinematicBase(
+            robot, Pose(0.0, 0.0, 0.0), failure=Failure("reversed", "v", float(since), "motion")
+        )
+        done = execute(library, chain, base, longest=float(since) + 3.0, until_stood=False)
+        assert done.ending is Ending.BASE_FAULT
+        assert done.late <= 0.5, f"{since:.2f} s"
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["pioneer_3dx", "turtlebot4", "pioneer_lx"])
 def test_each_failure_is_noticed_at_each_moment(name: str) -> None:
