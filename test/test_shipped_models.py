@@ -20,19 +20,22 @@ from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
 MODELS = resource_path("models")
-FILES = [file for file in sorted(filter(is_model, MODELS.rglob("*.json"))) if file.parent.name != "tour"]
+OTHERS = ("drive", "tour")
+FILES = [file for file in sorted(filter(is_model, MODELS.rglob("*.json"))) if file.parent.name not in OTHERS]
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 def domain_of(file: Path) -> Domain:
-    return find_domain("tour") if file.parent.name == "tour" else SOCCER
+    return find_domain(file.parent.name) if file.parent.name in OTHERS else SOCCER
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: f"{file.parent.name}/{file.stem}")
+@pytest.mark.parametrize(
+    "file", [*FILES, MODELS / "drive" / "goToPose.json"], ids=lambda file: f"{file.parent.name}/{file.stem}"
+)
 def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        model = load_model(file, ROBOT, SOCCER.known_features)
+        model = load_model(file, domain_of(file).robot(), domain_of(file).known_features)
     accuracy, training = model.metadata["accuracy"], model.metadata["training"]
     for name in ("mae_s", "rmse_s"):
         low, high = accuracy[f"{name}_ci95"]
@@ -44,7 +47,7 @@ def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
     assert len(training["digest"]) == 16
     assert {"python", "numpy", "scikit-learn"} <= model.metadata["versions"].keys()
     assert model.action == file.stem
-    expected = "default" if file.parent.name in ("models", "observed") else file.parent.name
+    expected = "default" if file.parent.name in ("models", "observed", "drive") else file.parent.name
     assert model.metadata["action_set"] == expected
 
 
