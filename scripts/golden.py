@@ -3,8 +3,9 @@
     scripts/run python scripts/golden.py write test/golden      # every part, one file each
     scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
 
-Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other processors round
-differently: the tests in test/golden compare decisions exactly and numbers to 1e-6, and leave the hashes out.
+Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other processors
+round differently: the tests in test/golden compare decisions exactly and numbers to 1e-6, and leave the hashes
+out.
 """
 
 from __future__ import annotations
@@ -275,6 +276,7 @@ def compare(old: Path, new: Path) -> int:
 
 
 def main() -> int:
+    """Write a folder, or compare two."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(dest="command", required=True)
     writing = commands.add_parser("write")

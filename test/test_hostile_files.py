@@ -53,9 +53,9 @@ def laughs() -> str:
         ("robot: [" + "1," * 5_000 + "]\nball: 1\nfield: 1\n", "robot: expected a table with"),
         (
             PIONEER.replace("v: 1.2", "v: 1200", 1),
-            "robot.limits.v: expected a number from 0.01 to 5; got 1200",
+            "robot.limits.v: expected a number from 0.01 to 20; got 1200",
         ),
-        (PIONEER.replace("v: 1.2", "v: 1.0e-9", 1), "robot.limits.v: expected a number from 0.01 to 5"),
+        (PIONEER.replace("v: 1.2", "v: 1.0e-9", 1), "robot.limits.v: expected a number from 0.01 to 20"),
         (
             PIONEER.replace("track: 0.33", "track: 330"),
             "robot.track: expected a number from 0.001 to 10; got 330",

@@ -73,11 +73,11 @@ def _give_way() -> None:
 def main() -> None:
     """Do one round and write its result to standard output."""
     _give_way()
-    from ator_ros.domains.domain import find_domain
+    from ator_ros.domains.domain import domain_for
     from ator_ros.learning.round import Source, learn
 
     folder, name, robot, models, observed, time = json.loads(sys.argv[1])
-    domain = find_domain(name)
+    domain = domain_for(name, robot)
     place = Path(models) if models else domain.shipped_models
     source = Source(Path(folder), domain, domain.robot(robot or None), place, observed)
     sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))

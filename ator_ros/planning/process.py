@@ -132,7 +132,7 @@ def main() -> None:
         out.flush()
 
     try:
-        from ator_ros.domains.domain import find_domain
+        from ator_ros.domains.domain import domain_for
         from ator_ros.planning import engine  # which takes a second to import
         from ator_ros.planning.planner import chains_for
         from ator_ros.planning.search import search
@@ -140,7 +140,7 @@ def main() -> None:
         tell({"refused": f"planning needs unified-planning and up-pyperplan: {error}"})
         return
     name, robot_file = json.loads(sys.argv[1])
-    domain = find_domain(name)
+    domain = domain_for(name, robot_file)
     robot = domain.robot(robot_file or None)
     engine.warm_up()
     tell({"ready": True})
