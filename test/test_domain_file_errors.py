@@ -95,7 +95,7 @@ def test_goal_variables_that_cannot_be_are_refused(
             r"chains\[0\].steps\[0\].top: expected one of visit, fetch; got 'fly'",
         ),
         ("servers", [{"package": "a b", "executable": "c"}], r"servers\[0\]: package: expected a name"),
-        ("time_limit", 0, "time_limit: expected a time in s from 0 to 3600"),
+        ("time_limit", 0, "time_limit: expected a time in s above 0, at most 86400"),
         ("variables.0.name", "z", r"variables\[0\].name: expected one of x, y, yaw, speed; got 'z'"),
         ("variables.1.high", 0.1, r"variables\[1\]: high: expected a number above low, 0.1; got 0.1"),
         ("variables.1.low", None, r"variables\[1\]: low, high: expected both or neither"),

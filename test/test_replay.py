@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ pytest.importorskip("rosbags", reason="needs rosbags: docs/install.md")
 from chain_recording import ACTUAL, DURATION, GOALS, PREDICTED, RECORDS, Messages, write_recording, x_at
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.streams import Streams, Track
+from ator_ros.experience.streams import Rows, Streams, Track
 from ator_ros.tools import view
 from ator_ros.viewing import replay_panel
 from ator_ros.viewing.markdown import plain
@@ -91,7 +92,7 @@ def test_a_step_that_was_never_reached_is_told_too() -> None:
 
 def straight(begin: float, end: float, y: float = 0.0) -> Track:
     times = np.arange(begin, end + 1e-9, 0.05).tolist()
-    return Track(Streams(odom=[(t, 0.5 * t, y, 0.0, 0.5, 0.0) for t in times]))
+    return Track(Streams(odom=Rows(6, [(t, 0.5 * t, y, 0.0, 0.5, 0.0) for t in times])))
 
 
 def test_where_nothing_was_recorded_no_time_passes() -> None:
@@ -115,9 +116,31 @@ def test_a_state_between_others_is_as_of_the_whole_table() -> None:
     rng = np.random.default_rng(3)
     times = np.sort(np.append(rng.uniform(0.0, 5.0, 60), [2.0, 2.0, 2.0]))
     rows = np.column_stack([times, rng.normal(size=(63, 5))])
-    track = Track(Streams(odom=[tuple(row) for row in rows.tolist()]))
+    track = Track(Streams(odom=Rows(6, rows.tolist())))
     for time in (*rng.uniform(-1.0, 6.0, 200).tolist(), 2.0, *times.tolist()):
         assert track.world(time).robot.v == np.interp(time, track.odom[:, 0], track.odom[:, 4])
+
+
+def test_a_recording_of_days_fits_into_memory() -> None:
+    # Three days at 100 Hz are 26 million rows of six numbers: 1.2 GB at 8 bytes each.
+    tracemalloc.start()
+    try:
+        rows = Rows(6)
+        for number in range(100_000):
+            rows.append((1.7e9 + 0.01 * number, 0.1 * number, 0.2 * number, 0.3, 0.4, 0.5))
+        track = Track(Streams(odom=rows))
+        held, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert track.world(1.7e9 + 500.0).robot.pose.x == pytest.approx(5000.0)
+    assert held < 60 * 100_000
+
+
+def test_rows_that_came_late_are_put_in_order() -> None:
+    rows = Rows(3, [(1.0, 1.0, 0.0), (3.0, 3.0, 0.0), (2.0, 2.0, 0.0)])
+    assert rows.in_order()[:, 1].tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(ValueError, match="expected 3 numbers, got 2"):
+        rows.append((4.0, 4.0))
 
 
 def test_time_passes_stands_and_jumps() -> None:

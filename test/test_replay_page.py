@@ -14,7 +14,7 @@ pytest.importorskip("viser", reason="needs viser: docs/install.md")
 from viser_client import ViserClient
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.streams import Streams, Track
+from ator_ros.experience.streams import Rows, Streams, Track
 from ator_ros.page.replay_page import ReplayPage
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.viewing.recorded import chain_of_record
@@ -25,8 +25,8 @@ ROBOT = SOCCER.robot()
 
 def recorded(y: float) -> RecordedRobot:
     """Return a robot that drives along x for 8 s, with the ball before it and a chain from 1 s to 7 s."""
-    odom = [(0.1 * n, x_at(0.1 * n), y, 0.0, 0.5, 0.0) for n in range(81)]
-    streams = Streams(odom=odom, objects={"ball": [(0.0, 1.5, 0.5), (8.0, 1.5, 1.5)]})
+    odom = Rows(6, [(0.1 * n, x_at(0.1 * n), y, 0.0, 0.5, 0.0) for n in range(81)])
+    streams = Streams(odom=odom, objects={"ball": Rows(3, [(0.0, 1.5, 0.5), (8.0, 1.5, 1.5)])})
     return RecordedRobot([Track(streams)], [(0, chain_of_record(Messages().chain()))])
 
 

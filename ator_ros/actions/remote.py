@@ -20,7 +20,7 @@ _SOURCES = ("goal", *(f"goal.{name}" for name in GOAL_VARIABLES), "frame")
 _SERVER = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
 _TYPE = re.compile(r"[a-z]\w*/action/[A-Z]\w*")
 _PATH = re.compile(r"[a-z]\w*(\[0\])?(\.[a-z]\w*(\[0\])?)*", re.ASCII)
-_LONGEST = 86_400.0
+LONGEST = 86_400.0
 """Greatest timeout in s: a day, longer than a robot drives on one charge."""
 
 
@@ -138,7 +138,7 @@ class Timeouts:
         """Check that all are positive."""
         for name in ("server", "acceptance", "silence", "result", "cancel"):
             value = getattr(self, name)
-            require(0.0 < value <= _LONGEST, name, f"a time in s above 0, at most {_LONGEST:g}", value)
+            require(0.0 < value <= LONGEST, name, f"a time in s above 0, at most {LONGEST:g}", value)
 
 
 @dataclass(frozen=True, slots=True)

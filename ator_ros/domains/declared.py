@@ -10,7 +10,7 @@ from typing import Literal
 from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
-from ator_ros.actions.remote import RemoteCall
+from ator_ros.actions.remote import LONGEST, RemoteCall
 from ator_ros.domains.declared_situations import DeclaredChain, DeclaredDrives
 from ator_ros.domains.programs import Program
 from ator_ros.files import is_name
@@ -44,6 +44,7 @@ class DeclaredTop:
         """Check the name, and that the post-condition says what the TOP is for."""
         _check_name(self.name)
         require(bool(self.post), "post", "at least one term: success is the post-condition", list(self.post))
+        # A robot that has stopped oscillates for seconds; a longer wait is an action of its own.
         require(0.0 <= self.settles <= 60.0, "settles", "a time in s from 0 to 60", self.settles)
 
     def check(self, objects: tuple[str, ...], action: DeclaredAction | None) -> None:
@@ -184,7 +185,8 @@ class DeclaredDomain:
     def __post_init__(self) -> None:
         """Check that names come once, and that TOPs name objects that there are."""
         _check_name(self.name)
-        require(0.0 < self.time_limit <= 3600.0, "time_limit", "a time in s from 0 to 3600", self.time_limit)
+        longest = f"a time in s above 0, at most {LONGEST:g}"
+        require(0.0 < self.time_limit <= LONGEST, "time_limit", longest, self.time_limit)
         for part in ("tops", "actions", "objects", "variables", "chains"):
             names = [entry.name for entry in getattr(self, part) or ()]
             twice = sorted({name for name in names if names.count(name) > 1})

@@ -26,7 +26,7 @@ from ator_ros.world.state import RobotState, World
 
 T = TypeVar("T")
 
-_MOST_STEPS = 32
+_MOST_STEPS = 32  # as many as refinement accepts
 _MOST_PLACES = 1000
 """Draws of one place before all places of a drive or a chain are drawn again."""
 _MOST_SEQUENCES = 100

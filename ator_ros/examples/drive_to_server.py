@@ -22,6 +22,7 @@ from nav_msgs.msg import Odometry
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -66,6 +67,9 @@ class DriveToServer(Node):
             field.name: self.declare_parameter(field.name, field.default).value
             for field in dataclasses.fields(Tuning)
         }
+        for name, value in given.items():
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"parameter {name}: expected a finite number above 0, got {value:g}")
         self._tuning = Tuning(**given)
         self._lock = threading.Lock()
         self._seen: Seen | None = None
@@ -171,8 +175,12 @@ def main(args: list[str] | None = None) -> None:
     """Run the server until Ctrl-C or SIGTERM."""
     _command_line().parse_args(remove_ros_args(sys.argv if args is None else args)[1:])
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    rclpy.init(args=args)
-    node = DriveToServer()
+    try:
+        rclpy.init(args=args)
+        node = DriveToServer()
+    except (ParameterException, RuntimeError, ValueError) as error:  # rcl's errors are RuntimeErrors
+        rclpy.try_shutdown()
+        sys.exit(f"drive_to_server: {' '.join(str(error).split())}")
     executor = MultiThreadedExecutor(num_threads=_THREADS)
     executor.add_node(node)
     try:

@@ -14,7 +14,7 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.streams import Streams, Track, in_order
+from ator_ros.experience.streams import Streams, Track
 from ator_ros.experience.vocabulary import Vocabulary, drive_between
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot
@@ -44,7 +44,7 @@ def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episo
     if not streams.odom or not streams.cmd_vel:
         return
     track = Track(streams)
-    for begin, ceased in _spans(in_order(streams.cmd_vel), partial(_stood, track)):
+    for begin, ceased in _spans(streams.cmd_vel.in_order(), partial(_stood, track)):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:
             episode = _episode(track, begin, end, robot, domain)

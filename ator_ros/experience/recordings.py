@@ -83,7 +83,7 @@ class _Recorded:
         # As commands, goals count from the last odometry on, which is in the robot's own time.
         odom = self.stretches.newest.odom
         if odom:
-            self.actions.take(role, message, odom[-1][0], len(self.stretches.all) - 1)
+            self.actions.take(role, message, odom.last_time, len(self.stretches.all) - 1)
 
     def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:
         """Return the goals of action servers and the executor's other records, or the drives."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import bisect
+from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,17 +31,60 @@ PERIOD = 0.1  # s between examples, the paper's 10 Hz
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 
 
+class Rows:
+    """Rows of numbers, the time in s first. They take 8 bytes a number: recordings may last for days.
+
+    Parameters
+    ----------
+    width : int
+        Numbers in a row.
+    rows : sequence of sequence of float
+        The first rows.
+    """
+
+    def __init__(self, width: int, rows: Sequence[Sequence[float]] = ()) -> None:
+        self._width = width
+        self._numbers = array("d")
+        for row in rows:
+            self.append(row)
+
+    def __len__(self) -> int:
+        return len(self._numbers) // self._width
+
+    @property
+    def last_time(self) -> float:
+        """Time in s of the last row, of which there must be one."""
+        return self._numbers[-self._width]
+
+    def append(self, row: Sequence[float]) -> None:
+        """Add a row of `width` numbers."""
+        if len(row) != self._width:
+            raise ValueError(f"row: expected {self._width} numbers, got {len(row)}")
+        self._numbers.extend(row)
+
+    def in_order(self) -> FloatArray:
+        """Return the rows as a table of shape (n, width) in the order of their times.
+
+        Rows that came in order are not copied; none can be added while the table is in use.
+        """
+        table = np.frombuffer(self._numbers).reshape(-1, self._width)
+        times = table[:, 0]
+        if (times[1:] >= times[:-1]).all():
+            return table
+        return table[np.argsort(times, kind="stable")]
+
+
 @dataclass
 class Streams:
     """A stretch of a robot's time: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
 
-    odom: list[tuple[float, ...]] = field(default_factory=list)
-    cmd_vel: list[tuple[float, ...]] = field(default_factory=list)
-    objects: dict[str, list[tuple[float, ...]]] = field(default_factory=lambda: defaultdict(list))
+    odom: Rows = field(default_factory=lambda: Rows(6))
+    cmd_vel: Rows = field(default_factory=lambda: Rows(3))
+    objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 
     def goes_on_at(self, time: float) -> bool:
         """Return whether odometry of `time` (s) follows: not after a reset, nor after a long silence."""
-        return not self.odom or 0.0 <= time - self.odom[-1][0] <= SILENCE
+        return not self.odom or 0.0 <= time - self.odom.last_time <= SILENCE
 
 
 class Stretches:
@@ -108,7 +152,7 @@ class Stretches:
         time, robot = self._odometry.read(message)
         if self._odometry.remark:
             self.remarks.append(self._odometry.remark)
-        last = self.newest.odom[-1][0] if self.newest.odom else time
+        last = self.newest.odom.last_time if self.newest.odom else time
         if time < last and not self._is_older:
             self._is_older = True  # one message that comes late is ignored, two in a row are a reset
             return
@@ -121,7 +165,7 @@ class Stretches:
         # A Twist has no stamp: it counts from the last odometry on, which is in the robot's own time.
         command, odom = command_from(message, CMD_VEL), self.newest.odom
         if odom:
-            self.newest.cmd_vel.append((odom[-1][0], command.v, command.w))
+            self.newest.cmd_vel.append((odom.last_time, command.v, command.w))
 
     def _take_object(self, name: str, message: Any) -> None:
         reader = self._objects[name]
@@ -136,14 +180,14 @@ class Stretches:
         for name, source in self._sources.items():
             found = self._transforms.latest(self.frame, source.listened) if source.type == "tf" else None
             rows = self.newest.objects[name]
-            if found is not None and not (rows and found[0] == rows[-1][0]):
+            if found is not None and not (rows and found[0] == rows.last_time):
                 self._add_object(name, *self._objects[name].read_placement(*found))
 
     def _add_object(self, name: str, time: float, there: ObjectState) -> None:
         odom = self.newest.odom
-        if odom and abs(time - odom[-1][0]) > JUMP:
+        if odom and abs(time - odom.last_time) > JUMP:
             raise MessageError(
-                f"{name}.header.stamp: expected about odometry's {odom[-1][0]:.2f} s, got {time:.2f} s: "
+                f"{name}.header.stamp: expected about odometry's {odom.last_time:.2f} s, got {time:.2f} s: "
                 "another clock"
             )
         self.newest.objects[name].append((time, there.x, there.y))
@@ -168,9 +212,9 @@ class Track:
     """
 
     def __init__(self, streams: Streams) -> None:
-        self.odom = in_order(streams.odom)
+        self.odom = streams.odom.in_order()
         self.odom[:, 3] = np.unwrap(self.odom[:, 3])
-        self._objects = {name: in_order(rows) for name, rows in streams.objects.items() if rows}
+        self._objects = {name: rows.in_order() for name, rows in streams.objects.items() if rows}
         self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
         self.names = tuple(self._objects)
 
@@ -196,12 +240,6 @@ class Track:
             for number, time in enumerate(times)
         ]
         return np.array(rows, dtype=float)
-
-
-def in_order(rows: list[tuple[float, ...]]) -> FloatArray:
-    """Return rows as a table in the order of their times, which come first."""
-    table = np.array(rows, dtype=float)
-    return table[np.argsort(table[:, 0], kind="stable")]
 
 
 def _at(table: FloatArray, time: float) -> FloatArray:

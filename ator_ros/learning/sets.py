@@ -143,7 +143,8 @@ def locked(folder: Path) -> Iterator[None]:
         Somebody else does.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "lock").open("a") as file:
+    # Opening a pipe would wait for its other end.
+    with open(folder / "lock", "a", opener=lambda path, flags: os.open(path, flags | os.O_NONBLOCK)) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from ator_ros.actions.remote import LONGEST
 from ator_ros.execution.phases import Deadlines
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
@@ -32,7 +33,8 @@ _COMMON = (
     ROBOT,
     MODELS,
     LEARNED,
-    Parameter("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, 3600.0, live=True),
+    # Timeouts: from one control tick to `LONGEST`, or to a minute where the robot waits amid a chain.
+    Parameter("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, LONGEST, live=True),
     Parameter(
         "odom_timeout",
         _USUAL.odom,
@@ -41,9 +43,10 @@ _COMMON = (
         60.0,
         live=True,
     ),
+    # A base that does not follow is stopped within 0.5 s: with more latency nothing can be known by then.
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
     FENCE,
-    Parameter("plan_timeout", 10.0, "real s that a goal waits for its chains", 0.05, 3600.0, live=True),
+    Parameter("plan_timeout", 10.0, "real s that a goal waits for its chains", 0.05, LONGEST, live=True),
     Parameter(
         "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
     ),
@@ -51,7 +54,7 @@ _COMMON = (
         "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True
     ),
     Parameter(
-        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, 86400.0, live=True
+        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST, live=True
     ),
 )
 
@@ -71,6 +74,7 @@ def _parameters_of(name: str) -> tuple[Parameter, ...]:
             60.0,
             live=True,
         ),
+        # A tracker that errs by more than 1 m or 10 m/s says nothing about an object of a robot's size.
         Parameter(
             f"{name}_noise", 0.0, f"m, standard deviation of the {name}'s coordinates; 0: exact", 0.0, 1.0
         ),

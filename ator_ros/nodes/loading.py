@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -106,7 +107,7 @@ def set_gates(node: Node, refiners: Refiners, *, gated: bool) -> None:
 def _gate(node: Node, read: ModelSet, action_set: str, *, gated: bool) -> Gate:
     """Read the gate of an action set; without one, or not `gated`, the predicted gain alone decides."""
     path = read.folder / model_path("gate", action_set)
-    if not path.exists():
+    if not os.path.lexists(path):
         return OpenGate()
     try:
         gate = load_gate(path, action_set)

@@ -19,7 +19,7 @@ from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
-from ator_ros.world.messages import plain_frame
+from ator_ros.world.messages import is_frame, plain_frame
 
 
 class SetupError(Exception):
@@ -102,6 +102,8 @@ class Parameter:
         """Return what is allowed, empty if `value` is."""
         if self.choices and value not in self.choices:
             return f"one of {', '.join(self.choices)}"
+        if self.names_frame and not is_frame(value):
+            return "a frame: printable characters without spaces, 200 at most"
         if not isinstance(value, int | float):
             return ""
         if not (math.isfinite(value) and self.low <= value <= self.high):

@@ -21,18 +21,25 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from ator_ros.nodes.configured import ParameterFileError, check_parameter_files
 from ator_ros.nodes.gathering import Resting
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameter_services import refuse_with_reasons
 from ator_ros.nodes.parameters import Parameter, SetupError
+from ator_ros.printable import printable
 from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
 _LAST_SPINS = 0.3  # s
 _LIST = re.compile(r"Parameters: see `\w+`")
 """Where a node's docstring names the list in its source; the help prints that list itself."""
-_EXPECTED = (SetupError, ResourceError, ParameterException, RuntimeError)  # rcl's errors are RuntimeErrors
+_RCL_SOURCE = re.compile(r", at \S+:\d+")
+"""Where rcl's errors, which have several lines, name their place in its source."""
+_LONGEST_REASON = 1000
+"""Characters of the line with which a node ends: a path may have 255 in each of its parts."""
+_EXPECTED = (SetupError, ParameterFileError, ResourceError, ParameterException, RuntimeError)
+"""Errors for the user; rcl's are RuntimeErrors."""
 
 
 def run_node(
@@ -50,6 +57,7 @@ def run_node(
     for number in (signal.SIGINT, signal.SIGTERM):  # for good: a second one must not disturb the end
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
+        check_parameter_files(words)
         _command_line(make, parameters).parse_args(remove_ros_args(words)[1:])
         check_machine(os.environ, words)
         stay_on_this_machine(os.environ)
@@ -58,7 +66,7 @@ def run_node(
         node = make()
     except _EXPECTED as error:
         rclpy.try_shutdown()
-        reason = " ".join(str(error).split())  # rcl's errors have several lines
+        reason = printable(_RCL_SOURCE.sub("", " ".join(str(error).split())), _LONGEST_REASON)
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
     refuse_with_reasons(node)
     # Libraries and models live as long as the process: scanning them for garbage would take up to 50 ms.

@@ -22,6 +22,7 @@ _COMMON = (
     ROBOT_FRAME,
     DOMAIN,
     ROBOT,
+    # Times as fast as computers can be (0: no limit), and not so slow that a tick takes more than a minute.
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
     Parameter("descriptions", [""], "files of robots' descriptions; missing or empty: what `robot` names"),
     Parameter(
@@ -49,6 +50,7 @@ _COMMON = (
         [-2.0, 0.0, 0.0],
         "x, y (m, from the area's centre), yaw of each robot after a reset; else beside the last",
     ),
+    # Drifts of 1 are errors as large as the motion; the executor allows as much latency.
     Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
     Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
     Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
@@ -69,6 +71,7 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 
 def _parameters_of(name: str, place: int) -> tuple[Parameter, ...]:
     start = [0.0, _ASIDE * place]
+    # Noise of 1 m or 1 m/s, an age of 5 s and one sight in a hundred are beyond what any chain can bear.
     return (
         Parameter(
             f"{name}_start", start, f"position of the {name} after a reset: x, y in m from the area's centre"

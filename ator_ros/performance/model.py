@@ -62,10 +62,11 @@ class AtGoal:
         Mean and standard deviation in s.
     """
 
+    # Beyond 1 m or 1 rad a robot drives or turns to the goal. No server takes a day to answer.
     dist: Annotated[float, Within(0.0, 1.0)] = 0.01
     angle: Annotated[float, Within(0.0, 1.0)] = 0.02
-    duration: Annotated[float, Within(0.0, 1000.0)] = CONTROL_PERIOD
-    spread: Annotated[float, Within(0.0, 1000.0)] = CONTROL_PERIOD
+    duration: Annotated[float, Within(0.0, 86_400.0)] = CONTROL_PERIOD
+    spread: Annotated[float, Within(0.0, 86_400.0)] = CONTROL_PERIOD
 
 
 UNOBSERVED = AtGoal()

@@ -18,7 +18,9 @@ from ator_ros.schema import OneOf, SchemaError, Within, structured
 FORMAT = Format("ator_ros calibration", 1, "calibration")
 CALIBRATION = "calibration.json"
 _MOST_ACTIONS = 100
+"""More than any domain has; each is structured before it is used."""
 _Seconds = Annotated[float, Within(-1e6, 1e6)]
+"""Eleven days, longer than any action; sums of such numbers keep a resolution of 1 ns."""
 
 
 @dataclass(frozen=True)

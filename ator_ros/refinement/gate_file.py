@@ -34,7 +34,7 @@ class _GateFile:
     kind: Annotated[str, OneOf((OpenGate.kind, ThresholdGate.kind, TreeGate.kind))]
     gate: dict[str, Any]
     widths: dict[str, Annotated[float, Within(0.0, math.inf)]] = field(default_factory=dict)
-    room: Annotated[float, Within(0.0, 10.0)] = 0.0
+    room: Annotated[float, Within(0.0, 10.0)] = 0.0  # m, around a robot of 10 m at most
     corrected: bool = False
     training: dict[str, Any] = field(default_factory=dict)
 

@@ -98,6 +98,7 @@ class StopBraking:
         Of the turn rate.
     """
 
+    # As those of `Limits`, to which these are compared.
     forward: Annotated[float, Within(0.01, 100.0)] = 4.0
     backward: Annotated[float, Within(0.01, 100.0)] = 5.0
     turning: Annotated[float, Within(0.01, 1000.0)] = 12.0
@@ -121,6 +122,8 @@ class Build:
         Coefficient of friction between the front and an object.
     """
 
+    # Distances up to that of `Size`. A wheel of 1 g and 1 cm has an inertia of 1e-7, one of 100 kg and
+    # 1 m is 100. No dry surfaces have a friction of 10.
     mass_behind: Annotated[float, Within(0.0, 10.0)] | None = None
     mass_height: Size | None = None
     caster_behind: Size | None = None
@@ -145,6 +148,8 @@ class Robot:
     front: Size
     rear: Size
     half_width: Size
+    # Torques from a toy's to a 10 t vehicle's. A time constant of 0.1 ms is below the simulation's step, and
+    # with 10 s a base does not follow its commands. `grip` up to 10 g.
     wheel_torque: Annotated[float, Within(0.001, 10_000.0)]
     motor_time_constant: Annotated[float, Within(0.0001, 10.0)]
     limits: Limits

@@ -10,7 +10,7 @@ from pathlib import Path
 from ator_ros.tools.command_line import add_factor, add_models, add_setting, settled
 from ator_ros.tools.option_types import destination, whole
 
-_LONGEST_DEMO = 200
+_LONGEST_DEMO = 200  # situations of which one page shows all pictures
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -12,7 +12,7 @@ from ator_ros.files import reserved
 
 _NAMESPACE = re.compile(r"(?!__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 _FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
-_LONGEST_NAME = 100
+_LONGEST_NAME = 100  # characters; names become names of files, which may have 255 bytes
 _ROOM = 100_000  # bytes of a result whose size is not known beforehand
 
 

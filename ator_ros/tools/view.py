@@ -13,7 +13,7 @@ from pathlib import Path
 from ator_ros.tools.command_line import add_factor, add_models, add_setting
 from ator_ros.tools.option_types import frame, namespace, whole
 
-_PORTS = (1024, 65535)
+_PORTS = (1024, 65535)  # below, only root may listen
 
 
 def arguments() -> argparse.ArgumentParser:

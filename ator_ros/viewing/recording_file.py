@@ -19,7 +19,7 @@ from ator_ros.viewing.recording import RecordedRobot
 from ator_ros.world.messages import object_from, pose_from, seconds_from, velocity
 
 _ACTIONS, _CHAINS = RECORDS, CHAINS
-_MOST_ROBOTS = 32
+_MOST_ROBOTS = 32  # the page lists each by name
 _MISREAD = (AttributeError, TypeError, ValueError, OverflowError)
 """What is raised where a record has numbers that are none."""
 

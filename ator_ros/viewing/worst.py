@@ -19,7 +19,7 @@ _NAIVE = "naive"
 _REFINED = ("gated", "refined")
 """Policies that refine; the first that an evaluation has is looked at."""
 _MOST = 20
-_MOST_SEED = 2**32 - 1
+_MOST_SEED = 2**32 - 1  # numpy's
 
 
 @dataclass(frozen=True)
