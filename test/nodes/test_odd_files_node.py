@@ -144,7 +144,7 @@ def usable(parameter: str, file: Path) -> bool:
     if parameter == "--params-file":
         return file.stem in NO_PARAMETERS
     if parameter == "learned":  # the folder is made
-        return file.is_dir() or (len(file.name) < 255 and not os.path.lexists(file))
+        return len(file.name) < 255 and (file.is_dir() or not os.path.lexists(file))
     return False
 
 
