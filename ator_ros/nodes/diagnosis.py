@@ -23,7 +23,7 @@ _WALL = 1e9
 """s; greater stamps are of a wall clock, which counts from 1970, others of one that counts from a start."""
 _REPEATS = 3
 """Messages in a row that repeat a stamp: a message that is sent twice by accident is no reason."""
-_SAMPLE, _REST = 1.0, 4.0
+_SAMPLE, _PAUSE = 1.0, 4.0
 """Real s for which /clock is subscribed to while odometry is missing, and between two such samples."""
 _SHORTEST_SAMPLE = 0.1
 """Real s after which a clock counts as standing; simulators publish it at 100 Hz or more."""
@@ -84,11 +84,11 @@ class TopicFacts:
 
 @dataclass(slots=True)
 class Reception:
-    """What became of the messages of one topic.
+    """The last messages of one topic.
 
     Attributes
     ----------
-    came : float
+    last : float
         Real time in s of the last message, usable or not; -inf before the first.
     stamp : float
         Stamp in s of the last message that could be read; NaN before the first.
@@ -100,7 +100,7 @@ class Reception:
         Why the last message was ignored.
     """
 
-    came: float = -math.inf
+    last: float = -math.inf
     stamp: float = math.nan
     repeats: int = 0
     gap: float = 0.0
@@ -109,7 +109,7 @@ class Reception:
 
     def read(self, stamp: float, now: float) -> None:
         """Record a message that could be read."""
-        self.came, self.error = now, None
+        self.last, self.error = now, None
         if stamp == self.stamp:
             self.repeats += 1
             return
@@ -118,7 +118,7 @@ class Reception:
 
     def reject(self, error: Exception, now: float) -> None:
         """Record a message that was ignored."""
-        self.came, self.error = now, error
+        self.last, self.error = now, error
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +150,7 @@ class ClockSampler:
             self._stood = stood if stood >= _SHORTEST_SAMPLE else 0.0
             if now - self._began > _SAMPLE:
                 self._stop()
-                self._next = now + _REST
+                self._next = now + _PAUSE
 
     def reset(self) -> None:
         """Stop sampling, and forget what was found: odometry arrives."""
@@ -168,7 +168,7 @@ class ClockSampler:
             self._last, self._advanced = stamp, time.monotonic()
 
     def facts(self) -> ClockFacts:
-        """Return what is known."""
+        """Return the publishers of /clock, and for how long it has stood."""
         infos = self._node.get_publishers_info_by_topic("/clock")
         return ClockFacts(tuple(node_of(info) for info in infos), self._stood)
 
@@ -257,7 +257,7 @@ class Input:
 
 
 class Diagnosis:
-    """Records what becomes of the inputs of a node, and names the most likely cause if one is missing.
+    """Records which messages a node receives, and names the most likely cause if an input is missing.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ class Diagnosis:
     inputs : mapping of str to Input
         Its inputs by name; "odom" is the robot.
     tf : TfListener
-        What it knows of tf.
+        Its transforms.
     """
 
     def __init__(self, node: Node, inputs: Mapping[str, Input], tf: TfListener) -> None:
@@ -295,7 +295,7 @@ class Diagnosis:
             self._clock.reset()
 
     def cause(self, name: str, timeout: float) -> str:
-        """Return why an input is missing, in one sentence; `timeout` is what it should keep, in real s."""
+        """Return why an input is missing, in one sentence; `timeout` is its longest allowed gap in real s."""
         item, reception = self._inputs[name], self._receptions[name]
         if item.frames is not None:
             facts = publishers_of(self._node, item.topic, item.kind, RESULTS)
@@ -312,14 +312,14 @@ class Diagnosis:
 def input_cause(
     topic: TopicFacts, reception: Reception, clock: ClockFacts, *, timeout: float, reference: float = math.nan
 ) -> str:
-    """Return the most likely cause why a topic brings no usable messages, in one sentence.
+    """Return the most likely cause why no usable messages arrive on a topic, in one sentence.
 
     Parameters
     ----------
     topic : TopicFacts
         The topic.
     reception : Reception
-        What came.
+        Its messages.
     clock : ClockFacts
         What is known of /clock.
     timeout : float
@@ -340,25 +340,26 @@ def input_cause(
         return _repeated(name, senders[0], reception, clock)
     if clock.stands:
         return f"{_clock(clock)}: the simulation is paused or has ended"
-    if math.isinf(reception.came):
+    if math.isinf(reception.last):
         return f"{name}: {node} publishes it, but sends no messages"
     if reception.gap > 0.5 * timeout:
         return (
             f"{name}: messages came {reception.gap:.2f} s apart, expected less than {timeout:g} s; "
             f"set {name}_timeout:={math.ceil(40.0 * reception.gap) / 10.0:.1f}"
         )
-    return f"{name}: {node} has sent nothing any more: it is paused, blocked or has ended"
+    return f"{name}: {node} sends no more messages: it is paused, blocked or has ended"
 
 
 def _no_sender(topic: TopicFacts) -> str:
     if topic.others:
         other = topic.others[0]
         return f"{topic.name}: expected {_short(topic.type)}, {other.node} publishes {_short(other.type)}"
-    return _nobody(topic, "publishes")
+    return _unconnected(topic, "publishes")
 
 
-def _nobody(topic: TopicFacts, does: str) -> str:
-    told = f"nobody {does} {topic.resolved} in ROS domain {topic.domain}"
+def _unconnected(topic: TopicFacts, does: str) -> str:
+    """Return that no other node publishes, or subscribes to, a topic, and what to do."""
+    told = f"no node {does} {topic.resolved} in ROS domain {topic.domain}"
     if not topic.elsewhere:
         return f"{told}, and there is no other topic of type {_short(topic.type)}: start the base's driver"
     first = topic.elsewhere[0]
@@ -401,30 +402,30 @@ def motion_cause(commands: TopicFacts, mismatch: str, rivals: Collection[str] = 
     commands : TopicFacts
         The topic of the commands.
     mismatch : str
-        What is said if subscriptions have another type.
+        The problem if subscriptions have another type; empty if they have not.
     rivals : collection of str
         Other nodes that publish commands.
     """
-    hearers = [other for other in commands.others if other.type == commands.type]
+    receivers = [other for other in commands.others if other.type == commands.type]
     if mismatch:
         return mismatch
-    if not hearers:
-        return _nobody(commands, "subscribes to")
-    if all(hearer.incompatible for hearer in hearers):
-        hearer = hearers[0]
-        return f"{commands.name}: the quality of service of {hearer.node} does not fit: {hearer.incompatible}"
+    if not receivers:
+        return _unconnected(commands, "subscribes to")
+    if all(receiver.incompatible for receiver in receivers):
+        node, why = receivers[0].node, receivers[0].incompatible
+        return f"{commands.name}: the quality of service of {node} does not fit: {why}"
     if rivals:
         return f"{commands.name}: {_several(sorted(rivals))} publishes commands as well"
     return ""
 
 
 def _short(kind: str) -> str:
-    """Return a type as people write it, such as geometry_msgs/Twist."""
+    """Return the short form of a type, such as geometry_msgs/Twist."""
     return kind.replace("/msg/", "/")
 
 
 def _several(names: Collection[str]) -> str:
-    """Return some of the names, as text."""
+    """Return the first names as text, and how many more there are."""
     more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
     return ", ".join(list(names)[:_MOST_NAMED]) + more
 

@@ -96,5 +96,5 @@ class RobotSource:
         self._take(found.time, robot)
 
     def missing(self) -> str:
-        """Return what is said where no state has come, or none that can be used."""
+        """Return the problem while there is no usable state."""
         return "tf is missing" if self._from_tf else "odom is missing"

@@ -78,7 +78,7 @@ class TfListener:
         return bool(self._followed)
 
     def lacking(self, frame: str, child: str) -> str:
-        """Return what is said if the place of `child` in `frame` is not known, or no longer."""
+        """Return the problem if the place of `child` in `frame` is unknown or old."""
         if self._transforms.latest(frame, child) is not None:
             return f"tf: expected newer transforms from {frame} to {child}"
         frames = self._transforms.frames

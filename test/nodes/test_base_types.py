@@ -69,7 +69,7 @@ def test_a_base_that_subscribes_elsewhere_is_named(host: Host, client: Client) -
     MovingBase(client, topic="mobile_base/commands")
     outcome = ChainClient(client, commands=None).send(NEAR).outcome()
     assert outcome.code == Outcome.BASE_FAULT
-    assert "nobody subscribes to /cmd_vel in ROS domain" in outcome.reason
+    assert "no node subscribes to /cmd_vel in ROS domain" in outcome.reason
     assert "remap with -r cmd_vel:=/mobile_base/commands" in outcome.reason
 
 

@@ -116,7 +116,9 @@ def test_without_odometry_it_says_so(start: Start, domain: int, tmp_path: Path) 
     done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
     assert done.returncode == 1
     told = done.stderr.splitlines()[-1]
-    assert told.startswith("calibrate: odom: expected a message within 5 s, got none; nobody publishes /odom")
+    assert told.startswith(
+        "calibrate: odom: expected a message within 5 s, got none; no node publishes /odom"
+    )
 
 
 @pytest.mark.long

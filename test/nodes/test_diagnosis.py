@@ -47,14 +47,14 @@ STOPPED = received(1.0, 1.05, 1.1)
             topic(),
             Reception(),
             ClockFacts(),
-            "nobody publishes /ann/odom in ROS domain 7, and there is no other topic of type "
+            "no node publishes /ann/odom in ROS domain 7, and there is no other topic of type "
             "nav_msgs/Odometry: start the base's driver",
         ),
         (
             topic(elsewhere=("/wheels/odom", "/filtered")),
             Reception(),
             ClockFacts(),
-            "nobody publishes /ann/odom in ROS domain 7; of type nav_msgs/Odometry there is /wheels/odom, "
+            "no node publishes /ann/odom in ROS domain 7; of type nav_msgs/Odometry there is /wheels/odom, "
             "/filtered: remap with -r odom:=/wheels/odom",
         ),
         (
@@ -107,7 +107,7 @@ STOPPED = received(1.0, 1.05, 1.1)
             topic(BASE),
             STOPPED,
             ClockFacts(("/world",)),
-            "odom: /base has sent nothing any more: it is paused, blocked or has ended",
+            "odom: /base sends no more messages: it is paused, blocked or has ended",
         ),
         (
             topic(BASE),
@@ -143,9 +143,9 @@ def test_a_message_that_is_sent_twice_is_not_a_clock_that_stands() -> None:
 
 
 @pytest.mark.parametrize(
-    ("hearers", "mismatch", "rivals", "expected"),
+    ("receivers", "mismatch", "rivals", "expected"),
     [
-        ((), "", (), "nobody subscribes to /cmd_vel in ROS domain 0, and there is no other topic of type"),
+        ((), "", (), "no node subscribes to /cmd_vel in ROS domain 0, and there is no other topic of type"),
         ((), "cmd_vel: another type", (), "cmd_vel: another type"),
         ((Endpoint("/base", TWIST),), "", (), ""),
         ((Endpoint("/base", TWIST),), "", ("/teleop",), "cmd_vel: /teleop publishes commands as well"),
@@ -158,9 +158,9 @@ def test_a_message_that_is_sent_twice_is_not_a_clock_that_stands() -> None:
     ],
 )
 def test_the_cause_of_a_base_that_does_not_follow(
-    hearers: tuple[Endpoint, ...], mismatch: str, rivals: tuple[str, ...], expected: str
+    receivers: tuple[Endpoint, ...], mismatch: str, rivals: tuple[str, ...], expected: str
 ) -> None:
-    said = motion_cause(TopicFacts("cmd_vel", "/cmd_vel", TWIST, hearers), mismatch, rivals)
+    said = motion_cause(TopicFacts("cmd_vel", "/cmd_vel", TWIST, receivers), mismatch, rivals)
     assert expected in said
     assert bool(said) is bool(expected)
 

@@ -57,7 +57,7 @@ def silent(client: Client) -> None:
 @pytest.mark.parametrize(
     ("fault", "expected"),
     [
-        (lambda _: None, "nobody publishes /odom in ROS domain "),
+        (lambda _: None, "no node publishes /odom in ROS domain "),
         (elsewhere, "of type nav_msgs/Odometry there is /wheels/odom: remap with -r odom:=/wheels/odom"),
         (another_type, "odom: expected nav_msgs/Odometry, /test_client publishes geometry_msgs/PoseStamped"),
         (another_frame, "expected the frame 'odom', got 'ann/odom'; set frame:=ann/odom"),
@@ -80,7 +80,7 @@ def test_odometry_that_never_comes(
 
 def test_missing_odometry_is_logged_without_a_goal(host: Host, client: Client) -> None:
     node = host("executor")
-    told = "odom is missing; nobody publishes /odom"
+    told = "odom is missing; no node publishes /odom"
     client.eventually(lambda: told in node.output, "a warning")
     assert node.output.count(told) == 1
 

@@ -46,7 +46,7 @@ def test_an_action_set_without_models_is_no_problem(host: Host, client: Client, 
     assert values["models of default"] == "dribbleBall, goToPose, shoot"
     assert values["models of bezier"] == "no models"
     assert status.message.startswith(
-        {"executor": "odom is missing; nobody pub", "refinement": "running"}[name]
+        {"executor": "odom is missing; no node pub", "refinement": "running"}[name]
     )
     assert "bezier" not in node.output  # nobody has asked for this action set
     assert node.output.count("[INFO]") == 1
