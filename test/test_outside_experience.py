@@ -39,7 +39,7 @@ def test_requests_inside_the_experience_are_answered_without_a_remark() -> None:
 
 def test_a_step_outside_the_experience_is_named_and_its_subgoals_stay() -> None:
     answer = Refiner(ROBOT, MODELS).refine(*request(2.0, 21.0))
-    assert "step 2 dribbleBall: dist 21.0 m is outside the experience of" in answer.reason
+    assert "step 2 (dribbleBall): distance 21.0 m is outside the experience of" in answer.reason
     assert not answer.refined
     assert not answer.free
     (kept,) = answer.not_free
@@ -49,7 +49,7 @@ def test_a_step_outside_the_experience_is_named_and_its_subgoals_stay() -> None:
 
 def test_a_chain_without_open_variables_has_the_remark_too() -> None:
     answer = Refiner(ROBOT, MODELS).refine(*request(30.0, 2.0, frozenset()))
-    assert "step 1 goToBall: dist" in answer.reason
+    assert "step 1 (goToBall): distance" in answer.reason
     assert "step 2" not in answer.reason
 
 
@@ -60,7 +60,7 @@ def test_subgoals_away_from_the_step_are_refined() -> None:
     answer = Refiner(ROBOT, MODELS).refine(world, TopChain((chain.calls[0], there, far)))
     assert {(each.subgoal, each.name) for each in answer.free} == {(0, "yaw")}
     assert answer.chain.calls[1:] == (there, far)
-    assert "step 3 goToPose: dist" in answer.reason
+    assert "step 3 (goToPose): distance" in answer.reason
 
 
 @pytest.mark.parametrize(("action", "turned"), [("goToPose", 3.0), ("goToPose", -2.0)])
@@ -72,7 +72,7 @@ def test_headings_and_speeds_are_compared_too(action: str, turned: float) -> Non
     chain = TopChain((TopCall(LIBRARY["goToPose"], Goal(Pose(1.0, 0.0, turned))),))
     answer = Refiner(ROBOT, known).refine(World(0.0, RobotState(Pose(0.0, 0.0, 0.0), 0.7)), chain)
     assert f"turn {abs(turned):.1f} rad is outside the experience of 0.0 to 0.5 rad" in answer.reason
-    assert "v 0.7 m/s is outside the experience of 0.0 to 0.1 m/s" in answer.reason
+    assert "speed at the start 0.7 m/s is outside the experience of 0.0 to 0.1 m/s" in answer.reason
 
 
 def test_models_that_know_no_ranges_say_nothing() -> None:

@@ -104,7 +104,7 @@ def remarks(
         steps = _listed([f"step {step + 1} ({chain.calls[step].top.action})" for step in without_model])
         said += f"; no performance model for {steps}: neither predicted nor counted"
     if outside:
-        said += f"; {_listed(outside)}: its prediction is a guess"
+        said += f"; extrapolated: {_listed(outside)}"
     return said
 
 

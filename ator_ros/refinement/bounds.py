@@ -37,6 +37,7 @@ _SLACK = 0.05
 """By how much (m, rad, m/s) a value may leave the experience, besides the share `_ROOM` of its range."""
 _ROOM = 0.05
 """Share by which the extent of the points that a region allows is widened on each side."""
+_LABELS = {"dist": "distance", "turn": "turn", "v": "speed at the start", "speedg": "arrival speed"}
 
 
 class Outside(NamedTuple):
@@ -76,8 +77,8 @@ def outside_experience(
             slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
             if not low - slack <= value <= high + slack:
                 text = (
-                    f"step {step + 1} {call.top.name}: {name} {value:.1f} {unit} is outside the experience "
-                    f"of {low:.1f} to {high:.1f} {unit}"
+                    f"step {step + 1} ({call.top.name}): {_LABELS[name]} {value:.1f} {unit} is outside the "
+                    f"experience of {low:.1f} to {high:.1f} {unit}"
                 )
                 found.append(Outside(step, name, text))
         opened = opens
