@@ -42,8 +42,8 @@ class OpenVariable:
 
 
 @dataclass
-class _Seen:
-    """What was found for one variable, situation by situation."""
+class _Findings:
+    """Results for one variable: gains where it was free, how often the gate accepted, and reasons."""
 
     gains: list[float] = field(default_factory=list)
     accepted: int = 0
@@ -62,20 +62,20 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> tuple[OpenVariabl
         Situations with chains.
     """
     refiner = tools.refiner(gated=True)
-    seen: defaultdict[tuple[int, str, str], _Seen] = defaultdict(_Seen)
+    findings: defaultdict[tuple[int, str, str], _Findings] = defaultdict(_Findings)
     for trial in trials:
         plan = open_speeds(trial.chain)
         naive = refiner.naive(trial.world, plan)
         for index, call in enumerate(plan.calls):
             for name in sorted(call.open):
-                found = seen[index + 1, call.top.name, name]
+                found = findings[index + 1, call.top.name, name]
                 result = refiner.refine(trial.world, _opening(naive, index, name))
                 found.closed.update(_kind(each.reason) for each in result.not_free)
                 if result.free:
                     found.gains.append(max(0.0, result.before.cost - result.after.cost))
                     found.accepted += result.refined
                     found.limits.update(each for variable in result.free for each in variable.limits)
-    return tuple(_summary(*key, found) for key, found in sorted(seen.items()))
+    return tuple(_summary(*key, found) for key, found in sorted(findings.items()))
 
 
 def _opening(chain: TopChain, index: int, name: str) -> TopChain:
@@ -88,10 +88,11 @@ def _opening(chain: TopChain, index: int, name: str) -> TopChain:
 
 
 def _kind(reason: str) -> str:
-    """Return why a variable was not free, after the kind of cause."""
+    """Return why a variable was not free, with the kind of cause first."""
     for begins, kind in (
         ("beyond the experience", "no experience"),
         ("of unknown effect", "no experience"),
+        ("next to step", "no experience"),
         ("without an allowed value", "outside the region"),
         ("used by no performance model", "no effect"),
         ("without a range", "not among the `variables` of the domain"),
@@ -101,7 +102,7 @@ def _kind(reason: str) -> str:
     return reason
 
 
-def _summary(step: int, top: str, name: str, found: _Seen) -> OpenVariable:
+def _summary(step: int, top: str, name: str, found: _Findings) -> OpenVariable:
     closed, free = found.closed.total(), len(found.gains)
     gain = sum(found.gains) / free if free else 0.0
     if closed > free:
