@@ -85,7 +85,7 @@ def driven_of(record: Any) -> Driven:
     done = record.outcome.code == SUCCEEDED
     goals = [_pose(call.goal.pose) for call in record.chain.calls[-1:]]
     return Driven(
-        _time_of(record),
+        time_of(record),
         tuple(printable(call.top, _LONGEST) for call in record.chain.calls),
         bool(record.refined),
         record.predicted.duration,
@@ -102,7 +102,7 @@ def chain_of_record(record: Any) -> RecordedChain:
         _pose(record.start.robot),
         tuple(_pose(call.goal.pose) for call in record.chain.calls),
         tuple(map(step_of, record.actions)),
-        _time_of(record.start),
+        time_of(record.start),
         _told(record.refinement, driven.outcome, record.outcome.reason),
         driven,
     )
@@ -113,17 +113,17 @@ def chain_of_actions(records: Sequence[Any]) -> RecordedChain:
     first, last, steps = records[0], records[-1], tuple(map(step_of, records))
     done = last.outcome.code == SUCCEEDED and last.step + 1 == last.steps
     driven = Driven(
-        _time_of(last),
+        time_of(last),
         tuple(step.top for step in steps),
         False,
         sum(step.predicted for step in steps),
-        _time_of(last) - _time_of(first.start) if done else math.nan,
+        time_of(last) - time_of(first.start) if done else math.nan,
         _outcome(last),
         (*_places(first.start), steps[-1].goal),
     )
     reason = _told("only the records of its actions are there", driven.outcome, last.outcome.reason)
     goals = tuple(step.goal for step in steps)
-    return RecordedChain(_pose(first.start.robot), goals, steps, _time_of(first.start), reason, driven)
+    return RecordedChain(_pose(first.start.robot), goals, steps, time_of(first.start), reason, driven)
 
 
 def step_of(record: Any) -> RecordedStep:
@@ -132,8 +132,8 @@ def step_of(record: Any) -> RecordedStep:
         record.step,
         printable(record.call.top, _LONGEST),
         _pose(record.call.goal.pose),
-        _time_of(record.start),
-        _time_of(record),
+        time_of(record.start),
+        time_of(record),
         record.predicted.duration,
         record.actual.duration if record.outcome.code == SUCCEEDED else math.nan,
     )
@@ -156,7 +156,8 @@ def _places(situation: Any) -> Iterable[Pose]:
         yield Pose(where.x, where.y, 0.0)
 
 
-def _time_of(message: Any) -> float:
+def time_of(message: Any) -> float:
+    """Return the stamp of a record or a situation in s; raises MessageError."""
     return seconds_from(message.header.stamp)
 
 

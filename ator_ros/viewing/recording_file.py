@@ -14,14 +14,13 @@ from ator_ros.domains.domain import Domain
 from ator_ros.experience.bag_reading import Recording, RecordingError
 from ator_ros.experience.streams import Streams, Stretches, Track
 from ator_ros.experience.topics import CHAINS, ODOM, RECORDS, Wanted, objects_wanted, select
-from ator_ros.viewing.recorded import RecordedChain, chain_of_actions, chain_of_record
+from ator_ros.viewing.recorded import RecordedChain, chain_of_actions, chain_of_record, time_of
 from ator_ros.viewing.recording import RecordedRobot
-from ator_ros.world.messages import object_from, pose_from, seconds_from, velocity
+from ator_ros.world.messages import object_from, pose_from, velocity
 
-_ACTIONS, _CHAINS = RECORDS, CHAINS
 _MOST_ROBOTS = 32  # the page lists each by name
 _MISREAD = (AttributeError, TypeError, ValueError, OverflowError)
-"""What is raised where a record has numbers that are none."""
+"""Errors of records that cannot be read."""
 
 
 @dataclass
@@ -35,9 +34,9 @@ class _Heard:
     def take(self, kind: str, message: Any) -> None:
         """Take a message of a topic."""
         number = len(self.stretches.all) - 1
-        if kind == _CHAINS:
+        if kind == CHAINS:
             self.chains.append((number, message))
-        elif kind == _ACTIONS:
+        elif kind == RECORDS:
             self.actions[message.chain_id].append((number, message))
         else:
             self.stretches.take(kind, message)
@@ -85,11 +84,11 @@ class _Heard:
         places = [situation for record in actions for situation in (record.start, record.end)]
         stretches = self.stretches.all
         if seen is None:
-            if places and stretches[-1].odom and not stretches[-1].goes_on_at(_time_of(places[0])):
+            if places and stretches[-1].odom and not stretches[-1].goes_on_at(time_of(places[0])):
                 stretches.append(Streams())
             number = len(stretches) - 1
         for situation in places:
-            time, speeds = _time_of(situation), (velocity(situation.v, "v"), velocity(situation.w, "w"))
+            time, speeds = time_of(situation), (velocity(situation.v, "v"), velocity(situation.w, "w"))
             if seen is None:
                 stretches[number].odom.append((time, *pose_from(situation.robot, "robot"), *speeds))
             for there in situation.objects:
@@ -130,8 +129,8 @@ def read_robots(
     sources = [domain.source(name) for name in domain.objects]
     wanted = [
         Wanted(ODOM, ODOM, {"nav_msgs/msg/Odometry"}),
-        Wanted(_ACTIONS, _ACTIONS, {"ator_interfaces/msg/ActionPerformance"}),
-        Wanted(_CHAINS, _CHAINS, {"ator_interfaces/msg/ChainPerformance"}),
+        Wanted(RECORDS, RECORDS, {"ator_interfaces/msg/ActionPerformance"}),
+        Wanted(CHAINS, CHAINS, {"ator_interfaces/msg/ChainPerformance"}),
         *objects_wanted(sources),
     ]
     heard: dict[str, _Heard] = defaultdict(lambda: _Heard(Stretches(sources)))
@@ -144,10 +143,6 @@ def read_robots(
     found = [(name, *each.robot()) for name, each in itertools.islice(sorted(heard.items()), _MOST_ROBOTS)]
     robots = {name: robot for name, robot, _ in found if robot is not None}
     if not robots:
-        expected = f"expected one of the topics {ODOM}, {_CHAINS} or {_ACTIONS} with data"
+        expected = f"expected one of the topics {ODOM}, {CHAINS} or {RECORDS} with data"
         raise RecordingError("; ".join([f"{file}: {expected}", *selection.skipped[:1]]))
     return robots, sum(left_out for *_, left_out in found)
-
-
-def _time_of(message: Any) -> float:
-    return seconds_from(message.header.stamp)
