@@ -268,14 +268,14 @@ def installed_domains() -> dict[str, EntryPoint]:
 
 
 def domain_for(name: str, robot: Path | str | None) -> Domain:
-    """Return a domain by its name as `find_domain` does, or, where `name` is empty, the one for a robot.
+    """Return the domain of this name as `find_domain` does, or the one for a robot if `name` is empty.
 
     That is soccer if the robot has a holder and its scene has a ball, and otherwise `drive`.
 
     Parameters
     ----------
     name : str
-        Name or file of the domain, or nothing.
+        Name or file of the domain, or empty.
     robot : Path, str or None
         File of the robot's description; None or empty: the shipped one.
     """
@@ -286,7 +286,7 @@ def domain_for(name: str, robot: Path | str | None) -> Domain:
         described = load_robot(robot or None)
     except ConfigError:  # raised again where the file is read for the domain
         return soccer
-    plays = described.holder is not None and all(name in described.scene.objects for name in soccer.objects)
+    plays = described.holder is not None and described.scene.objects.keys() >= set(soccer.objects)
     return soccer if plays else find_domain(DRIVE)
 
 

@@ -154,7 +154,7 @@ def echoed(node: Node, topic: str, kind: str, *, once: bool) -> None:
     Raises
     ------
     CallError
-        Nobody publishes on the topic, or its type is not installed.
+        The topic has no publisher, or its type is not installed.
     """
     try:
         name = node.resolve_topic_name(topic)
@@ -259,7 +259,7 @@ def _answer(node: Node, future: Any, name: str, *, patience: float = _PATIENCE) 
 
 
 def main(words: list[str] | None = None) -> int:
-    """Call the service, send the goal, or echo the topic, and print what comes; return the exit code."""
+    """Call the service, send the goal, or echo the topic, and print the messages; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="call", usage="call NAME TYPE [VALUES], or call echo TOPIC [TYPE] [--once]", description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -274,7 +274,7 @@ def main(words: list[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("--once", action="store_true", help="of echo: end after one message")
     parser.add_argument(
-        "-f", "--feedback", action="store_true", help="as `ros2` takes it; it is printed anyway"
+        "-f", "--feedback", action="store_true", help="accepted as by `ros2`; feedback is always printed"
     )
     options = parser.parse_args(words)
     try:

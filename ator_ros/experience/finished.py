@@ -65,8 +65,8 @@ class FinishedEpisodes:
             raise ExperienceError(f"{self.path}: expected episodes, one a line: {error}") from error
         if there not in ("", head):
             raise ExperienceError(
-                f"{self.path}: expected episodes of the same seed, robot and domain, got others: choose "
-                "another --out, or delete that file"
+                f"{self.path}: expected episodes of the same seed, robot, domain, action set and "
+                "versions, got others: choose another --out, or delete that file"
             )
         self._file = self.path.open("ab")
         if is_locked_elsewhere(self._file.fileno()):

@@ -169,7 +169,11 @@ def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
 
 
 def declare_parameters(
-    node: Node, parameters: Sequence[Parameter], changed: Changed | None = None
+    node: Node,
+    parameters: Sequence[Parameter],
+    changed: Changed | None = None,
+    *,
+    unused: Collection[str] = (),
 ) -> dict[str, Any]:
     """Declare parameters with type, description and bounds, and return their values by name.
 
@@ -181,17 +185,6 @@ def declare_parameters(
     SetupError
         A value has another type, or is not allowed.
     """
-    return _declare(node, parameters, changed)
-
-
-def _declare(
-    node: Node,
-    parameters: Sequence[Parameter],
-    changed: Changed | None,
-    *,
-    unused: Collection[str] = (),
-) -> dict[str, Any]:
-    """Declare parameters; those named in `unused` may be set as well, without effect."""
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
     _warn_of_strange(node, values, unused)
     _follow_changes(node, parameters, values, changed)
@@ -227,7 +220,7 @@ def declare_with_domain(
     domain = domain_of({item.name: _declared(node, item) for item in (DOMAIN, ROBOT)})
     # The shipped parameter files set those of soccer's objects, whatever domain is used.
     usual = {item.name for item in parameters_for(find_domain(DEFAULT).objects)}
-    return _declare(node, parameters_for(domain.objects), changed, unused=usual)
+    return declare_parameters(node, parameters_for(domain.objects), changed, unused=usual)
 
 
 def _follow_changes(

@@ -164,7 +164,7 @@ def own_nodes() -> Iterator[NodeProcesses]:
     NodesError
         Our nodes are not installed.
     """
-    folder = folder_of(Program("ator_ros", "executor"))
+    folder = folder_of(Program("ator_ros", "executor"), where="nodes")
     check_machine(os.environ, ())
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
@@ -172,8 +172,8 @@ def own_nodes() -> Iterator[NodeProcesses]:
         yield nodes
 
 
-def folder_of(program: Program) -> Path:
-    """Return the folder of an executable.
+def folder_of(program: Program, where: str = "servers") -> Path:
+    """Return the folder of an executable; `where` is what asks for it, for messages.
 
     Raises
     ------
@@ -187,12 +187,12 @@ def folder_of(program: Program) -> Path:
         folder = Path(get_package_prefix(name), "lib", name)
     except (PackageNotFoundError, OSError) as error:  # OSError: no workspace is sourced
         raise NodesError(
-            f"servers: expected an installed package, got {name}: source the workspace that it is in"
+            f"{where}: expected an installed package, got {name}: source the workspace that it is in"
         ) from error
     if not os.access(folder / program.executable, os.X_OK):
         there = sorted(file.name for file in folder.glob("*") if os.access(file, os.X_OK))
         raise NodesError(
-            f"servers: expected an executable of {name} (it has {', '.join(there) or 'none'}), "
+            f"{where}: expected an executable of {name} (it has {', '.join(there) or 'none'}), "
             f"got {program.executable}"
         )
     return folder

@@ -113,7 +113,7 @@ class Inputs:
         if now - self._came > GAP * self.slowdown:
             self.since = now
         self._came = now
-        if last is not None and time < last and self._is_late(time, last, now):
+        if last is not None and time < last and self._ignores(time, last, now):
             return None
         self._check_stamp(time, last, most)
         if time != last:
@@ -138,8 +138,8 @@ class Inputs:
         if real >= _PACE_LEAST and stamped > 0.0:
             self.pace = stamped / real
 
-    def _is_late(self, time: float, last: float, now: float) -> bool:
-        """Return whether odometry older than the `last` came late, not after a reset; see `robot`."""
+    def _ignores(self, time: float, last: float, now: float) -> bool:
+        """Count odometry that is older than the `last`; return whether to ignore it, see `robot`."""
         self._older += 1
         if self._older > 1:
             return False

@@ -114,7 +114,7 @@ class VelocityCheck:
 _WINDOW = 0.5
 """Time in s over which the motion of a robot's poses is compared with that of its twist."""
 _LONGEST_STEP = 0.3
-"""Time in s between two messages beyond which the twist does not tell the motion between them."""
+"""Time in s between two messages beyond which the motion between them cannot be derived from the twist."""
 _JUMP = 0.3
 """m or rad by which the motion between two messages may differ from that before; more is a corrected pose."""
 _MOST_OFF = 0.05
@@ -165,7 +165,7 @@ class TwistCheck:
         self._restart()
         sizes = [max(abs(pose), abs(twist)) for pose, twist in pairs]
         if max(sizes) <= _MOST_OFF:
-            return ""  # the robot stands, which shows nothing
+            return ""  # a robot at rest
         off = [
             abs(pose - twist) - _MOST_SHARE * size for (pose, twist), size in zip(pairs, sizes, strict=True)
         ]
@@ -177,6 +177,6 @@ class TwistCheck:
         (pose, twist), unit = pairs[axis], ("m/s", "rad/s")[axis]
         name = ("twist.linear", "twist.angular")[axis]
         return (
-            f"pose and {name} contradict each other: expected about {pose / elapsed:.2f} {unit} as the poses "
-            f"tell, got {twist / elapsed:.2f} {unit}"
+            f"pose and {name} contradict each other: expected about {pose / elapsed:.2f} {unit} from the "
+            f"poses, got {twist / elapsed:.2f} {unit}"
         )

@@ -1,4 +1,4 @@
-"""A base of somebody else for tests: it follows cmd_vel of one type and publishes odometry."""
+"""A base that is not ours, for tests: it follows cmd_vel of one type and publishes odometry."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PERIOD = 0.05
 
 
 class MovingBase:
-    """Drives as it is commanded, at once; starts at the origin.
+    """Follows its commands at once; starts at the origin.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.conversions import odometry_of
 from ator_ros.nodes.qos import SENSOR_DATA
-from ator_ros.world.state import STOP, RobotState
+from ator_ros.world.state import STOP, Command, RobotState
 
 Quirk = Callable[[Odometry, float], None]
 """Changes an odometry message of a robot with a heading (rad)."""
@@ -135,6 +135,6 @@ def test_a_twist_that_contradicts_the_poses_is_named_once(
     base.quirk = twist_in_odom_unsaid
     base.pose = Pose(0.0, 0.0, 2.0)
     node = host("executor", *REMAPPED, **SETTINGS)
-    base._command = base._command.__class__(0.4, 0.3)
+    base.commanded = Command(0.4, 0.3)
     client.eventually(lambda: "contradict each other" in node.output, "a warning")
     assert node.output.count("contradict each other") == 1

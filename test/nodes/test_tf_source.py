@@ -61,7 +61,7 @@ class Base:
         self.silent = self.blocked = False
         self.origin = Pose(0.5, -0.5, 1.0)
         self.cart: Pose | None = None
-        self._command = STOP
+        self.commanded = STOP
         node = client.node
         self._tf = node.create_publisher(TFMessage, "/tf", RESULTS)
         self._static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
@@ -78,7 +78,7 @@ class Base:
         return self.origin.compose(self.pose)
 
     def _hear(self, message: Twist) -> None:
-        self._command = command_from(message, "cmd_vel")
+        self.commanded = command_from(message, "cmd_vel")
 
     def _run(self) -> None:
         while not self._ended.wait(PERIOD):
@@ -92,7 +92,7 @@ class Base:
 
     def _drive(self) -> None:
         self.velocity = (
-            STOP if self.blocked else ramped(self.velocity, self._command, PERIOD, LIMITS, StopBraking())
+            STOP if self.blocked else ramped(self.velocity, self.commanded, PERIOD, LIMITS, StopBraking())
         )
         turned = Pose(self.pose.x, self.pose.y, self.pose.yaw + self.velocity.w * PERIOD / 2.0)
         there = turned.ahead(self.velocity.v * PERIOD)

@@ -37,7 +37,7 @@ def depth_in_goals(places: FloatArray, robot: Robot) -> float:
 
 
 def nearest_to_goals(robot: Robot) -> float:
-    """Return up to which distance in m from the centre along x the robot touches no goal, whatever y, yaw."""
+    """Return the distance in m from the centre along x within which the robot touches no goal."""
     return field_of(robot).walls_begin - robot.reach
 
 

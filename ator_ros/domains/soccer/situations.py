@@ -103,7 +103,7 @@ def go_to_pose(robot: Robot, rng: np.random.Generator, *, time_limit: float = TI
     that the robot holds. A robot without a holder has no ball to approach or to leave, nor has one in a
     domain without a ball.
     """
-    situation = _long_drive(robot, rng, time_limit)
+    situation = _long_drive(robot, rng, time_limit)  # first, so that a scene without room is reported
     start = situation.robot.pose
     short = short_goal(start, rng)
     if short is not None and is_inside(short, robot):
