@@ -1,11 +1,10 @@
 """Record what the product decides, to show that a change of structure changes no decision.
 
-    scripts/run python scripts/golden.py write test/golden      # every part, one file each
+    scripts/run python scripts/golden.py write FOLDER           # every part, one file each
     scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
 
 Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other processors
-round differently: the tests in test/golden compare decisions exactly and numbers to 1e-6, and leave the hashes
-out.
+round differently.
 """
 
 from __future__ import annotations
