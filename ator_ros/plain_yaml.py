@@ -42,7 +42,7 @@ def read_yaml(path: Path, *, largest: int) -> Any:
 
 
 def _in_one_line(error: Exception) -> str:
-    """Return what is wrong, after the line in which it is; PyYAML tells it in several lines."""
+    """Return the number of the line and its problem; the text of PyYAML has several lines."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         return f"line {error.problem_mark.line + 1}: {printable(error.problem, 200)}"
     return printable(" ".join(str(error).split()), 200)

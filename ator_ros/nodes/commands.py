@@ -87,13 +87,13 @@ class CommandPublisher:
         if not strange:
             return ""
         node, kind = next(iter(strange.items()))
-        told = (
+        text = (
             f"{_TOPIC}: the base {node} subscribes to {kind.replace('/msg/', '/')}, "
             f"this node publishes {self.kind.__name__}"
         )
         if kind not in (type_name(Twist), type_name(TwistStamped)):
-            return f"{told}; expected a base that subscribes to Twist or TwistStamped"
-        return f"{told}; set {self._option}{'false' if self._stamped else 'true'}"
+            return f"{text}; expected a base that subscribes to Twist or TwistStamped"
+        return f"{text}; set {self._option}{'false' if self._stamped else 'true'}"
 
     def cause(self) -> str:
         """Return why a base may not follow the commands; empty if nothing is known."""

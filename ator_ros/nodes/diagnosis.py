@@ -123,10 +123,10 @@ class Reception:
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """Who publishes /clock, and for how many real s it has stood; 0 if it advances or is not known."""
+    """The publishers of /clock, and for how many real s it has not advanced; 0 if it advances."""
 
     publishers: tuple[str, ...] = ()
-    stands: float = 0.0
+    stopped: float = 0.0
 
 
 class ClockSampler:
@@ -137,7 +137,7 @@ class ClockSampler:
         self._subscription: Any = None
         self._began = self._advanced = self._last = math.nan
         self._next = -math.inf
-        self._stood = 0.0
+        self._stopped = 0.0
 
     def sample(self, now: float) -> None:
         """Continue a sample, or begin one if it is time; `now` is real time in s."""
@@ -146,16 +146,16 @@ class ClockSampler:
             self._last = math.nan
             self._subscription = self._node.create_subscription(Clock, "/clock", self._take, SENSOR_DATA)
         elif self._subscription is not None:
-            stood = now - self._advanced
-            self._stood = stood if stood >= _SHORTEST_SAMPLE else 0.0
+            stopped = now - self._advanced
+            self._stopped = stopped if stopped >= _SHORTEST_SAMPLE else 0.0
             if now - self._began > _SAMPLE:
                 self._stop()
                 self._next = now + _PAUSE
 
     def reset(self) -> None:
-        """Stop sampling, and forget what was found: odometry arrives."""
+        """Stop sampling and forget the result, as odometry arrives."""
         self._stop()
-        self._next, self._stood = -math.inf, 0.0
+        self._next, self._stopped = -math.inf, 0.0
 
     def _stop(self) -> None:
         if self._subscription is not None:
@@ -168,9 +168,9 @@ class ClockSampler:
             self._last, self._advanced = stamp, time.monotonic()
 
     def facts(self) -> ClockFacts:
-        """Return the publishers of /clock, and for how long it has stood."""
+        """Return the result of the last sample."""
         infos = self._node.get_publishers_info_by_topic("/clock")
-        return ClockFacts(tuple(node_of(info) for info in infos), self._stood)
+        return ClockFacts(tuple(node_of(info) for info in infos), self._stopped)
 
 
 def publishers_of(
@@ -338,7 +338,7 @@ def input_cause(
         return _rejected(name, node, reception, reference)
     if reception.repeats >= _REPEATS:
         return _repeated(name, senders[0], reception, clock)
-    if clock.stands:
+    if clock.stopped:
         return f"{_clock(clock)}: the simulation is paused or has ended"
     if math.isinf(reception.last):
         return f"{name}: {node} publishes it, but sends no messages"
@@ -359,20 +359,20 @@ def _no_sender(topic: TopicFacts) -> str:
 
 def _unconnected(topic: TopicFacts, does: str) -> str:
     """Return that no other node publishes, or subscribes to, a topic, and what to do."""
-    told = f"no node {does} {topic.resolved} in ROS domain {topic.domain}"
+    text = f"no node {does} {topic.resolved} in ROS domain {topic.domain}"
     if not topic.elsewhere:
-        return f"{told}, and there is no other topic of type {_short(topic.type)}: start the base's driver"
+        return f"{text}, and there is no other topic of type {_short(topic.type)}: start the base's driver"
     first = topic.elsewhere[0]
     names = _several(topic.elsewhere)
-    return f"{told}; of type {_short(topic.type)} there is {names}: remap with -r {topic.name}:={first}"
+    return f"{text}; of type {_short(topic.type)} there is {names}: remap with -r {topic.name}:={first}"
 
 
 def _rejected(name: str, node: str, reception: Reception, reference: float) -> str:
     wall = reception.stamp > _WALL
     if math.isfinite(reception.stamp) and math.isfinite(reference) and wall != (reference > _WALL):
         kinds = ("the wall clock", "simulated time") if wall else ("simulated time", "the wall clock")
-        told = f"{name}: {node} stamps with {kinds[0]}, odometry with {kinds[1]}"
-        return f"{told}; set use_sim_time alike for both"
+        text = f"{name}: {node} stamps with {kinds[0]}, odometry with {kinds[1]}"
+        return f"{text}; set use_sim_time alike for both"
     advice = ""
     if isinstance(reception.error, FrameError):
         advice = (
@@ -382,12 +382,12 @@ def _rejected(name: str, node: str, reception: Reception, reference: float) -> s
 
 
 def _repeated(name: str, sender: Endpoint, reception: Reception, clock: ClockFacts) -> str:
-    told = f"{name}: the stamps of {sender.node} stay at {reception.stamp:.2f} s"
+    text = f"{name}: the stamps of {sender.node} stay at {reception.stamp:.2f} s"
     if sender.pauses:
-        return f"{told}: it is paused; call its service pause with data: false"
-    if clock.stands:
-        return f"{told}, {_clock(clock)}: the simulation is paused"
-    return f"{told}: expected stamps that advance; is it paused, or does its driver not set them?"
+        return f"{text}: it is paused; call its service pause with data: false"
+    if clock.stopped:
+        return f"{text}, {_clock(clock)}: the simulation is paused"
+    return f"{text}: expected stamps that advance; is it paused, or does its driver not set them?"
 
 
 def _clock(clock: ClockFacts) -> str:

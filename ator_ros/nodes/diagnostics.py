@@ -135,8 +135,8 @@ class Diagnostics:
             self._node.get_logger().warning("; ".join(new))
         self._strange = strange
         self._log_lasting(health.lasting)
-        told = (text for text in strange if text not in health.lasting)
-        problem = "; ".join(filter(None, (health.lasting, health.problem, *told)))
+        others = (text for text in strange if text not in health.lasting)
+        problem = "; ".join(filter(None, (health.lasting, health.problem, *others)))
         level = DiagnosticStatus.OK
         if problem:
             level = DiagnosticStatus.ERROR if health.error else DiagnosticStatus.WARN

@@ -41,7 +41,7 @@ _LABELS = {"dist": "distance", "turn": "turn", "v": "speed at the start", "speed
 
 
 class Outside(NamedTuple):
-    """What of a step lies outside the experience of its performance model.
+    """A quantity of a step that lies outside the experience of its performance model.
 
     Attributes
     ----------
@@ -61,10 +61,10 @@ class Outside(NamedTuple):
 def outside_experience(
     world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
 ) -> list[Outside]:
-    """Return what of a chain lies outside the experience of the models, in the order of the steps.
+    """Return the quantities of a chain that lie outside the experience of the models, step by step.
 
     Distances, turns and speeds are compared with those at the starts of the episodes that a model was learned
-    from. What a step or the one before it leaves open is left out.
+    from. Variables that a step, or the one before it, leaves open are left out.
     """
     found, opened = [], frozenset[str]()
     situations = chain_situations(world, chain, robot)
@@ -88,7 +88,7 @@ def outside_experience(
 def _quantities(
     direct: Mapping[str, float], robot: Robot, opened: frozenset[str], opens: frozenset[str]
 ) -> Iterator[tuple[str, float, str]]:
-    """Yield name, value and unit of what is fixed of a step between two subgoals with open variables."""
+    """Yield name, value and unit of the quantities of a step that no open variable changes."""
     x, y, yaw = direct["x"], direct["y"], direct["yaw"]
     if not {"x", "y"} & (opened | opens):
         ahead = robot.hold * direct["hold"] if robot.holder is not None else 0.0
@@ -111,7 +111,7 @@ def within_experience(
     """Return `analysis` with the ranges narrowed to the goals that the models were learned with.
 
     A variable of which they know no two values within its range is not free, and none is next to a step whose
-    distance lies outside: its predictions are not relied on.
+    distance lies outside: its predictions are extrapolated.
     """
     free, not_free = [], list(analysis.not_free)
     far = {each.step: each for each in outside if each.name == "dist"}

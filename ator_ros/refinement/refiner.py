@@ -270,7 +270,7 @@ class Refiner:
         )
 
     def _outside(self, world: World, chain: TopChain) -> list[str]:
-        """Return in words what of a chain lies outside the experience of the models."""
+        """Return the remarks on quantities outside the experience of the models."""
         return [each.text for each in outside_experience(world, chain, self.models, self.robot)]
 
     def _left_alone(

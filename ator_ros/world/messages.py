@@ -1,6 +1,6 @@
 """Read ROS messages by their fields, checked and repaired: the one reader of nodes and recordings.
 
-Every function raises MessageError, whose text says where, what was expected and what came. Repairs:
+Every function raises MessageError, whose text names the place, the expected and the actual value. Repairs:
 quaternions of any length are normalized, a leading slash of frames is ignored as tf2 does, and a velocity is
 rotated from the frame that `child_frame_id` names.
 """
@@ -135,8 +135,8 @@ def is_frame(name: str) -> bool:
 def frame(frame_id: str, where: str, *, expected: str) -> None:
     """Raise FrameError unless a frame is the expected one, or empty, which means the same."""
     if plain_frame(frame_id) not in ("", plain_frame(expected)):
-        told = f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}"
-        raise FrameError(told, got=frame_id)
+        text = f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}"
+        raise FrameError(text, got=frame_id)
 
 
 def rotation_from(quaternion: Any, where: str) -> Quaternion:

@@ -52,16 +52,16 @@ def test_a_base_of_the_other_type_is_named_with_the_remedy(
     health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
     MovingBase(client, kind)
     published = {"true": "TwistStamped", "false": "Twist"}[set_to]
-    told = (
+    expected = (
         f"cmd_vel: the base /test_client subscribes to geometry_msgs/{kind.__name__}, this node publishes "
         f"{published}; set stamped_commands:={other}"
     )
     chains = ChainClient(client, commands=kind)
     outcome = chains.send(NEAR).outcome()
     assert outcome.code == Outcome.BASE_FAULT
-    assert told in outcome.reason
-    assert told in node.output
-    client.eventually(lambda: told in health[-1].status[0].message, "diagnostics")
+    assert expected in outcome.reason
+    assert expected in node.output
+    client.eventually(lambda: expected in health[-1].status[0].message, "diagnostics")
 
 
 def test_a_base_that_subscribes_elsewhere_is_named(host: Host, client: Client) -> None:

@@ -179,13 +179,13 @@ def test_one_publisher_of_a_state_is_nothing_to_tell(names: tuple[str, ...]) -> 
 
 
 def test_two_publishers_of_a_state_are_named() -> None:
-    told = rival_senders(node("/simulation", "/b/base"), ("odom", "ball"))
-    assert told == "odom: expected one publisher, got 2: /b/base, /simulation"
+    text = rival_senders(node("/simulation", "/b/base"), ("odom", "ball"))
+    assert text == "odom: expected one publisher, got 2: /b/base, /simulation"
     twins = rival_senders(node("/simulation", "/simulation", topic="ball"), ("odom", "ball"))
     assert twins == "ball: expected one publisher, got 2: /simulation, /simulation"
 
 
 def test_many_publishers_are_told_in_a_short_line() -> None:
-    told = rival_senders(node(*(f"/robot_{number}/base" for number in range(100))), ("odom",))
-    assert "got 100: /robot_0/base" in told
-    assert len(told) < 200
+    text = rival_senders(node(*(f"/robot_{number}/base" for number in range(100))), ("odom",))
+    assert "got 100: /robot_0/base" in text
+    assert len(text) < 200

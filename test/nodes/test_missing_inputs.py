@@ -80,9 +80,9 @@ def test_odometry_that_never_comes(
 
 def test_missing_odometry_is_logged_without_a_goal(host: Host, client: Client) -> None:
     node = host("executor")
-    told = "odom is missing; no node publishes /odom"
-    client.eventually(lambda: told in node.output, "a warning")
-    assert node.output.count(told) == 1
+    expected = "odom is missing; no node publishes /odom"
+    client.eventually(lambda: expected in node.output, "a warning")
+    assert node.output.count(expected) == 1
 
 
 def test_stamps_that_stand_are_named(host: Host, client: Client) -> None:
@@ -133,8 +133,8 @@ def test_an_object_with_stamps_of_another_clock_is_named(host: Host, client: Cli
     client.node.create_timer(0.05, lambda: ball.publish(message))
     outcome = ChainClient(client).send(TO_BALL).outcome()
     assert outcome.code == Outcome.INPUT_LOST
-    told = "ball: /test_client stamps with the wall clock, odometry with simulated time; set use_sim_time"
-    assert told in outcome.reason
+    expected = "ball: /test_client stamps with the wall clock, odometry with simulated time; set use_sim_time"
+    assert expected in outcome.reason
 
 
 @pytest.mark.parametrize("rate", [0.2, 0.1])

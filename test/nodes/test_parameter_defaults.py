@@ -56,8 +56,8 @@ def test_numbers_that_pages_give_of_a_parameter_are_its_default(page: Path) -> N
     }
     text = " ".join(page.read_text(encoding="utf-8").split())
     found = re.findall(r"(half of )?`(\w+)` \((\d+(?:\.\d+)?) s[;,)]", text)
-    told = {(name, float(value) * (2.0 if half else 1.0)) for half, name, value in found if name in numbers}
-    assert told == {(name, numbers[name]) for name, _ in told}
+    given = {(name, float(value) * (2.0 if half else 1.0)) for half, name, value in found if name in numbers}
+    assert given == {(name, numbers[name]) for name, _ in given}
 
 
 def test_the_launch_file_and_the_tools_have_the_same_defaults() -> None:
