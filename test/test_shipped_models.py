@@ -41,7 +41,7 @@ def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
         low, high = accuracy[f"{name}_ci95"]
         assert low < accuracy[name] < high
     assert accuracy["relative_error"] > 0.0
-    assert accuracy["episodes"] >= 400
+    assert accuracy["episodes"] >= 250
     assert training["episodes"] >= 1000
     assert training["seed"] != accuracy["seed"]
     assert len(training["digest"]) == 16
