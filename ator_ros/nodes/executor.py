@@ -56,10 +56,10 @@ class ExecutorNode(FrugalNode):
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
         Results are kept for a minute. A goal begins when odometry has come for a second: a base that was
-        started just then does not receive commands yet. It ends when the robot stands (predicted with `latency`),
-        or 2 s after it was commanded to stop. If a newer goal preempts it, odometry is lost or the node ends,
-        the goal ends with the stop command. Goals outside the fence are refused. A goal is aborted when the
-        base does not follow its commands, or when its path leads out of the fence.
+        started just then does not receive commands yet. It ends when the robot stands (predicted with
+        `latency`), or 2 s after it was commanded to stop. If a newer goal preempts it, odometry is lost or
+        the node ends, the goal ends with the stop command. Goals outside the fence are refused. A goal is
+        aborted when the base does not follow its commands, or when its path leads out of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
         `latency` later, are the time of the control programs. /clock for a second now and then while odometry
