@@ -68,6 +68,7 @@ def kind_of(start: Pose, goal: Pose) -> str:
         ("soccer", "goToPose", {"turn", "short", "at the goal", "long"}),
         ("soccer", "dribbleBall", {"short", "at the goal", "long"}),
         ("tour", "drive_to", {"turn", "short", "at the goal", "long"}),
+        ("drive", "goToPose", {"turn", "short", "at the goal", "long"}),
     ],
 )
 def test_every_domain_draws_turns_and_short_drives(domain: str, action: str, kinds: set[str]) -> None:
