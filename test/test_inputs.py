@@ -293,6 +293,15 @@ def test_neither_jitter_nor_a_pause_makes_real_time_slow() -> None:
     assert both.slowdown == 1.0
 
 
+def test_timeouts_are_not_longer_after_a_long_pause() -> None:
+    both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
+    for tick in range(60):
+        both.robot(1.0 + 0.05 * tick, robot, 7.0 + 0.05 * tick)
+    for tick in range(60, 120):
+        both.robot(1.0 + 0.05 * tick, robot, 17.0 + 0.05 * tick)
+        assert both.slowdown == 1.0
+
+
 def test_a_timeout_counts_from_when_it_is_changed() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.robot(1.0, robot)

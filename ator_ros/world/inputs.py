@@ -130,6 +130,8 @@ class Inputs:
 
     def _measure_pace(self, time: float, now: float) -> None:
         clocks = self._clocks
+        if clocks and time - clocks[-1][1] < 0.5 * (now - clocks[-1][0]) / _SLOWEST:
+            clocks.clear()  # slower than any simulation: it was paused, and has its former pace again
         if not clocks or now - clocks[-1][0] >= _PACE_STEP:
             clocks.append((now, time))
         while len(clocks) > 2 and now - clocks[1][0] >= _PACE_WINDOW:
