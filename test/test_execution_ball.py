@@ -73,7 +73,7 @@ def test_a_ball_that_is_silent_when_its_step_comes_ends_the_goal() -> None:
     run.tick(world(ball=ObjectState(1.0, 0.0)), 100.0)
     for tick in range(1, 5):
         run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
-    assert (run.ending, len(run.records)) == (Ending.INPUT_LOST, 1 + 1)
+    assert (run.ending, len(run.records)) == (Ending.INPUT_LOST, 1)  # of goToPose: goToBall has not begun
 
 
 CARRY = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0)))

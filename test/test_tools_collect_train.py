@@ -67,7 +67,7 @@ def test_collect_leaves_out_what_the_robot_cannot_do(
     robot, file = tmp_path / "plain.yaml", tmp_path / "plain.parquet"
     plain = dataclasses.replace(load_robot(), name="plain", holder=None)
     robot.write_text(yaml.safe_dump(plain.sections()), encoding="utf-8")
-    words = ["--robot", str(robot), "--episodes", "1", "--out", str(file)]
+    words = ["--domain", "soccer", "--robot", str(robot), "--episodes", "1", "--out", str(file)]
     assert collect.main(words) == 0
     assert "collect: without dribbleBall: " in capsys.readouterr().err
     assert set(read_experience(file).frame["action"]) == {"goToPose"}

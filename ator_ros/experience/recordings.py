@@ -57,6 +57,8 @@ class _Recorded:
     records: list[Episode] = field(default_factory=list)
     action_sets: set[str] = field(default_factory=set)
     left_out: int = 0
+    wrong: str = ""
+    """Why a record was left out."""
 
     def take(self, role: str, message: Any, domain: Vocabulary, robot: Robot) -> None:
         """Take a message of a topic that was selected as `role`."""
@@ -72,8 +74,9 @@ class _Recorded:
         """Take an ActionPerformance; one that cannot be used is left out, and counted."""
         try:
             episode = episode_of(message, domain, robot)
-        except MessageError:
+        except MessageError as error:
             self.left_out += 1
+            self.wrong = str(error)
             return
         self.records.append(episode)
         # Older recordings have none.
@@ -151,6 +154,9 @@ def read_recording(
 
 def _nothing(by_robot: Mapping[str, _Recorded], selection: Selection, remarks: Sequence[str]) -> str:
     """Return why a recording holds no episode, and what can be done."""
+    wrong = [recorded.wrong for recorded in by_robot.values() if recorded.wrong]
+    if wrong:
+        return f"{RECORDS}: expected a record that can be used, got none: {wrong[0]}"
     routed = [
         {role for places in selection.routes.values() for space, role in places if space == robot}
         for robot in by_robot

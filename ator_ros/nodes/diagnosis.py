@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.duration import Infinite
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -181,7 +183,7 @@ def publishers_of(
     `known` are other topics that the node subscribes to: they are no candidates for this one.
     """
     infos = node.get_publishers_info_by_topic(topic)
-    others = tuple(_endpoint(node, info, qos_check_compatible(info.qos_profile, qos)) for info in infos)
+    others = tuple(_endpoint(node, info, _compatibility(info.qos_profile, qos)) for info in infos)
     return _facts(node, topic, kind, others, node.count_publishers, known)
 
 
@@ -192,9 +194,23 @@ def subscriptions_of(node: Node, topic: str, kind: type, qos: QoSProfile) -> Top
     """
     infos = node.get_subscriptions_info_by_topic(topic)
     others = tuple(
-        _endpoint(node, info, qos_check_compatible(qos, info.qos_profile)) for info in infos if is_base(info)
+        _endpoint(node, info, _compatibility(qos, info.qos_profile)) for info in infos if is_base(info)
     )
     return _facts(node, topic, kind, others, node.count_subscribers, ())
+
+
+def _compatibility(offered: QoSProfile, requested: QoSProfile) -> tuple[QoSCompatibility, str]:
+    verdict, reason = qos_check_compatible(_with_durations(offered), _with_durations(requested))
+    return verdict, reason
+
+
+def _with_durations(qos: QoSProfile) -> QoSProfile:
+    """Return a copy with default durations as the graph shows them: infinite, where profiles have 0."""
+    copied = copy.copy(qos)
+    for name in ("deadline", "lifespan", "liveliness_lease_duration"):
+        if getattr(copied, name).nanoseconds == 0:
+            setattr(copied, name, Infinite)
+    return copied
 
 
 def _facts(

@@ -6,6 +6,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import Twist
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from ros_client import Client
 
 from ator_ros.nodes.diagnosis import (
     ClockFacts,
@@ -14,8 +17,11 @@ from ator_ros.nodes.diagnosis import (
     TopicFacts,
     input_cause,
     motion_cause,
+    publishers_of,
     rival_senders,
+    subscriptions_of,
 )
+from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 
 ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
 BASE = Endpoint("/base", ODOMETRY)
@@ -189,3 +195,17 @@ def test_many_publishers_are_told_in_a_short_line() -> None:
     text = rival_senders(node(*(f"/robot_{number}/base" for number in range(100))), ("odom",))
     assert "got 100: /robot_0/base" in text
     assert len(text) < 200
+
+
+def test_plain_subscriptions_and_publishers_fit_and_stricter_ones_do_not(client: Client) -> None:
+    """Default durations are 0 in a profile of rclpy, and infinite in the graph."""
+    node, strict = client.node, QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+    client.within(lambda: node.create_subscription(Twist, "plain", print, 10))
+    client.within(lambda: node.create_publisher(Twist, "plain", 10))
+    client.within(lambda: node.create_publisher(Twist, "lossy", SENSOR_DATA))
+    client.eventually(lambda: node.count_publishers("lossy") and node.count_publishers("plain"), "the graph")
+    (base,) = subscriptions_of(node, "plain", Twist, COMMANDS).others
+    (sender,) = publishers_of(node, "plain", Twist).others
+    (lossy,) = publishers_of(node, "lossy", Twist, strict).others
+    assert (base.incompatible, sender.incompatible) == ("", "")
+    assert "reliable" in lossy.incompatible

@@ -136,7 +136,9 @@ def test_a_tracked_object_is_waited_for_and_used(hall: Hall) -> None:
     server, there = hall.serve(), Pose(1.0, 0.5, 0.0)
     hall.client.eventually(
         lambda: any(
-            "cart: expected on its topic" in status.message for each in heard for status in each.status
+            "cart: expected recent messages; tracked_cart: " in status.message
+            for each in heard
+            for status in each.status
         ),
         "diagnostics of the missing cart",
     )

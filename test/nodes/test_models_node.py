@@ -113,7 +113,7 @@ def test_a_robot_without_a_holder_does_what_needs_none(
     file.write_text(yaml.safe_dump(robot.sections()), encoding="utf-8")
     for action in ("dribbleBall", "shoot"):  # of which `study` learns nothing for such a robot
         (models / f"{action}.json").unlink()
-    output = host(name, robot=file, models=models).output
+    output = host(name, domain="soccer", robot=file, models=models).output
     assert told in output
     assert ("dribbleBall needs a holder; robot plain has none" in output) is (name == "executor")
     assert "goToPose needs" not in output

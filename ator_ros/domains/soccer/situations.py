@@ -133,8 +133,9 @@ def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Si
 def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a drive to a pose clear of the ball that the robot holds at the start."""
     state, ball = _holding(robot, robot.pose_holding(random_pose(robot, rng)), 0.0)
-    nearest = ball_clearance(robot)
-    there = pose_within(robot, rng, Pose(ball.x, ball.y, 0.0), nearest, farthest(robot, ALONE, nearest))
+    nearest, held = ball_clearance(robot), Pose(ball.x, ball.y, 0.0)
+    most = farthest(robot, ALONE, nearest) - held.distance(state.pose)  # of the axle
+    there = pose_within(robot, rng, held, nearest, most)
     return Situation("goToPose", state, objects_of(ball), Goal(there, 0.0, Point.AXLE))
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from ator_ros.actions.base import Point
 from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.actions.specification import Sampler
 from ator_ros.domains.measurements import PaperRun
@@ -38,7 +39,7 @@ def at_rest(sample: Sampler, robot: Robot, rng: np.random.Generator) -> Situatio
     """Draw a situation as the paper's: at rest at both ends, the ball at the goal of goToPose or held."""
     drawn = drawn_until(
         lambda: sample(robot, rng),
-        lambda one: bool(one.objects),
+        lambda one: bool(one.objects) and one.goal.point is Point.HOLD,
         lambda: f"expected a situation with a ball for robot {robot.name}",
     )
     resting = {name: ObjectState(there.x, there.y) for name, there in drawn.objects.items()}
