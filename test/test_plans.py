@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import pytest
 
 from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
 from ator_ros.planning.enumeration import plans_of
 from ator_ros.planning.errors import PlanningError
@@ -39,9 +40,14 @@ def situation(*, robot: Pose = START, ball: tuple[float, float] | None = (0.0, 0
 
 
 def planned(
-    wishes: Sequence[Wish], world: World, *, domain: Domain = SOCCER, robot: Robot = ROBOT
+    wishes: Sequence[Wish],
+    world: World,
+    *,
+    domain: Domain = SOCCER,
+    robot: Robot = ROBOT,
+    fence: Fence | None = None,
 ) -> list[TopChain]:
-    return chains_for(wishes, world, domain.library(robot), domain.objects, search)
+    return chains_for(wishes, world, domain.library(robot), domain.objects, search, fence)
 
 
 def tops(chains: Sequence[TopChain]) -> set[tuple[str, ...]]:
@@ -111,7 +117,10 @@ def test_statements_are_brought_about(statements: tuple[str, ...], steps: set[tu
         (("ball.vx=1:0:1",), "no TOP achieves ball.vx 0 to 1 of 1"),
         (("robot.v=0.5:0:0.1",), "no TOP achieves robot.v 0 to 0.1 of 0.5"),
         (("cup.x=1",), "expected one of robot.x, "),
-        (("ball.x=99",), "ball.x: expected a place on the scene's floor, from -5 to 5 m, got 99"),
+        (
+            ("ball.x=99",),
+            "chain.calls[1].goal (dribbleBall): expected a place for the robot inside the fence (x",
+        ),
         (("ball.x=1", "ball.x=2"), "expected each variable once, ball.x come twice"),
     ],
 )
@@ -127,11 +136,24 @@ def test_an_unknown_object_is_named() -> None:
         planned(IN_GOAL, situation(ball=None))
 
 
-def test_what_is_off_the_floor_is_named() -> None:
-    with pytest.raises(PlanningError, match="goToBall needs the ball, which is off the scene's floor"):
-        planned(IN_GOAL, situation(ball=(9.0, 0.0)))
-    with pytest.raises(PlanningError, match=r"robot on the scene's floor, got one at \(0, 8\) m"):
-        planned(IN_GOAL, situation(robot=Pose(0.0, 8.0, 0.0)))
+def test_only_the_fence_bounds_plans() -> None:
+    there = situation(robot=Pose(0.0, 8.0, 0.0), ball=(9.0, 0.0))
+    with pytest.raises(PlanningError, match=r"^chain\.calls\[0\]\.goal \(goToBall\): .*inside the fence"):
+        planned(IN_GOAL, there)
+    with pytest.raises(PlanningError, match=r"inside the fence .* got the axle at x 12\.00 m"):
+        planned(said("robot.x=12", "robot.y=0"), there)
+    wide = Fence(-20.0, -20.0, 20.0, 20.0)
+    assert tops(planned(said("robot.x=12", "robot.y=0"), there, fence=wide)) == {("goToPose",)}
+    assert planned(IN_GOAL, there, fence=wide)
+    assert tops(planned(said("robot.x=1", "robot.y=0"), there)) == {("goToPose",)}  # it may drive in
+
+
+def test_places_are_looked_for_inside_a_narrow_fence() -> None:
+    world, narrow = situation(ball=(0.0, 1.5)), Fence(-4.0, 1.0, 4.0, 3.0)
+    places = [planned(IN_GOAL, world, fence=fence)[0].calls[1].goal.pose.y for fence in (None, narrow)]
+    assert places[0] < 1.0 < places[1]
+    with pytest.raises(PlanningError, match="expected a place for it in the area, found none"):
+        planned(IN_GOAL, situation(), fence=Fence(-4.0, -2.0, 1.6, 2.0))
 
 
 def test_without_a_holder_the_condition_that_is_missing_is_named() -> None:
@@ -194,6 +216,11 @@ def test_a_process_plans_as_this_one_does_and_is_ended_when_it_takes_too_long() 
         assert process._process is None
     finally:
         process.close()
+    fenced = PlanProcess("soccer", "", time_limit=60.0, fence=Fence(-20.0, -20.0, 20.0, 20.0))
+    try:
+        assert tops(fenced.chains(said("robot.x=12", "robot.y=0"), situation(), library)) == {("goToPose",)}
+    finally:
+        fenced.close()
     with pytest.raises(PlanningError, match="the node ends"):
         process.chains(IN_GOAL, situation(), library)
 

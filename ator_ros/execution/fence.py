@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.robot.ramp import clip, stopping_way
 from ator_ros.tops.chain import TopCall, TopChain
@@ -29,6 +30,10 @@ def room_inside(robot: Robot) -> float:
     follows a command, which is sent once in CONTROL_PERIOD: odometry's rate is not known yet.
     """
     return _OFF_THE_WAY + robot.limits.v * (CONTROL_PERIOD + robot.motor_time_constant)
+
+
+def _stop_room(speed: float, robot: Robot) -> float:
+    return max(stopping_way(speed, robot.stop), speed**2 / (2.0 * robot.limits.brake))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +65,27 @@ class Fence:
         if not (fence.x_min < fence.x_max and fence.y_min < fence.y_max):
             raise ValueError(f"expected least x, least y, greatest x, greatest y in m, got {list(edges)}")
         return fence
+
+    def part_of(
+        self, edges: tuple[float, float, float, float], robot: Robot, point: Point, speed: float = 0.0
+    ) -> tuple[float, float, float, float]:
+        """Return the part of a rectangle where goals of `point` at up to `speed` m/s do not lead out.
+
+        The fence around the area leaves the rectangle as it is; without such a part the fence counts alone.
+
+        Parameters
+        ----------
+        edges : tuple of float
+            x_min, y_min, x_max, y_max in m.
+        """
+        if self == Fence.around(robot):
+            return edges
+        held = robot.hold_point(Pose(0.0, 0.0, 0.0)).x if point is Point.HOLD else 0.0
+        room = room_inside(robot) + _stop_room(speed, robot) + held
+        inner = self.x_min + room, self.y_min + room, self.x_max - room, self.y_max - room
+        x_min, y_min = max(edges[0], inner[0]), max(edges[1], inner[1])
+        x_max, y_max = min(edges[2], inner[2]), min(edges[3], inner[3])
+        return (x_min, y_min, x_max, y_max) if x_min <= x_max and y_min <= y_max else inner
 
     def outside(self, x: float, y: float) -> float:
         """Return the distance in m from (x, y) in m to the area; 0 inside."""
@@ -97,7 +123,7 @@ class Fence:
     def _has_room(self, goal: Goal, robot: Robot) -> bool:
         """Return whether the robot can arrive at `goal` and stop from its speed `room_inside` the edge."""
         x, y, yaw = goal.robot_pose(robot)
-        way = max(stopping_way(goal.speed, robot.stop), goal.speed**2 / (2.0 * robot.limits.brake))
+        way = _stop_room(goal.speed, robot)
         room = room_inside(robot)
         inner = Fence(self.x_min + room, self.y_min + room, self.x_max - room, self.y_max - room)
         places = [(x, y), (x + way * math.cos(yaw), y + way * math.sin(yaw))]

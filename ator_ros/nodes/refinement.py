@@ -127,7 +127,8 @@ class RefinementNode(FrugalNode):
             time.monotonic, deadline=self._settings["deadline"], most=self._settings["most_requests"]
         )
         self._service = DeferredService(self, RefineSubgoal, "refine_subgoal", self._begin, work=self._work)
-        process = PlanProcess(self._settings["domain"], self._settings["robot"], time_limit=_PLANNING)
+        names = self._settings["domain"], self._settings["robot"]
+        process = PlanProcess(*names, time_limit=_PLANNING, fence=self._fence)
         self._plans = PlanService(self, domain, self._libraries, process, frame=self._settings["frame"])
         self._go_on = self.create_guard_condition(self._work)
         answers = Pace(time.monotonic, rate=_ANSWERS_PER_SECOND, at_once=1)

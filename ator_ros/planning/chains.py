@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import with_values
+from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
 from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.facts import resolved
@@ -18,8 +19,8 @@ from ator_ros.tops.state import state_of
 from ator_ros.world.state import World
 
 
-def chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary) -> TopChain:
-    """Return the chain of a plan's steps.
+def chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary, fence: Fence) -> TopChain:
+    """Return the chain of a plan's steps, with places inside the scene's area and the fence.
 
     Raises
     ------
@@ -28,20 +29,21 @@ def chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary) ->
     """
     calls: list[TopCall] = []
     for number, step in enumerate(steps, start=1):
-        call = _call(step, world, library, last=number == len(steps))
+        call = _call(step, world, library, fence, last=number == len(steps))
         calls.append(call)
         world = projected(world, call, library.robot)
     return TopChain(tuple(calls))
 
 
-def _call(step: PlannedStep, world: World, library: TopLibrary, *, last: bool) -> TopCall:
+def _call(step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *, last: bool) -> TopCall:
     robot, state = library.robot, state_of(world, library.robot)
     known = resolved(dict(step.binding), state)
     goal = library.goal(step.top, world.robot.pose)
     at = robot.hold_point(world.robot.pose) if step.top.point is Point.HOLD else world.robot.pose
     place = {"x": at.x, "y": at.y, **{name: known[name] for name in "xy" if name in known}}
     if step.region:
-        found = place_in(step.region, step.top, state, robot)
+        edges = fence.part_of(robot.scene.area.lines, robot, step.top.point)
+        found = place_in(step.region, step.top, state, edges)
         if found is None:
             raise PlanningError(f"{step.top.name}: expected a place for it in the area, found none")
         place = {"x": found[0], "y": found[1]}

@@ -10,7 +10,6 @@ import numpy as np
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.planning.facts import Fact, placed_thing, resolved
 from ator_ros.planning.values import reach_about
-from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Statement, lookup
 from ator_ros.tops.state import State
 from ator_ros.tops.top import Top
@@ -22,7 +21,9 @@ _LEAST_WAY = 0.5
 """Distance in m from where a thing lies below which no place is looked for: so short a way is no step."""
 
 
-def place_in(region: Sequence[Fact], top: Top, state: State, robot: Robot) -> tuple[float, float] | None:
+def place_in(
+    region: Sequence[Fact], top: Top, state: State, edges: tuple[float, float, float, float]
+) -> tuple[float, float] | None:
     """Return the place (m) in a region that is nearest to where its thing lies; None where there is none.
 
     Parameters
@@ -31,12 +32,12 @@ def place_in(region: Sequence[Fact], top: Top, state: State, robot: Robot) -> tu
         What must hold there.
     top : Top
         The TOP that brings the thing there: the place keeps the distance that it may miss by, where it can.
-    state, robot
-        Where everything is before, and the scene's area.
+    state, edges
+        Where everything is before, and where to look: x_min, y_min, x_max, y_max in m.
     """
     thing = placed_thing(region[0].said)
     goal = resolved(dict(region[0].binding), state)
-    places = _candidates(robot, goal)
+    places = _candidates(edges, goal)
     there = {**state, f"{thing}.x": places[:, 0], f"{thing}.y": places[:, 1]}
     clearance = np.min([_clearance(fact, there, state) for fact in region], axis=0)
     for room in (top.place_tolerance, 0.0):
@@ -47,9 +48,9 @@ def place_in(region: Sequence[Fact], top: Top, state: State, robot: Robot) -> tu
     return None
 
 
-def _candidates(robot: Robot, goal: Mapping[str, float]) -> FloatArray:
-    """Return places in the scene's area, shape (n, 2), and the goal itself."""
-    x_min, y_min, x_max, y_max = robot.scene.area.lines
+def _candidates(edges: tuple[float, float, float, float], goal: Mapping[str, float]) -> FloatArray:
+    """Return places inside the edges, shape (n, 2), and the goal itself."""
+    x_min, y_min, x_max, y_max = edges
     spacing = max(_SPACING, (x_max - x_min) / _MOST_STEPS, (y_max - y_min) / _MOST_STEPS)
     xs = np.arange(x_min, x_max + spacing / 2, spacing)
     ys = np.arange(y_min, y_max + spacing / 2, spacing)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from ator_ros.execution.fence import Fence
 from ator_ros.planning.chains import chain_of
 from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.explanation import why_unreachable
@@ -12,12 +13,12 @@ from ator_ros.planning.facts import Fact
 from ator_ros.planning.operators import steps_for
 from ator_ros.planning.posed import Posed, posed
 from ator_ros.planning.symbolic import Plan, SymbolicProblem
-from ator_ros.planning.wanted import Wish, check_on_floor, checked, facts_of, known_variables
+from ator_ros.planning.wanted import Wish, checked, facts_of, known_variables
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.tops.driving import driving_top
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import missing_object, objects_in
+from ator_ros.tops.objects import missing_object
 from ator_ros.tops.state import state_of
 from ator_ros.tops.top import Top
 from ator_ros.world.state import World
@@ -45,6 +46,8 @@ class PlanningTask:
         The problem for an engine.
     left_out : tuple of str
         Why TOPs of the library are not used.
+    fence : Fence
+        Where the chains may lead.
     """
 
     world: World
@@ -52,6 +55,7 @@ class PlanningTask:
     wanted: tuple[Fact, ...]
     posed: Posed
     left_out: tuple[str, ...]
+    fence: Fence
 
     @property
     def holds(self) -> bool:
@@ -86,7 +90,9 @@ class PlanningTask:
         names = ", ".join(step.top.name for step in steps)
         if len(steps) > LONGEST_CHAIN:
             raise PlanningError(f"plan of {len(steps)} steps: expected at most {LONGEST_CHAIN}")
-        chain = chain_of(steps, self.world, self.library)
+        chain = chain_of(steps, self.world, self.library, self.fence)
+        if out := self.fence.violation(chain, self.library.robot):
+            raise PlanningError(out)
         world, robot = self.world, self.library.robot
         reasons = chain.violations(world, robot)
         for call in chain.calls:
@@ -99,7 +105,11 @@ class PlanningTask:
 
 
 def task_for(
-    wishes: Sequence[Wish], world: World, library: TopLibrary, objects: Sequence[str]
+    wishes: Sequence[Wish],
+    world: World,
+    library: TopLibrary,
+    objects: Sequence[str],
+    fence: Fence | None = None,
 ) -> PlanningTask:
     """Return the planning task of a goal.
 
@@ -111,20 +121,16 @@ def task_for(
         The situation, and the TOPs to plan with.
     objects : sequence of str
         Names of the objects that the domain knows.
+    fence : Fence, optional
+        Where the chains may lead; by default around the scene's area.
 
     Raises
     ------
     PlanningError
-        The goal names what there is not, the robot is off the scene's floor, or the problem is too large.
+        The goal names what there is not, or the problem is too large.
     """
     robot = library.robot
-    at = world.robot.pose
-    if not robot.scene.area.has_floor(at.x, at.y):
-        raise PlanningError(
-            f"situation: expected a robot on the scene's floor, got one at ({at.x:g}, {at.y:g}) m"
-        )
     checked(wishes, known_variables(objects, holder=robot.holder is not None))
-    check_on_floor(wishes, robot)
     unfit = {top.name: why for top in library.values() if (why := _unfit(top, world, library))}
     unfit |= library.left_out
     tops = [top for top in library.values() if top.name not in unfit]
@@ -133,7 +139,8 @@ def task_for(
     if driving is not None and driving.name in unfit:
         driving = None
     problem = posed(wanted, steps_for(wanted, tops), driving, world, robot)
-    return PlanningTask(world, library, tuple(wanted), problem, tuple(unfit.values()))
+    fence = fence or Fence.around(robot)
+    return PlanningTask(world, library, tuple(wanted), problem, tuple(unfit.values()), fence)
 
 
 def _unfit(top: Top, world: World, library: TopLibrary) -> str | None:
@@ -142,22 +149,22 @@ def _unfit(top: Top, world: World, library: TopLibrary) -> str | None:
         return why
     if missing := missing_object(top, world):
         return f"{top.name} needs the {missing}, which is unknown"
-    area = library.robot.scene.area
-    for name in objects_in(top):
-        there = world.objects[name]
-        if not area.has_floor(there.x, there.y):
-            return f"{top.name} needs the {name}, which is off the scene's floor"
     return None
 
 
 def chains_for(
-    wishes: Sequence[Wish], world: World, library: TopLibrary, objects: Sequence[str], search: Search
+    wishes: Sequence[Wish],
+    world: World,
+    library: TopLibrary,
+    objects: Sequence[str],
+    search: Search,
+    fence: Fence | None = None,
 ) -> list[TopChain]:
     """Return chains for a goal, those with fewest steps first; none where it holds already.
 
     Parameters
     ----------
-    wishes, world, library, objects
+    wishes, world, library, objects, fence
         See `task_for`.
     search : callable
         The engine; `ator_ros.planning.search` has one.
@@ -165,9 +172,9 @@ def chains_for(
     Raises
     ------
     PlanningError
-        There is no plan, or the goal cannot be used.
+        There is no plan inside the fence, or the goal cannot be used.
     """
-    task = task_for(wishes, world, library, objects)
+    task = task_for(wishes, world, library, objects, fence)
     if task.holds:
         return []
     return task.chains(search(task.posed.problem, _MOST_PLANS))

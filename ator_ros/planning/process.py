@@ -6,6 +6,7 @@ is started by the first request. One that takes too long is killed, whatever it 
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import select
@@ -15,6 +16,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from ator_ros.execution.fence import Fence
 from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.exchange import Json, asked, chain_from, read, written
 from ator_ros.planning.wanted import Wish
@@ -35,12 +37,15 @@ class PlanProcess:
     ----------
     domain, robot : str
         As the parameters of nodes: a name or a file.
+    fence : Fence, optional
+        Where the chains may lead; by default around the scene's area.
     time_limit : float
         Real time in s that a request may take.
     """
 
-    def __init__(self, domain: str, robot: str, *, time_limit: float) -> None:
-        self._told, self._limit = json.dumps([domain, robot]), time_limit
+    def __init__(self, domain: str, robot: str, *, time_limit: float, fence: Fence | None = None) -> None:
+        edges = None if fence is None else dataclasses.astuple(fence)
+        self._told, self._limit = json.dumps([domain, robot, edges]), time_limit
         self._process: subprocess.Popen[bytes] | None = None
         self._closed = False
 
@@ -139,9 +144,10 @@ def main() -> None:
     except ImportError as error:
         tell({"refused": f"planning needs unified-planning and up-pyperplan: {error}"})
         return
-    name, robot_file = json.loads(sys.argv[1])
+    name, robot_file, edges = json.loads(sys.argv[1])
     domain = domain_for(name, robot_file)
     robot = domain.robot(robot_file or None)
+    fence = None if edges is None else Fence(*edges)
     engine.warm_up()
     tell({"ready": True})
     for line in sys.stdin:
@@ -149,13 +155,8 @@ def main() -> None:
         library = domain.library(robot, request["action_set"])
         wishes, world = read(request)
         try:
-            tell(
-                {
-                    "chains": [
-                        written(chain) for chain in chains_for(wishes, world, library, domain.objects, search)
-                    ]
-                }
-            )
+            found = chains_for(wishes, world, library, domain.objects, search, fence)
+            tell({"chains": [written(chain) for chain in found]})
         except PlanningError as error:
             tell({"refused": str(error)})
 

@@ -11,7 +11,6 @@ from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.facts import Fact
 from ator_ros.planning.values import Symbol, Value, after, difference
 from ator_ros.printable import quoted
-from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Region, Statement
 from ator_ros.tops.top import Top
 
@@ -56,25 +55,6 @@ def checked(wishes: Sequence[Wish], known: Sequence[str]) -> None:
     names = [wish.variable for wish in wishes]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PlanningError(f"goal: expected each variable once, {', '.join(twice)} come twice")
-
-
-def check_on_floor(wishes: Sequence[Wish], robot: Robot) -> None:
-    """Make sure that places which are wished for lie on the floor of the robot's scene.
-
-    Raises
-    ------
-    PlanningError
-        One doesn't.
-    """
-    x_min, y_min, x_max, y_max = robot.scene.area.floor
-    floor = {"x": (x_min, x_max), "y": (y_min, y_max)}
-    for wish in wishes:
-        low, high = floor.get(wish.variable.rpartition(".")[2], (-math.inf, math.inf))
-        if not isinstance(wish.target, str) and not low <= wish.target <= high:
-            raise PlanningError(
-                f"goal: {wish.variable}: expected a place on the scene's floor, from {low:.10g} to "
-                f"{high:.10g} m, got {wish.target:.10g}"
-            )
 
 
 def facts_of(wishes: Sequence[Wish], tops: Sequence[Top]) -> list[Fact]:
