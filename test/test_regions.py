@@ -24,6 +24,7 @@ from refinement_fakes import (
 )
 
 from ator_ros.domains.soccer.tops import SHOOT
+from ator_ros.execution.fence import Fence
 from ator_ros.refinement import sampled
 from ator_ros.refinement.free_variables import names_of
 from ator_ros.refinement.refiner import Refiner
@@ -146,6 +147,22 @@ class TestFreePlace:
         assert answer.chain.violations(world(), ROBOT) == []
         assert answer.after.cost < fixed.after.cost - 0.1
         assert answer.chain.calls[0].goal.pose[:2] == (0.0, 0.0)
+
+    def test_a_place_is_chosen_inside_the_fence(self) -> None:
+        def answer(fence: Fence) -> TopChain:
+            refiner = Refiner(ROBOT, models(), ranges=fence.narrowed(LIBRARY.ranges, ROBOT))
+            return refiner.refine(world(), shot()).chain
+
+        usual = answer(Fence.around(ROBOT))
+        assert usual == self.refiner.refine(world(), shot()).chain
+        place = usual.calls[1].goal.pose
+        narrow = Fence(-4.0, place.y - 0.1, 4.0, 3.0)
+        assert narrow.leads_out(usual.calls[1], ROBOT)
+        inside = answer(narrow).calls[1]
+        assert inside.goal.pose != shot().calls[1].goal.pose
+        assert not narrow.leads_out(inside, ROBOT)
+        elsewhere = answer(Fence(10.0, 10.0, 20.0, 20.0)).calls[1]
+        assert elsewhere.goal.pose[:2] == shot().calls[1].goal.pose[:2]
 
     def test_what_does_not_decide_on_the_region_is_searched_as_before(self) -> None:
         analysis, regions = self.refiner.bounded(world(), shot(BOTH))

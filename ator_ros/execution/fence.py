@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.robot.ramp import clip, stopping_way
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
+from ator_ros.tops.ranges import Range, RangeOf, Ranges
 from ator_ros.world.state import CONTROL_PERIOD, RobotState, World
 
 _DOUBT = 0.3
@@ -34,6 +36,30 @@ def room_inside(robot: Robot) -> float:
 
 def _stop_room(speed: float, robot: Robot) -> float:
     return max(stopping_way(speed, robot.stop), speed**2 / (2.0 * robot.limits.brake))
+
+
+def _room(robot: Robot, point: Point, speed: float = 0.0) -> float:
+    """Return the distance in m from the edge at which no goal of `point`, at any heading, leads out."""
+    held = robot.hold_point(Pose(0.0, 0.0, 0.0)).x if point is Point.HOLD else 0.0
+    return room_inside(robot) + _stop_room(speed, robot) + held
+
+
+def _inside(
+    name: str,
+    places: RangeOf,
+    speeds: RangeOf | None,
+    edges: tuple[float, float],
+    robot: Robot,
+    goal: Goal,
+) -> Range:
+    """Return the range of `places` as far as it lies between two edges of a fence."""
+    usual, speed = places(robot, goal), goal.speed if speeds is None else speeds(robot, goal).high
+    room = _room(robot, goal.point, speed)
+    low, high = max(usual.low, edges[0] + room), min(usual.high, edges[1] - room)
+    if low <= high:
+        return dataclasses.replace(usual, low=low, high=high)
+    here = getattr(goal.pose, name)
+    return dataclasses.replace(usual, low=here, high=here, steps=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +93,9 @@ class Fence:
         return fence
 
     def part_of(
-        self, edges: tuple[float, float, float, float], robot: Robot, point: Point, speed: float = 0.0
+        self, edges: tuple[float, float, float, float], robot: Robot, point: Point
     ) -> tuple[float, float, float, float]:
-        """Return the part of a rectangle where goals of `point` at up to `speed` m/s do not lead out.
+        """Return the part of a rectangle where goals of `point` do not lead out.
 
         The fence around the area leaves the rectangle as it is; without such a part the fence counts alone.
 
@@ -80,12 +106,26 @@ class Fence:
         """
         if self == Fence.around(robot):
             return edges
-        held = robot.hold_point(Pose(0.0, 0.0, 0.0)).x if point is Point.HOLD else 0.0
-        room = room_inside(robot) + _stop_room(speed, robot) + held
+        room = _room(robot, point)
         inner = self.x_min + room, self.y_min + room, self.x_max - room, self.y_max - room
         x_min, y_min = max(edges[0], inner[0]), max(edges[1], inner[1])
         x_max, y_max = min(edges[2], inner[2]), min(edges[3], inner[3])
         return (x_min, y_min, x_max, y_max) if x_min <= x_max and y_min <= y_max else inner
+
+    def narrowed(self, ranges: Ranges, robot: Robot) -> Ranges:
+        """Return ranges of goal variables whose places, at all their speeds, do not lead out.
+
+        The fence around the area changes none. A place that would have no values left stays as it is.
+        """
+        if self == Fence.around(robot):
+            return ranges
+        speeds, edges = ranges.get("speed"), {"x": (self.x_min, self.x_max), "y": (self.y_min, self.y_max)}
+        inside = {
+            name: functools.partial(_inside, name, ranges[name], speeds, bounds)
+            for name, bounds in edges.items()
+            if name in ranges
+        }
+        return {**ranges, **inside}
 
     def outside(self, x: float, y: float) -> float:
         """Return the distance in m from (x, y) in m to the area; 0 inside."""

@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
+from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse, rehearse_predictions, rehearse_refinement
 from ator_ros.nodes.learned_sets import LearnedSets
@@ -75,11 +76,18 @@ def rehearsed_predictors(
 
 
 def load_refiners(
-    node: Node, domain: Domain, libraries: Libraries, folder: str, *, gated: bool, failure_cost: float
+    node: Node,
+    domain: Domain,
+    libraries: Libraries,
+    folder: str,
+    *,
+    fence: Fence,
+    gated: bool,
+    failure_cost: float,
 ) -> Refiners:
     """Read models and gate in `folder` ("": those that ship) of every action set; log what is wrong.
 
-    A failure costs `failure_cost` (s) where a request does not say.
+    Places are searched inside the `fence`. A failure costs `failure_cost` (s) where a request does not say.
     """
     models, refiners = {}, {}
     for name, library in libraries.items():
@@ -90,7 +98,7 @@ def load_refiners(
                 library.robot,
                 read.models,
                 gate,
-                ranges=domain.ranges,
+                ranges=fence.narrowed(domain.ranges, library.robot),
                 calibration=read.calibration,
                 failure_cost=failure_cost,
             )

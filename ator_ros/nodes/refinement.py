@@ -146,7 +146,8 @@ class RefinementNode(FrugalNode):
 
     def _load(self, folder: str) -> Refiners:
         gated, cost = self._settings["gate"], self._failure_cost(self._settings)
-        return load_refiners(self, self._domain, self._libraries, folder, gated=gated, failure_cost=cost)
+        where = self._domain, self._libraries, folder
+        return load_refiners(self, *where, fence=self._fence, gated=gated, failure_cost=cost)
 
     def _failure_cost(self, settings: Mapping[str, Any]) -> float:
         """Return the time in s that a failure costs where a request does not say."""
