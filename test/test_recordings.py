@@ -230,7 +230,31 @@ def test_records_that_no_executor_makes_are_left_out(
     assert experience.metadata["records_left_out"] == len(bad)
     assert len(experience.of("goToPose")) == len(good) + 1
     assert train.main([str(tmp_path / "bag"), "--models", str(tmp_path / "models")]) == 0
-    assert f"train: left out {len(bad)} records that cannot be used" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"train: left out {len(bad)} records that cannot be used" in said
+    assert (
+        f"train: bag: left out {len(bad)} of {len(good) + 1 + len(bad)} records: call.top: expected" in said
+    )
+
+
+def test_a_base_that_is_faster_than_described_keeps_its_records(tmp_path: Path) -> None:
+    """Over 2.5 m and more in the time that a robot at 2.4 times the described limit takes."""
+    store, limit = own_types(), ROBOT.limits.v
+    records = [
+        action_performance(
+            store,
+            goal=Pose(4.0, 0.0, 0.0),
+            speed=0.0,
+            code=1,
+            start=(x, 0.0),
+            duration=(4.0 - x) / (2.4 * limit),
+        )
+        for x in (-3.0, -1.0, 1.5)
+    ]
+    write_records(tmp_path / "bag", store, records)
+    experience = read_recording(tmp_path / "bag", ROBOT, SOCCER)
+    assert len(experience.of("goToPose")) == len(records)
+    assert not experience.remarks
 
 
 def action_performance(

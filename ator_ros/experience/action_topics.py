@@ -8,7 +8,7 @@ accepted and when it ended is in ``NAME/_action/status`` too.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +23,7 @@ from ator_ros.experience.records import fault_of
 from ator_ros.experience.streams import Track
 from ator_ros.experience.vocabulary import Vocabulary
 from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
 from ator_ros.tops.outcome import failure, shortfall, unmet
 from ator_ros.tops.top import Top
@@ -58,7 +59,21 @@ class ActionTopics:
         self._domain = domain
         self._executions: dict[tuple[str, bytes], _Execution] = defaultdict(_Execution)
         self._pending: dict[tuple[str, str, bytes, int], bytes] = {}
-        self.left_out = 0
+        self._taken: Counter[str] = Counter()
+        self._left_out: Counter[str] = Counter()
+        self._reasons: dict[str, str] = {}
+
+    @property
+    def left_out(self) -> int:
+        """Number of goals that cannot be used."""
+        return self._left_out.total()
+
+    def left_out_lines(self) -> list[str]:
+        """Return a line for each server of whose goals some were left out, with the first reason."""
+        return [
+            f"left out {count} of {self._taken[server]} goals of {server}: {self._reasons[server]}"
+            for server, count in self._left_out.items()
+        ]
 
     def take(self, topic: str, message: Any, now: float, stretch: int) -> None:
         """Take a message of one of `topics_of`, which came at `now` s of odometry in a numbered stretch."""
@@ -106,29 +121,39 @@ class ActionTopics:
             track = tracks[execution.stretch] if execution.stretch >= 0 else None
             if execution.goal is None or math.isnan(execution.begun) or math.isnan(execution.ended):
                 continue  # it began before the recording did, or ended after it
-            if track is None or execution.ended <= execution.begun:
-                self.left_out += 1
-                continue
-            try:
-                episode = self._episode(server, execution, track, robot, frame)
-            except (AttributeError, TypeError, ValueError):  # another type of action than declared
-                episode = None
-            if episode is None:
-                self.left_out += 1
+            self._taken[server] += 1
+            found = self._read(server, execution, track, robot, frame)
+            if isinstance(found, Episode):
+                yield found
             else:
-                yield episode
+                self._left_out[server] += 1
+                self._reasons.setdefault(server, printable(found, 200))
+
+    def _read(
+        self, server: str, execution: _Execution, track: Track | None, robot: Robot, frame: str
+    ) -> Episode | str:
+        """Return the episode, or why it is left out."""
+        if track is None or execution.ended <= execution.begun:
+            return "expected odometry from its start to its end, got a gap or a reset"
+        try:
+            return self._episode(server, execution, track, robot, frame)
+        except (AttributeError, TypeError, ValueError) as error:  # another type of action than declared
+            return f"expected goal and result as the domain declares: {error}"
 
     def _episode(
         self, server: str, execution: _Execution, track: Track, robot: Robot, frame: str
-    ) -> Episode | None:
-        """Return the episode; None if it was broken off, is not known enough, or cannot be used."""
+    ) -> Episode | str:
+        """Return the episode, or why it is left out."""
         action, call = self._action_of(server, execution.goal)
         top = next((top for top in self._domain.tops_for(robot) if top.action == action), None)
-        if call is None or top is None or not _told(call, execution):
-            return None
-        known = plain_frame(_frame_of(call, execution.goal)) in ("", frame)
-        episode = _episode(top, call, execution, track, robot) if known else None
-        return None if episode is None or fault_of(episode, top, robot) else episode
+        if call is None or top is None:
+            return "expected the constants of an action that the domain declares"
+        if not _told(call, execution):
+            return f"expected its end and its result, got {status_name(execution.status)}"
+        if (given := plain_frame(_frame_of(call, execution.goal))) not in ("", frame):
+            return f"goal: expected a pose in frame {frame}, got {given}"
+        episode = _episode(top, call, execution, track, robot)
+        return fault_of(episode, top, robot) or episode
 
     def _action_of(self, server: str, goal: Any) -> tuple[str, RemoteCall | None]:
         """Return the action of a server whose constants a goal has: several may share one server."""

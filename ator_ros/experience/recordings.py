@@ -58,7 +58,7 @@ class _Recorded:
     action_sets: set[str] = field(default_factory=set)
     left_out: int = 0
     wrong: str = ""
-    """Why a record was left out."""
+    """Why the first record was left out."""
 
     def take(self, role: str, message: Any, domain: Vocabulary, robot: Robot) -> None:
         """Take a message of a topic that was selected as `role`."""
@@ -76,11 +76,18 @@ class _Recorded:
             episode = episode_of(message, domain, robot)
         except MessageError as error:
             self.left_out += 1
-            self.wrong = str(error)
+            self.wrong = self.wrong or str(error)
             return
         self.records.append(episode)
         # Older recordings have none.
         self.action_sets.add(getattr(message, "action_set", "") or DEFAULT_SET)
+
+    def remarks(self) -> list[str]:
+        """Return what is doubtful, and a line for each kind of what was left out."""
+        there = self.left_out + len(self.records)
+        records = [f"left out {self.left_out} of {there} records: {self.wrong}"] if self.left_out else []
+        goals = self.actions.left_out_lines()
+        return [*self.stretches.remarks, *self.stretches.left_out(), *records, *goals]
 
     def _add_goal(self, role: str, message: Any) -> None:
         # As commands, goals count from the last odometry on, which is in the robot's own time.
@@ -92,7 +99,6 @@ class _Recorded:
         """Return the goals of action servers and the executor's other records, or the drives."""
         tracks = [Track(streams) if streams.odom else None for streams in self.stretches.all]
         driven = list(self.actions.episodes(tracks, robot, self.stretches.frame))
-        self.left_out += self.actions.left_out
         told = {episode.situation.action for episode in driven}
         both = [*driven, *(record for record in self.records if record.situation.action not in told)]
         return both or [
@@ -129,7 +135,7 @@ def read_recording(
     episodes = [episode for recorded in by_robot.values() for episode in recorded.episodes(robot, domain)]
     remarks = list(selection.skipped)
     for recorded in by_robot.values():
-        remarks += [*recorded.stretches.remarks, *recorded.stretches.left_out()]
+        remarks += recorded.remarks()
     if not episodes:
         raise RecordingError(f"{file}: {_nothing(by_robot, selection, remarks)}")
     objects = _objects(file, domain, episodes)
@@ -145,7 +151,7 @@ def read_recording(
         "domain": domain.name,
         "action_set": _action_set(file, by_robot),
         "command": f"recording {file.name}",
-        "records_left_out": sum(recorded.left_out for recorded in by_robot.values()),
+        "records_left_out": sum(each.left_out + each.actions.left_out for each in by_robot.values()),
         "versions": library_versions(),
     }
     rows = checked_rows(file, join(frames), metadata["action_set"] or DEFAULT_SET)

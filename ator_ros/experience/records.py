@@ -24,8 +24,12 @@ from ator_ros.world.state import RobotState
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)
 """Outcomes of actions that were not broken off from outside."""
-_LONGEST_DRIVE = 600.0  # s
-_SLACK = 0.5  # m; a goal that is already reached takes no time
+_LONGEST_DRIVE = 600.0
+"""In s, twenty times the default action_timeout: a goal that is farther away is in another unit or frame."""
+_SLACK = 0.5
+"""In m, above the tolerances of arrival: a robot that is at its goal already arrives in no time."""
+_FASTEST = 4.0
+"""Times limits.v: a base described at half its real speed keeps its records, with a factor of 2 to spare."""
 
 
 def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
@@ -90,14 +94,15 @@ def fault_of(episode: Episode, top: Top | None, robot: Robot) -> str:
     """Return why nothing can be learned from an episode of a TOP; empty if something can.
 
     The goal, and objects that the TOP is about, lie no farther than the robot drives in ten minutes, or in
-    the duration if that is longer. A robot that arrived has driven no faster than twice its limit.
+    the duration if that is longer. A robot that arrived has driven at most `_FASTEST` times as fast as
+    its limit.
     """
     if not _is_finite(episode):
         return "expected finite numbers, and objects with names of letters, digits and _"
     start, goal = episode.situation.robot.pose, episode.situation.goal.pose
     reach = farthest = robot.limits.v * max(_LONGEST_DRIVE, episode.duration)
     if episode.success and top is not None and top.arrives:
-        farthest = _SLACK + 2.0 * robot.limits.v * episode.duration
+        farthest = _SLACK + _FASTEST * robot.limits.v * episode.duration
     if (distance := start.distance(goal)) > farthest:
         return f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
     for name in () if top is None else objects_in(top):

@@ -164,6 +164,20 @@ def test_failures_are_told_and_what_was_broken_off_is_left_out(tmp_path: Path) -
         "post-condition of visit: expected robot.x within 0.25 of goal.x, it is 8 off",
     ]
     assert experience.metadata["records_left_out"] == 2  # the canceled one, and the one in another frame
+    assert "bag: left out 2 of 4 goals of drive_to: expected its end and its result, got canceled" in (
+        experience.remarks
+    )
+
+
+def test_a_goal_that_no_robot_can_have_reached_is_left_out_with_its_reason(tmp_path: Path) -> None:
+    def happens(bag: Bag) -> None:
+        visit(bag)
+        number = bag.ask(bag.pose.ahead(1e5))
+        bag.drive(1.0)
+        bag.answer(number, ABORTED, error=1)
+
+    (said,) = recorded(tmp_path, happens).remarks
+    assert said.startswith("bag: left out 1 of 2 goals of drive_to: start: expected at most ")
 
 
 def test_status_tells_when_goals_begin_and_end_where_results_come_late(tmp_path: Path) -> None:
