@@ -87,7 +87,8 @@ class _Recorded:
         there = self.left_out + len(self.records)
         records = [f"left out {self.left_out} of {there} records: {self.wrong}"] if self.left_out else []
         goals = self.actions.left_out_lines()
-        return [*self.stretches.remarks, *self.stretches.left_out(), *records, *goals]
+        track = [*self.stretches.remarks, *self.stretches.timing(), *self.stretches.left_out()]
+        return [*track, *records, *goals]
 
     def _add_goal(self, role: str, message: Any) -> None:
         # As commands, goals count from the last odometry on, which is in the robot's own time.

@@ -28,6 +28,7 @@ from ator_ros.world.transforms import Transforms
 
 SILENCE = 1.0  # s without odometry after which another stretch of time begins
 PERIOD = 0.1  # s between examples, the paper's 10 Hz
+_RAREST = 0.3  # s between messages of odometry; drives are told apart by pauses of that length
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 
 
@@ -147,6 +148,22 @@ class Stretches:
             f"left out {count} of {self._taken[role]} messages: {self._errors[role]}"
             for role, count in self._left_out.items()
         ]
+
+    def timing(self) -> list[str]:
+        """Return a line if the stamps of odometry do not advance, or if its messages are rare."""
+        tables = [streams.odom.in_order() for streams in self.all if len(streams.odom)]
+        times = np.concatenate([table[:, 0] for table in tables]) if tables else np.empty(0)
+        steps = np.diff(times)
+        if not steps.size:
+            return []
+        if not (steps > 0.0).any():
+            told = f"got {times[0]:.2f} s in all {times.size} messages"
+            return [f"odom.header.stamp: expected stamps that advance, {told}"]
+        period = float(np.median(steps[steps > 0.0]))
+        if period <= _RAREST:
+            return []
+        told = f"expected a message every {_RAREST:g} s, got one every {period:.2f} s"
+        return [f"odom: {told}: durations are no more exact than that, and drives are missed"]
 
     def _take_odometry(self, message: Any) -> None:
         time, robot = self._odometry.read(message)

@@ -233,7 +233,9 @@ def _endpoint(node: Node, info: TopicEndpointInfo, fit: tuple[QoSCompatibility, 
     except RuntimeError:  # its name is not known yet, or it has just ended
         services = []
     pauses = any(name.rpartition("/")[2] == "pause" for name, _ in services)
-    wrong = printable(reason).strip("; ") if verdict == QoSCompatibility.ERROR else ""
+    # rclpy lists all that does not fit as "ERROR: why;ERROR: why;": the first is enough to change.
+    first = printable(reason.partition(";")[0].removeprefix("ERROR:").strip())
+    wrong = first if verdict == QoSCompatibility.ERROR else ""
     return Endpoint(node_of(info), printable(info.topic_type), wrong, pauses)
 
 

@@ -190,6 +190,27 @@ def test_a_twist_that_contradicts_the_poses_is_named_in_one_line(tmp_path: Path)
     assert "\n" not in line
 
 
+def test_stamps_that_do_not_advance_are_named(tmp_path: Path) -> None:
+    def stopped(order: list[Tick]) -> list[Tick]:
+        return [tick._replace(time=3.5) for tick in order]
+
+    with pytest.raises(RecordingError) as refused:
+        read(recorded(tmp_path, order=stopped))
+    (line,) = str(refused.value).splitlines()
+    count = len(list(ticks()))
+    assert f"stamp: expected stamps that advance, got 3.50 s in all {count} messages" in line
+
+
+def test_rare_odometry_is_named(tmp_path: Path, usual: pd.DataFrame) -> None:
+    def rare(order: list[Tick]) -> list[Tick]:
+        return order[::10]
+
+    experience = read(recorded(tmp_path, order=rare))
+    (line,) = experience.remarks
+    assert line.startswith("bag: odom: expected a message every 0.3 s, got one every 0.40 s: durations ")
+    assert usual["episode"].nunique() >= experience.frame["episode"].nunique()
+
+
 def test_messages_without_direction_are_left_out_and_counted(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as refused:
         read(recorded(tmp_path, length=0.0))

@@ -79,3 +79,4 @@ def test_a_quality_of_service_that_does_not_fit_is_named(host: Host, client: Cli
     outcome = ChainClient(client, commands=None).send(NEAR).outcome()
     assert outcome.code == Outcome.BASE_FAULT
     assert "cmd_vel: the quality of service of /test_client does not fit: " in outcome.reason
+    assert outcome.reason.endswith(" fit: Volatile publisher and transient local subscription")
