@@ -7,6 +7,7 @@ from carried import CALL, Ledger, Sent, begun
 from ator_ros.execution.phases import Phase
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopChain
+from ator_ros.world.inputs import Inputs
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 
@@ -36,6 +37,21 @@ def test_late_odometry_does_not_stop_it_until_the_goal_ends() -> None:
     goal.execution.watch(goal.now + 0.4)
     assert goal.execution.phase is Phase.ENDED
     assert "odom is missing" in goal.execution.reason
+
+
+def test_after_a_pause_the_robot_stands_soon_and_the_goal_waits_longer() -> None:
+    inputs, robot, slowdown = Inputs({}), RobotState(Pose(0.0, 0.0, 0.0)), 1.0
+    for tick in range(80):
+        inputs.robot(0.05 * tick, robot, 0.05 * tick + (3.0 if tick >= 60 else 0.0))
+        slowdown = max(slowdown, inputs.slowdown)
+    assert slowdown > 8.0
+    goal = Sent(Ledger(), TopChain((CALL,)))
+    goal.tick()
+    goal.execution.slowdown = slowdown
+    assert not goal.execution.silent(goal.now + 0.7)
+    assert goal.execution.silent(goal.now + 0.8)  # five times half of 0.3 s
+    goal.execution.watch(goal.now + 1.2)
+    assert goal.execution.phase is Phase.EXECUTING
 
 
 def test_late_odometry_stops_a_goal_that_is_not_released() -> None:

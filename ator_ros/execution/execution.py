@@ -10,7 +10,7 @@ from ator_ros.execution.answers import Answers
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.guards import Fault, Guards, missing
-from ator_ros.execution.phases import Deadlines, Ending, Phase
+from ator_ros.execution.phases import LONGEST_STOP_DELAY, Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import Question, Refining
 from ator_ros.execution.rolling import Rolling
@@ -176,11 +176,14 @@ class Execution:
     def silent(self, now: float) -> bool:
         """Return whether odometry has been missing for half its deadline, so that the robot should stand.
 
+        A slow clock makes that at most `LONGEST_STOP_DELAY` times longer.
+
         A robot that another program moves cannot be paused: our commands would only disturb.
         """
         released = self.phase is Phase.EXECUTING and self._executor.released
         waiting = self.phase is not Phase.ENDED and not released
-        return waiting and now - self._heard > self.slowdown * self._deadlines.silence
+        slowdown = min(self.slowdown, LONGEST_STOP_DELAY)
+        return waiting and now - self._heard > slowdown * self._deadlines.silence
 
     def tick(self, world: World, now: float, *, overdue: frozenset[str] = frozenset()) -> Command | None:
         """Process a newer state of the world; return the command for it, None if the action sends none.

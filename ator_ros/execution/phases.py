@@ -10,6 +10,10 @@ from ator_ros.actions import TIME_LIMIT
 WATCH_PERIOD = 0.05
 """Real time in s between two checks of the deadlines."""
 
+LONGEST_STOP_DELAY = 5.0
+"""Greatest factor by which a slow clock delays the command to stand. After a pause of some seconds a clock
+seems up to 50 times slower than real time; the end of a goal may wait that long, a moving robot must not."""
+
 
 class Ending(enum.Enum):
     """How a goal ended; names and values are those of Outcome.msg."""

@@ -12,7 +12,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.motion_watch import Driving
-from ator_ros.execution.phases import Ending, Phase
+from ator_ros.execution.phases import LONGEST_STOP_DELAY, Ending, Phase
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnosis import Diagnosis, rival_senders
@@ -224,7 +224,8 @@ class ExecutorNode(FrugalNode):
             return
         if ending and fresh:
             self._run.execution.postpone(now, "waiting until a canceled server has ended")
-        if self._run.execution.silent(now) or (ending and silence > 0.5 * self._odom_timeout):
+        silent = 0.5 * self._settings["odom_timeout"] * min(self._inputs.slowdown, LONGEST_STOP_DELAY)
+        if self._run.execution.silent(now) or (ending and silence > silent):
             self._send(STOP)
         self._run.execution.watch(now)
         self._follow(self._run)
