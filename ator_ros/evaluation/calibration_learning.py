@@ -116,7 +116,8 @@ def fit_calibration(examples: Sequence[StepExample], models: Models) -> Calibrat
         if len({example.situation for example in of_action}) >= LEAST_SITUATIONS:
             shortfalls[action] = _fit(of_action, model_digest(models.get(action)))
     if not shortfalls:
-        raise EvaluationError(f"expected chains of at least {LEAST_SITUATIONS} situations, got too few")
+        got = len({example.situation for example in examples})
+        raise EvaluationError(f"expected chains of at least {LEAST_SITUATIONS} situations, got {got}")
     return Calibration(shortfalls)
 
 

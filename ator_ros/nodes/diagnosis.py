@@ -362,7 +362,7 @@ def input_cause(
         return f"{name}: {node} publishes it, but sends no messages"
     if reception.gap > 0.5 * timeout:
         return (
-            f"{name}: messages came {reception.gap:.2f} s apart, expected less than {timeout:g} s; "
+            f"{name}: messages came {reception.gap:.2f} s apart, too rarely for a timeout of {timeout:g} s; "
             f"set {name}_timeout:={math.ceil(40.0 * reception.gap) / 10.0:.1f}"
         )
     return f"{name}: {node} sends no more messages: it is paused, blocked or has ended"

@@ -12,6 +12,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
+from ator_ros.domains.domain import domain_for
 from ator_ros.nodes import conversions
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
 from ator_ros.nodes.frugal_node import FrugalNode
@@ -92,7 +93,8 @@ class SimulationNode(FrugalNode):
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
         named = zip((robot.name for robot in robots), self._names, strict=True)
         told = [f"{kind} as {name}" if name else kind for kind, name in named]
-        where = f"domain {self._settings['domain']}, ROS domain {self.context.get_domain_id()}"
+        domain = domain_for(self._settings["domain"], self._settings["robot"]).name
+        where = f"domain {domain}, ROS domain {self.context.get_domain_id()}"
         self.get_logger().info(
             f"simulating {', '.join(told)} {speed} ({where}): cmd_vel ({self._command_type.__name__}) to odom"
             f"{''.join(f', {name}' for name in robots[0].scene.objects)}"

@@ -89,7 +89,8 @@ def _collect(
         print(f"collect: {done} episodes of an earlier call are there", file=sys.stderr)
     drive = _over_ros if options.over_ros else _simulated
     episodes = drive(options, domain, robot, frozenset(finished.frames))
-    bar = tqdm(episodes, initial=done, total=len(wanted), unit="episode", disable=None)
+    often = 0.1 if sys.stderr.isatty() else 30.0  # s; a log gets a line now and then
+    bar = tqdm(episodes, initial=done, total=len(wanted), unit="episode", mininterval=often)
     try:
         for frame in bar:
             finished.add(frame)

@@ -50,7 +50,7 @@ def _play(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator
     from ator_ros.tools.work.demo_client import DemoClient
 
     library = domain.library(robot)
-    started = ", ".join(("three nodes", *(program.name for program in domain.programs)))
+    started = " and ".join(("three nodes", *(program.name for program in domain.programs)))
     with all_nodes(options.real_time_factor, **node_setting(options)) as nodes:
         print(f"{started} start on ROS domain {nodes.domain} …", flush=True)
         with DemoClient(nodes.domain, nodes.check, domain.objects) as client:

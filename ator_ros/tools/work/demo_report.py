@@ -110,6 +110,7 @@ def table(situations: Sequence[DemoSituation]) -> str:
         rows.append([str(number), "naive", *_cells(situation.naive, len(tops)), ""])
         gain = situation.gain
         percent = 100.0 * gain / (situation.naive.total[1] or math.inf)  # a run may end before it began
+        gain, percent = round(gain, 2) + 0.0, round(percent) + 0.0 if math.isfinite(percent) else percent
         saved = "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"
         kind = "refined" if situation.refined.refined else "left alone"
         rows.append(["", kind, *_cells(situation.refined, len(tops)), saved])
@@ -134,10 +135,11 @@ def summary(situations: Sequence[DemoSituation]) -> str:
     counted = [situation for situation in situations if not math.isnan(situation.gain)]
     naive = math.fsum(situation.naive.total[1] for situation in counted)
     gain = math.fsum(situation.gain for situation in counted)
-    percent = 100.0 * gain / naive if naive else 0.0
+    percent = 100.0 * abs(gain) / naive if naive else 0.0
+    verb = "saved" if gain >= 0.0 else "cost"
     lines = [
         f"{len(counted)} of {len(situations)} situations succeeded both ways; "
-        f"refinement saved {gain:.2f} s of {naive:.2f} s ({percent:.1f} %)"
+        f"refinement {verb} {abs(gain):.2f} s of {naive:.2f} s ({percent:.1f} %)"
     ]
     for number, situation in enumerate(situations, start=1):
         for name, run in (("naive", situation.naive), ("refined", situation.refined)):
@@ -173,8 +175,9 @@ def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
     for call in situation.chain.calls:
         colour = "#333333" if call.open else GREEN
         axes.plot(call.goal.pose.x, call.goal.pose.y, "+", color=colour, ms=7)
-    for name, run, colour in (("naive", situation.naive, ORANGE), ("refined", situation.refined, BLUE)):
-        time = f"{run.total[1]:.1f} s" if run.success else "failed"
+    second = "refined" if situation.refined.refined else "left alone"
+    for name, run, colour in (("naive", situation.naive, ORANGE), (second, situation.refined, BLUE)):
+        time = f"{run.total[1]:.2f} s" if run.success else "failed"
         path = np.array(run.path).reshape(-1, 2)
         axes.plot(path[:, 0], path[:, 1], color=colour, lw=1.5, label=f"{name}, {time}")
     axes.set_aspect("equal")

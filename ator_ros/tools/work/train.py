@@ -213,7 +213,8 @@ def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[st
 
 def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
     tree = model.trees["duration"]
-    text = f"{tree.n_leaves} rules with {len(model.used_features)} features"
+    rules = "1 rule" if tree.n_leaves == 1 else f"{tree.n_leaves} rules"
+    text = f"{rules} with {len(model.used_features)} features"
     if measured:
         text += (
             f", MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s on {measured['episodes']} "
