@@ -436,6 +436,8 @@ class MotionWatch:
             least = min((state.v, state.w)[axis] * math.copysign(1.0, said) for state in states)
             moved = max(abs(_moved(states[0], state)[axis]) for state in states)
             elapsed = time - self._states[since[-1]][0]
+            if elapsed > _LONG_GAP * len(states):
+                continue  # messages are missing: between these the robot may have gone to and fro
             if least >= thresholds.tolerance and moved < _QUARTER * least * elapsed:
                 return (
                     f"odometry is frozen: it says that the robot moves at {robot.v:.2f} m/s and "

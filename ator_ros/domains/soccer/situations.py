@@ -109,7 +109,7 @@ def go_to_pose(robot: Robot, rng: np.random.Generator, *, time_limit: float = TI
     if short is not None and is_inside(short, robot):
         return Situation("goToPose", RobotState(start), {}, Goal(short, 0.0, Point.AXLE))
     leaves = _share(rng, _LEAVING) and robot.holder is not None and BALL in robot.scene.objects
-    return _leave_ball(robot, rng) if leaves else situation
+    return (_leave_ball(robot, rng) if leaves else None) or situation
 
 
 def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Situation:
@@ -130,11 +130,13 @@ def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Si
     return Situation("goToPose", state, {BALL: ObjectState(goal.x, goal.y)}, arrival)
 
 
-def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a drive to a pose clear of the ball that the robot holds at the start."""
+def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation | None:
+    """Draw a drive to a pose clear of the ball that the robot holds; None if the robot is too slow for it."""
     state, ball = _holding(robot, robot.pose_holding(random_pose(robot, rng)), 0.0)
     nearest, held = ball_clearance(robot), Pose(ball.x, ball.y, 0.0)
     most = farthest(robot, ALONE, nearest) - held.distance(state.pose)  # of the axle
+    if most <= nearest + SHORTEST:
+        return None
     there = pose_within(robot, rng, held, nearest, most)
     return Situation("goToPose", state, objects_of(ball), Goal(there, 0.0, Point.AXLE))
 

@@ -90,7 +90,9 @@ def _collect(
     drive = _over_ros if options.over_ros else _simulated
     episodes = drive(options, domain, robot, frozenset(finished.frames))
     often = 0.1 if sys.stderr.isatty() else 30.0  # s; a log gets a line now and then
-    bar = tqdm(episodes, initial=done, total=len(wanted), unit="episode", mininterval=often)
+    bar = tqdm(
+        episodes, initial=done, total=len(wanted), unit="episode", mininterval=often, delay=often - 0.1
+    )
     try:
         for frame in bar:
             finished.add(frame)
