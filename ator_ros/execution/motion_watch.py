@@ -90,7 +90,7 @@ class Debounce:
             self.seconds, self._since = 0.0, math.inf
             return False
         self._since = min(self._since, gap.began)
-        # One message tells little of the gap before it, unless the gap is very long.
+        # One message shows little of the gap before it, unless the gap is very long.
         self.seconds += gap.elapsed if gap.elapsed >= _WINDOW - _ROUNDING else min(gap.elapsed, 0.1)
         in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - _ROUNDING
         return self.seconds >= _PERSISTS - _ROUNDING and in_real_time
@@ -210,7 +210,7 @@ class Axis:
     def _slow(self, since: float, speed: float, time: float, commands: Commands, share: float) -> float:
         """Return the speed at `time` of a base that had `speed` at `since`, is late and lags.
 
-        Toward a lower share it brakes as hard as bases do that are told to stand.
+        Toward a lower share it brakes as hard as bases do that are commanded to stand.
         """
         most, count, dt = self.thresholds, *_steps(time - since)
         sent = [
@@ -454,10 +454,10 @@ class MotionWatch:
         fault, axis = faults[found], (self._v, self._w)[found]
         command, speed = (self._last.v, self._last.w)[found], axis.speed
         shows = f"odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s"
-        told = f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, {shows}"
+        shown = f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, {shows}"
         move, moves = (("move", "moves"), ("turn", "turns"))[found]
         if fault is Fault.REVERSING:
-            return f"the base {moves} in the wrong direction: {told}: motors or odometry with the wrong sign"
+            return f"the base {moves} in the wrong direction: {shown}: motors or odometry with the wrong sign"
         if fault is Fault.EXCESS:
             return (
                 f"the base {moves} although it was not commanded to: {shows}, the last command was "
@@ -466,22 +466,22 @@ class MotionWatch:
         if fault is Fault.LOSING and speed * command < _QUARTER * command * command:
             fault = Fault.STILL
         if fault is Fault.STILL and speed * command <= -axis.thresholds.tolerance * abs(command):
-            return f"the base {moves} in the wrong direction: {told}: motors or odometry with the wrong sign"
+            return f"the base {moves} in the wrong direction: {shown}: motors or odometry with the wrong sign"
         if fault is Fault.STILL and abs(speed) < max(axis.thresholds.tolerance, 0.1 * abs(command)):
             return (
-                f"the base does not {move}: {told} for {axis.seconds:.2f} s: blocked wheels, motors off, or "
+                f"the base does not {move}: {shown} for {axis.seconds:.2f} s: blocked wheels, motors off, or "
                 "frozen odometry"
             )
         if fault is Fault.STILL:
             return (
-                f"the base hardly {moves}: {told}, less than a quarter of that, for {axis.seconds:.2f} s: "
+                f"the base hardly {moves}: {shown}, less than a quarter of that, for {axis.seconds:.2f} s: "
                 "slipping wheels, or odometry that shows too little"
             )
         if fault is Fault.LOSING:
             return (
-                f"the base loses speed although it was not commanded to: {told}: obstacle, or failing motors"
+                f"the base loses speed although it was not commanded to: {shown}: obstacle, or failing motors"
             )
-        return f"the base does not follow its commands: {told}, constantly: another program may steer it"
+        return f"the base does not follow its commands: {shown}, constantly: another program may steer it"
 
 
 def _steps(seconds: float) -> tuple[int, float]:

@@ -157,13 +157,13 @@ class Stretches:
         if not steps.size:
             return []
         if not (steps > 0.0).any():
-            told = f"got {times[0]:.2f} s in all {times.size} messages"
-            return [f"odom.header.stamp: expected stamps that advance, {told}"]
+            got = f"got {times[0]:.2f} s in all {times.size} messages"
+            return [f"odom.header.stamp: expected stamps that advance, {got}"]
         period = float(np.median(steps[steps > 0.0]))
         if period <= _RAREST:
             return []
-        told = f"expected a message every {_RAREST:g} s, got one every {period:.2f} s"
-        return [f"odom: {told}: durations are no more exact than that, and drives are missed"]
+        rate = f"expected a message every {_RAREST:g} s, got one every {period:.2f} s"
+        return [f"odom: {rate}: durations are no more exact than that, and drives are missed"]
 
     def _take_odometry(self, message: Any) -> None:
         time, robot = self._odometry.read(message)
