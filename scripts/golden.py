@@ -1,10 +1,11 @@
 """Record what the product decides, to show that a change of structure changes no decision.
 
     scripts/run python scripts/golden.py write FOLDER           # every part, one file each
+    scripts/run python scripts/golden.py write FOLDER refined   # the parts whose names begin so
     scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
 
 Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other processors
-round differently.
+round differently: `test/golden/`, written with ``--digits 8``, is compared by test/test_golden.py to 1e-6.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
+import re
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +42,11 @@ from ator_ros.planning.wanted import wish_from
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 Json = dict[str, Any]
 Opening = Callable[[TopChain], TopChain]
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
 REFINED: dict[str, tuple[ToolsetSource, str, Opening, str]] = {
     "default_heading": (ToolsetSource(), "dribble", as_planned, "learned"),
@@ -57,41 +60,18 @@ REFINED: dict[str, tuple[ToolsetSource, str, Opening, str]] = {
 }
 """By name: where robot, models and gate come from, the chain, what is opened, and the set of models."""
 
-MIXED = """
-name: mixed
-tops:
-  - name: visit
-    action: drive
-    post:
-      - {variable: robot.x, target: goal.x, tolerance: 0.25}
-      - {variable: robot.y, target: goal.y, tolerance: 0.25}
-      - {variable: robot.yaw, target: goal.yaw, tolerance: 0.25}
-  - name: dock
-    action: goToPose
-    post:
-      - {variable: robot.x, target: goal.x, tolerance: 0.06}
-      - {variable: robot.y, target: goal.y, tolerance: 0.06}
-      - {variable: robot.yaw, target: goal.yaw, tolerance: 0.12}
-actions:
-  - name: drive
-    remote:
-      server: drive_to
-      type: ator_interfaces/action/DriveTo
-      goal: [{field: goal, source: goal}]
-      success: {fields: [{field: error_code, equals: 0}]}
-    stand_in: drive_to
-  - name: goToPose
-    local: {domain: soccer}
-chains:
-  - name: rounds
-    start: [{x: [-3.0, 3.0], y: [-2.0, 2.0]}]
-    apart: 1.0
-    steps:
-      - {top: visit, goal: [{x: [-3.0, 3.0], y: [-2.0, 2.0]}], open: [yaw]}
-      - {top: dock, goal: [{x: [-3.0, 3.0], y: [-2.0, 2.0]}], open: [yaw]}
-      - {top: visit, goal: [{x: [-3.0, 3.0], y: [-2.0, 2.0]}]}
-"""
-"""A domain whose chains mix an action of a server (its stand-in) and one of ours."""
+TEST = Path(__file__).parent.parent / "test"
+EXECUTED: dict[str, tuple[ToolsetSource, str, str]] = {
+    "dribble": (ToolsetSource(), "dribble", "gated_speed"),
+    "shoot": (ToolsetSource(), "shoot", "gated_speed"),
+    "rolling_ball": (ToolsetSource(), "rolling", "refined_again"),
+    "bezier": (ToolsetSource(action_set="bezier"), "dribble", "gated"),
+    "second_robot": (ToolsetSource(robot=str(TEST / "fifth.yaml")), "dribble", "bearing"),
+    "drive": (ToolsetSource(domain="drive"), "", "gated"),
+    "remote": (ToolsetSource(domain="tour"), "", "gated"),
+    "mixed": (ToolsetSource(domain=str(TEST / "mixed.yaml")), "rounds", "bearing"),
+}
+"""By name: the source, the chain, and the policy that sets the subgoals."""
 
 
 def _goals(chain: TopChain) -> list[Json]:
@@ -153,50 +133,33 @@ def _commands() -> Iterator[list[Command]]:
         Simulation.command = original  # type: ignore[method-assign]
 
 
-def _executed(library: TopLibrary, trial: Trial, policy: str, source: ToolsetSource) -> Json:
-    tools, _ = tools_of(source) if policy not in ("bearing", "face_goal") else (None, None)
-    choice = POLICIES[policy](tools, trial)  # type: ignore[arg-type]  # headings by place need no tools
+def executed(name: str, count: int) -> list[Json]:
+    """Return how `count` chains of one of `EXECUTED` are executed."""
+    source, chain, policy = EXECUTED[name]
     domain, robot = find_domain(source.domain), source.described()
-    with _commands() as sent:
-        run = run_chain(
-            robot, library, trial.world, choice.chain, time_limit=domain.time_limit, along=choice.along
+    library = make_library(robot, source)
+    tools = None if policy == "bearing" else tools_of(source)[0]
+    found = []
+    for trial in _trials(source, chain, 4002, count):
+        choice = POLICIES[policy](tools, trial)  # type: ignore[arg-type]  # bearings need no tools
+        with _commands() as sent:
+            run = run_chain(
+                robot, library, trial.world, choice.chain, time_limit=domain.time_limit, along=choice.along
+            )
+        table = np.array([(command.v, command.w) for command in sent])
+        found.append(
+            {
+                "duration": run.duration,
+                "success": run.success,
+                "actions": list(run.actions),
+                "again": run.again,
+                "commands": len(sent),
+                "mean_v": float(table[:, 0].mean()),
+                "mean_w": float(table[:, 1].mean()),
+                "hash": hashlib.sha256(table.tobytes()).hexdigest(),
+            }
         )
-    table = np.array([(command.v, command.w) for command in sent])
-    return {
-        "duration": run.duration,
-        "success": run.success,
-        "actions": list(run.actions),
-        "again": run.again,
-        "commands": len(sent),
-        "mean_v": float(table[:, 0].mean()),
-        "mean_w": float(table[:, 1].mean()),
-        "hash": hashlib.sha256(table.tobytes()).hexdigest(),
-    }
-
-
-def executed(count: int) -> dict[str, list[Json]]:
-    """Return how chains are executed, `count` of each kind."""
-    with tempfile.TemporaryDirectory() as folder:
-        mixed = Path(folder) / "mixed.yaml"
-        mixed.write_text(MIXED, encoding="utf-8")
-        fifth = str(Path(__file__).parent.parent / "test" / "fifth.yaml")
-        kinds: dict[str, tuple[ToolsetSource, str, str]] = {
-            "dribble": (ToolsetSource(), "dribble", "gated_speed"),
-            "shoot": (ToolsetSource(), "shoot", "gated_speed"),
-            "rolling_ball": (ToolsetSource(), "rolling", "refined_again"),
-            "bezier": (ToolsetSource(action_set="bezier"), "dribble", "gated"),
-            "second_robot": (ToolsetSource(robot=fifth), "dribble", "bearing"),
-            "drive": (ToolsetSource(domain="drive"), "", "gated"),
-            "remote": (ToolsetSource(domain="tour"), "", "gated"),
-            "mixed": (ToolsetSource(domain=str(mixed)), "rounds", "bearing"),
-        }
-        return {
-            name: [
-                _executed(make_library(source.described(), source), trial, policy, source)
-                for trial in _trials(source, chain, 4002, count)
-            ]
-            for name, (source, chain, policy) in kinds.items()
-        }
+    return found
 
 
 GOALS: Sequence[Sequence[str]] = (
@@ -227,7 +190,7 @@ def planned(count: int) -> list[Json]:
     return found
 
 
-def trained(episodes: int) -> Json:
+def trained(episodes: int) -> list[Json]:
     """Return rules of models that are learned from a few simulated episodes, and what they predict."""
     domain = find_domain()
     robot, specs = domain.robot(), domain.actions()
@@ -236,42 +199,77 @@ def trained(episodes: int) -> Json:
         objects=domain.objects, episodes=episodes, seed=4004, time_limit=domain.time_limit,
     )  # fmt: skip
     rows = join(frames)
-    found: Json = {}
+    found = []
     for action, own in rows.groupby("action", sort=False):
         starts = own[own["t"] == 0.0]
         for kind, features in (("described", domain.candidates(str(action))), ("observed", OBSERVED)):
             model = train(str(action), own, robot, features=features)
-            durations = model.predict(direct_of(starts)).duration
-            found[f"{action}_{kind}"] = {"rules": model.rules(), "durations": [float(d) for d in durations]}
+            durations = [float(duration) for duration in model.predict(direct_of(starts)).duration]
+            found.append({"model": f"{action}_{kind}", "rules": model.rules(), "durations": durations})
     return found
 
 
-PARTS: dict[str, Callable[[], Any]] = {
-    **{f"refined_{name}": (lambda name=name: refined(name, 200)) for name in REFINED},  # type: ignore[misc]
-    "executed": lambda: executed(8),
-    "planned": lambda: planned(50),
-    "trained": lambda: trained(60),
+PARTS: dict[str, tuple[Callable[[int], list[Json]], int]] = {
+    **{f"refined_{name}": (partial(refined, name), 50 if "place" in name else 200) for name in REFINED},
+    **{f"executed_{name}": (partial(executed, name), 8) for name in EXECUTED},
+    "planned": (planned, 50),
+    "trained": (trained, 60),
 }
+"""By name: what returns the entries, and for which count they are recorded."""
 
 
-def write(folder: Path, parts: Sequence[str]) -> int:
-    """Write the named parts, by default all."""
+def _short(value: Any, digits: int) -> Any:
+    if isinstance(value, dict):
+        return {name: _short(item, digits) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_short(item, digits) for item in value]
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
+
+
+def write(folder: Path, parts: Sequence[str], digits: int) -> int:
+    """Write the parts whose names begin with one of `parts`, by default all."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name in parts or PARTS:
-        print(f"golden: {name}", flush=True)
-        write_text(folder / f"{name}.json", json.dumps(PARTS[name](), indent=None) + "\n")
+    for name, (record, count) in PARTS.items():
+        if not parts or name.startswith(tuple(parts)):
+            print(f"golden: {name}", flush=True)
+            entries = (json.dumps(_short(entry, digits), separators=(",", ":")) for entry in record(count))
+            write_text(folder / f"{name}.json", "[\n" + ",\n".join(entries) + "\n]\n")
     return 0
 
 
 def compare(old: Path, new: Path) -> int:
-    """Report which parts differ; 1 where one does."""
+    """Report which parts that both folders have differ; 1 where one does."""
     differing = 0
     for file in sorted(old.glob("*.json")):
         other = new / file.name
-        same = other.exists() and other.read_bytes() == file.read_bytes()
-        print(f"{file.stem}: {'same' if same else 'DIFFERS'}")
-        differing += not same
+        if other.exists():
+            same = other.read_bytes() == file.read_bytes()
+            print(f"{file.stem}: {'same' if same else 'DIFFERS'}")
+            differing += not same
     return int(differing > 0)
+
+
+def differences(expected: Any, found: Any, place: str = "") -> Iterator[str]:
+    """Yield where `found` differs from what is recorded: decisions at all, numbers by more than 1e-6.
+
+    Hashes are not compared, nor numbers in texts, as processors round differently.
+    """
+    if isinstance(expected, dict) and isinstance(found, dict) and expected.keys() == found.keys():
+        for name, value in expected.items():
+            if name != "hash":
+                yield from differences(value, found[name], f"{place}.{name}")
+    elif isinstance(expected, list) and isinstance(found, list) and len(expected) == len(found):
+        for index, (one, other) in enumerate(zip(expected, found, strict=True)):
+            yield from differences(one, other, f"{place}[{index}]")
+    elif isinstance(expected, str) and isinstance(found, str):
+        if _NUMBER.sub("#", expected) != _NUMBER.sub("#", found):
+            yield f"{place}: expected {expected!r}, got {found!r}"
+    elif isinstance(expected, float) and isinstance(found, float):
+        both_nan = math.isnan(expected) and math.isnan(found)
+        if not both_nan and not math.isclose(expected, found, rel_tol=1e-6, abs_tol=1e-6):
+            yield f"{place}: expected {expected!r}, got {found!r}"
+    elif expected != found:
+        yield f"{place}: expected {expected!r}, got {found!r}"
 
 
 def main() -> int:
@@ -280,13 +278,14 @@ def main() -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     writing = commands.add_parser("write")
     writing.add_argument("folder", type=Path)
-    writing.add_argument("parts", nargs="*", default=[])
+    writing.add_argument("parts", nargs="*", default=[], help="beginnings of names of parts")
+    writing.add_argument("--digits", type=int, default=17, help="significant digits of numbers")
     comparing = commands.add_parser("compare")
     comparing.add_argument("old", type=Path)
     comparing.add_argument("new", type=Path)
     options = parser.parse_args()
     if options.command == "write":
-        return write(options.folder, options.parts)
+        return write(options.folder, options.parts, options.digits)
     return compare(options.old, options.new)
 
 
