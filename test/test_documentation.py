@@ -47,6 +47,7 @@ BY_TEST = {
     r"view --attach --robots ann bob": "nodes/test_view_several.py::test_two_robots_of_one_simulation_",
     r"view RECORDING": "test_replay_browser.py::test_a_recording_is_played_in_the_browser",
     r"scripts/run python test/nodes/\w+_(view|nodes)\.py.*": "nodes/test_view_programs.py::test_a_",
+    r"scripts/run python scripts/golden\.py .*": "test_golden.py::test_the_command_writes_and_compares",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r".*evaluate --learning.*": "test_learning_stream.py::test_a_stream_goes_on_where_it_was_interrupted",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",

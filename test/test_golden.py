@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -37,3 +39,15 @@ def test_the_first_decisions_are_as_recorded(part: str) -> None:
 def test_all_decisions_are_as_recorded(part: str) -> None:
     record, count = PARTS[part]
     assert list(itertools.islice(differences(recorded(part), record(count)), 5)) == []
+
+
+@pytest.mark.long
+def test_the_command_writes_and_compares(tmp_path: Path) -> None:
+    script = Path(__file__).parent.parent / "scripts" / "golden.py"
+    for folder in ("one", "two"):
+        words = [sys.executable, str(script), "write", str(tmp_path / folder), "planned", "--digits", "8"]
+        assert subprocess.run(words, check=False).returncode == 0
+    words = [sys.executable, str(script), "compare", str(tmp_path / "one"), str(tmp_path / "two")]
+    assert subprocess.run(words, check=False).returncode == 0
+    (tmp_path / "two" / "planned.json").write_text("[]")
+    assert subprocess.run(words, check=False).returncode == 1
