@@ -1,4 +1,8 @@
-"""Files that appear whole or not at all, and say how they were made."""
+"""Files: written whole or not at all, read with bounds; `save` and `load` for those of our own formats.
+
+A file of ours is a JSON object whose first fields are ``format`` ("ator_ros gate") and ``schema_version``;
+the others are those of a dataclass, see `ator_ros.schema`.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +13,36 @@ import os
 import resource
 import shlex
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+import yaml
+
+from ator_ros.printable import printable, short
+from ator_ros.schema import SchemaError, structured, unstructured
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T")
+VERSION = 1
+"""Version of all formats."""
+_FORMAT, _VERSION = "format", "schema_version"
 LARGEST_JSON = 20_000_000
 """Bytes of a JSON file; the largest model that ships has 40 kB."""
 _DIGITS = 300
+# What PyYAML raises on malformed dates, tagged values and deep nesting.
+_YAML_ERRORS = (
+    OSError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+    yaml.YAMLError,
+)
+_DEEPEST = 100  # levels of lists and tables in YAML
 _LONGEST_NAME = 100  # characters; a file's name may have 255 bytes
 
 
@@ -154,8 +181,102 @@ def _umask() -> int:
     return mask
 
 
-class UnreadableError(ValueError):
-    """A file that holds no JSON; the message names it."""
+class FileError(ValueError):
+    """A file that cannot be used; the message names it."""
+
+
+def head(kind: str) -> dict[str, Any]:
+    """Return the first fields of a file of this kind, such as "gate"."""
+    return {_FORMAT: f"ator_ros {kind}", _VERSION: VERSION}
+
+
+def save(
+    path: Path | str,
+    kind: str,
+    content: DataclassInstance | Mapping[str, Any],
+    *,
+    compact: Collection[str] = (),
+) -> None:
+    """Write a file of this kind, whole or not at all; fields named in `compact` take one line each.
+
+    A field of a dataclass that is None, and by default so, is left out.
+    """
+    fields = content if isinstance(content, Mapping) else unstructured(content)
+    lines = ",\n".join(
+        f" {json.dumps(name)}: {_in_one_line(value) if name in compact else _indented(value)}"
+        for name, value in {**head(kind), **fields}.items()
+    )
+    write_text(path, f"{{\n{lines}\n}}\n")
+
+
+def load(
+    path: Path | str,
+    kind: str,
+    schema: type[T],
+    *,
+    largest: int = LARGEST_JSON,
+    error: type[ValueError] = FileError,
+) -> T:
+    """Read a file of this kind.
+
+    Parameters
+    ----------
+    path : Path or str
+    kind : str
+        As in `save`.
+    schema : type
+        A dataclass; fields of the file that it lacks are left out.
+    largest : int
+        Bytes that the file may have.
+    error : type
+        What is raised.
+
+    Raises
+    ------
+    FileError
+        Or `error`: the file cannot be read, or is something else; the message names file and field.
+    """
+    try:
+        return structured(content_of(read_json(Path(path), largest=largest), kind), schema)
+    except FileError as problem:
+        raise error(str(problem)) from problem
+    except SchemaError as problem:
+        raise error(f"{path}: {problem}") from problem
+
+
+def content_of(data: object, kind: str) -> dict[str, Any]:
+    """Return the fields of a file of this kind that follow the head.
+
+    Raises
+    ------
+    SchemaError
+        It is a file of another kind, or one that this program cannot read.
+    """
+    expected = head(kind)
+    if not isinstance(data, dict) or data.get(_FORMAT) != expected[_FORMAT]:
+        got = short(data.get(_FORMAT)) if isinstance(data, dict) else "no table"
+        raise SchemaError(f"{_FORMAT}: expected {expected[_FORMAT]!r}, got {got}")
+    if type(data.get(_VERSION)) is not int or data[_VERSION] != VERSION:
+        raise SchemaError(f"{_VERSION}: expected {VERSION}, got {short(data.get(_VERSION))}")
+    return {name: value for name, value in data.items() if name not in expected}
+
+
+def content_if_stated(data: object, kind: str) -> object:
+    """Return what `content_of` does; `data` without the head are returned as they are.
+
+    For files that people write, which need not begin with the head.
+    """
+    stated = isinstance(data, dict) and not data.keys().isdisjoint(head(kind))
+    return content_of(data, kind) if stated else data
+
+
+def _indented(value: object) -> str:
+    """Return JSON over several lines, as a field of an object."""
+    return json.dumps(value, indent=1, allow_nan=False).replace("\n", "\n ")  # a string has no line break
+
+
+def _in_one_line(value: object) -> str:
+    return json.dumps(value, separators=(",", ":"))
 
 
 def _whole(digits: str) -> int:
@@ -184,17 +305,66 @@ def read_text(path: Path, largest: int) -> str:
     return data.decode("utf-8")
 
 
-def read_json(path: Path, *, largest: int = LARGEST_JSON, **options: Any) -> Any:
-    """Read a JSON file; `options` are those of ``json.loads``.
+def read_json(path: Path, *, largest: int = LARGEST_JSON) -> Any:
+    """Read a JSON file.
 
     Raises
     ------
-    UnreadableError
+    FileError
         The file cannot be read, has more than `largest` bytes, is no JSON, or is nested beyond reason.
     """
     try:
-        return json.loads(read_text(path, largest), parse_int=_whole, **options)
+        return json.loads(read_text(path, largest), parse_int=_whole)
     except FileNotFoundError:
-        raise UnreadableError(f"{path}: expected a JSON file, there is none") from None
+        raise FileError(f"{path}: expected a JSON file, there is none") from None
     except (OSError, RecursionError, ValueError) as error:
-        raise UnreadableError(f"{path}: expected a readable JSON file: {error}") from error
+        raise FileError(f"{path}: expected a readable JSON file: {error}") from error
+
+
+def read_yaml(path: Path, *, largest: int) -> Any:
+    """Read a YAML file of at most `largest` bytes.
+
+    Raises
+    ------
+    FileError
+        The file cannot be read, is larger, or is no plain YAML.
+    """
+    try:
+        return yaml.load(read_text(path, largest), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
+    except _YAML_ERRORS as error:
+        raise FileError(f"{path}: expected a readable YAML file: {_problem_of(error)}") from error
+
+
+def _problem_of(error: Exception) -> str:
+    """Return the number of the line and its problem; the text of PyYAML has several lines."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+        return f"line {error.problem_mark.line + 1}: {printable(error.problem, 200)}"
+    return printable(" ".join(str(error).split()), 200)
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Reads YAML with each key once, without aliases, with which a few lines name billions of values."""
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Refuse an alias."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.get_event()  # type: ignore[no-untyped-call]
+            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
+        self._depth += 1
+        if self._depth > _DEEPEST:  # PyYAML takes seconds until it gives up
+            raise yaml.YAMLError(f"expected at most {_DEEPEST} levels of lists and tables, got more")
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Refuse a key that stands twice: PyYAML would take the later value without a word."""
+        seen: set[tuple[str, str]] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if (key.tag, key.value) in seen:
+                line = key.start_mark.line + 1
+                raise yaml.YAMLError(f"line {line}: expected each key once, got {printable(key.value)} again")
+            seen.add((key.tag, key.value))
+        return super().construct_mapping(node, deep)

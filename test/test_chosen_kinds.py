@@ -91,8 +91,7 @@ def test_without_its_kinds_it_would_predict_something_else(model: PerformanceMod
 @pytest.mark.parametrize(
     ("kinds", "message"),
     [
-        ([], r"kinds: expected kinds of motion by family, got \[\]"),
-        (None, "kinds: expected kinds of motion by family, got None"),
+        ([], r"kinds: expected a table; got \[\]"),
         ({}, r"kinds: expected families of motion, got \{\}"),
         ({"waltz": [[1.0]]}, "kinds: expected families of motion, got .'waltz'"),
         ({"drive": [], "approach": []}, r"kinds.drive: expected 1 to 120 kinds of motion, got \[\]"),
@@ -162,13 +161,6 @@ def test_without_numba_train_says_that_kinds_are_few(
     monkeypatch.setattr(work, "compiles", lambda: False)
     assert "kinds" not in trained(tmp_path, "--robot", str(FIFTH_FILE))
     assert "without numba few kinds of ideal motions are known" in capsys.readouterr().err
-
-
-def test_a_file_with_kinds_is_none_for_programs_that_know_no_kinds(file: Path, tmp_path: Path) -> None:
-    assert json.loads(file.read_text())["schema_version"] == 2
-    few = train("goToPose", ROWS, FIFTH, features=SOCCER.candidates("goToPose"))
-    save_model(tmp_path / "few.json", few)
-    assert json.loads((tmp_path / "few.json").read_text())["schema_version"] == 1
 
 
 def test_models_with_other_kinds_have_other_digests(model: PerformanceModel) -> None:

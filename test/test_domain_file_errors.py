@@ -37,7 +37,7 @@ def test_goal_variables_that_cannot_be_are_refused(
         ("name", "my tour", "name: expected a name of letters, digits and _; got 'my tour'"),
         ("name", "soccer", "name: expected none of the installed domains, .*'soccer'"),
         ("colour", 1, r"expected the fields actions, .*variables\]; unknown colour"),
-        ("format", "ator_ros robot", "format: expected 'ator_ros domain': this is no domain of ator_ros"),
+        ("format", "ator_ros robot", "format: expected 'ator_ros domain', got 'ator_ros robot'"),
         ("schema_version", 1, "format: expected 'ator_ros domain'"),
         ("objects.0.type", "Pose", r"objects\[0\].type: expected one of Odometry, PoseStamped.*got 'Pose'"),
         ("objects.0.name", "robot", r"objects\[0\]: name: expected a name .*none of robot.*got 'robot'"),

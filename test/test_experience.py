@@ -232,7 +232,7 @@ def test_damaged_foreign_and_newer_files_are_refused(frame: pd.DataFrame, tmp_pa
     with pytest.raises(ExperienceError, match=r"metadata\.format: expected 'ator_ros experience'"):
         read_experience(file)
     write_experience(file, Experience(frame, {"schema_version": 99}))
-    with pytest.raises(ExperienceError, match=r"metadata\.schema_version: expected 1 to 1, got 99"):
+    with pytest.raises(ExperienceError, match=r"metadata\.schema_version: expected 1, got 99"):
         read_experience(file)
     write_experience(file, Experience(frame.drop(columns="time_to_go"), {}))
     with pytest.raises(ExperienceError, match="missing: time_to_go"):

@@ -19,7 +19,6 @@ from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.files import limited_memory, read_json
 from ator_ros.performance.model_file import ModelFileError, load_model
-from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate_file import load_gate
 from ator_ros.resources import resource_path
@@ -87,8 +86,8 @@ def laughs() -> str:
             "[build, grip, holder, stop]; missing track and unknown tracks",
         ),
         (PIONEER.replace("robot:", "robots:", 1), "expected the fields robot, scene; missing robot"),
-        ("format: ator_ros domain\n" + PIONEER, "format: expected 'ator_ros robot': this is no description"),
-        (HEAD.replace("1", "2") + PIONEER, "schema_version: expected 1 to 1, got 2; a newer one needs"),
+        ("format: ator_ros domain\n" + PIONEER, "format: expected 'ator_ros robot', got 'ator_ros domain'"),
+        (HEAD.replace("1", "2") + PIONEER, "schema_version: expected 1, got 2"),
         ("schema_version: 1\n" + PIONEER, "format: expected 'ator_ros robot'"),
         (
             PIONEER.replace("  objects:\n", "  objects:\n" + OBJECTS),
@@ -138,13 +137,6 @@ def refuses_both(file: Path) -> None:
         load_model(file, ROBOT, SOCCER.known_features)
     with pytest.raises(RefinementError, match="expected an ordinary file"):
         load_gate(file)
-
-
-def test_a_tree_with_more_names_than_features_is_refused_before_it_is_built() -> None:
-    leaf = {"samples": 1, "intercept": 0, "slopes": {}, "range": [None, None], "spread": 0}
-    data = {"features": [f"f{n}" for n in range(100_000)], "root": leaf}
-    with pytest.raises(ModelTreeFormatError, match="features: expected at most 200 names, got 100000"):
-        tree_from_dict(data)
 
 
 def test_the_gate_of_other_actions_is_refused() -> None:

@@ -68,7 +68,7 @@ def test_file_gives_back_the_same_gate(gate: Any, tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"format": "other"}, "format: expected"),
-        ({"schema_version": 99}, "schema_version: expected 1 to 1, got 99"),
+        ({"schema_version": 99}, "schema_version: expected 1, got 99"),
         ({"action_set": "bezier"}, "action_set: expected 'default', got 'bezier'"),
         ({"kind": ["tree"]}, r"kind: expected a text; got \[\'tree\'\]"),
         ({"kind": "shut"}, "kind: expected one of open, threshold, tree; got 'shut'"),

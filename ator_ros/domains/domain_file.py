@@ -16,17 +16,14 @@ from ator_ros.domains.declared import DeclaredAction, DeclaredDomain
 from ator_ros.domains.declared_situations import ChainsOf, DrivesOf
 from ator_ros.domains.domain import Domain, DomainError, find_domain, installed_domains, no_bays
 from ator_ros.domains.programs import NoStandInError, Program, stand_in
-from ator_ros.formats import Format
+from ator_ros.files import FileError, content_if_stated, read_yaml
 from ator_ros.performance.features import Feature, names_of
 from ator_ros.performance.training import OBSERVED
-from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured
 from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.scene import Bay, Scene
 
-FORMAT = Format("ator_ros domain", 1, "domain")
-"""A file may state it; one that does not is of version 1."""
 _LARGEST = 200_000
 """Bytes of a file; one with a dozen TOPs has 5 kB."""
 
@@ -51,9 +48,9 @@ def read_domain(path: Path) -> Domain:
 def declared_domain(path: Path) -> Domain:
     """Read a domain as `read_domain` does, under whatever name: for a package that installs its file."""
     try:
-        data = FORMAT.content_if_stated(read_yaml(path, largest=_LARGEST))
+        data = content_if_stated(read_yaml(path, largest=_LARGEST), "domain")
         declared = structured(data, DeclaredDomain, closed=True)
-    except UnreadableYamlError as error:
+    except FileError as error:
         raise DomainError(str(error)) from error
     except SchemaError as error:
         raise DomainError(f"{path}: {error}") from error

@@ -18,7 +18,7 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.files import FileError, read_json, write_text
 from ator_ros.formats import Format
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import DIRECT_VARIABLES
@@ -176,7 +176,7 @@ def load_baselines(path: Path, robot: Robot) -> dict[str, dict[str, LinearTime]]
     """
     try:
         file = structured(FORMAT.current(read_json(path)), _BaselinesFile)
-    except UnreadableError as error:
+    except FileError as error:
         raise EvaluationError(str(error)) from error
     except SchemaError as error:
         raise EvaluationError(f"{path}: {error}") from error

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.situation import Record
-from ator_ros.files import UnreadableError, read_json, read_text, write_text
-from ator_ros.formats import Format
+from ator_ros.files import FileError, content_of, read_json, read_text, save, write_text
 from ator_ros.schema import SchemaError, Within, structured
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"
-FORMAT = Format("ator_ros evaluation", 1, "evaluation")
+KIND = "evaluation"
 LARGEST = 1_000_000_000
 """Bytes of a file of results that is read."""
 
@@ -116,7 +115,7 @@ class PartialResults:
 def write_result(folder: Path, result: Mapping[str, Any], records: Sequence[Record]) -> Path:
     """Write `evaluation.json`: the contents of `result`, and all runs by columns, in one line."""
     path = folder / RESULT
-    write_text(path, FORMAT.text({**result, "runs": to_columns(records)}, compact=("runs",)))
+    save(path, KIND, {**result, "runs": to_columns(records)}, compact=("runs",))
     return path
 
 
@@ -178,9 +177,9 @@ def read_result(path: Path) -> dict[str, Any]:
         The file cannot be read, or is no finished evaluation.
     """
     try:
-        data = FORMAT.current(read_json(path, largest=LARGEST))
+        data = content_of(read_json(path, largest=LARGEST), KIND)
         structured(data, _ResultFile)
-    except UnreadableError as error:
+    except FileError as error:
         raise EvaluationError(str(error)) from error
     except SchemaError as error:
         raise EvaluationError(f"{path}: {error}") from error

@@ -24,11 +24,9 @@ from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.columns import STATE_COLUMNS, object_columns
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.files import UnreadableError, is_name, read_json, write_text
-from ator_ros.formats import Format
-from ator_ros.schema import SchemaError, structured
+from ator_ros.files import is_name, load, save
 
-FORMAT = Format("ator_ros record store", 1, "record store")
+KIND = "record store"
 STORE = "store.json"
 PART = 1000
 """Episodes of a part: what is dropped at once when the store is full."""
@@ -50,12 +48,9 @@ def read_info(folder: Path) -> StoreInfo:
     Raises
     ------
     ExperienceError
-        `folder` is no store, or a newer one than this program's.
+        `folder` is no store.
     """
-    try:
-        return structured(FORMAT.content(read_json(folder / STORE)), StoreInfo)
-    except (UnreadableError, SchemaError) as error:
-        raise ExperienceError(f"{folder / STORE}: expected a store of records: {error}") from error
+    return load(folder / STORE, KIND, StoreInfo, error=ExperienceError)
 
 
 def parts_of(place: Path) -> dict[int, Path]:
@@ -125,7 +120,7 @@ class RecordStore:
                     f"{folder / STORE}: expected {info}, got {there}: choose another folder"
                 )
         else:
-            write_text(folder / STORE, json.dumps({**FORMAT.head(), **vars(info)}) + "\n")
+            save(folder / STORE, KIND, info)
         self._open: dict[str, _Part] = {}
         for place in sorted(folder.iterdir()):
             if place.is_dir() and is_name(place.name):

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -27,13 +27,12 @@ from ator_ros.experience.columns import (
 from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.validation import checked_rows
-from ator_ros.files import is_name, limited_memory, replaced
-from ator_ros.formats import Format
-from ator_ros.printable import printable, quoted
-from ator_ros.schema import SchemaError, structured
+from ator_ros.files import content_of, head, limited_memory, replaced
+from ator_ros.printable import printable
+from ator_ros.schema import AtMost, Name, SchemaError, require, structured
 from ator_ros.world.state import World
 
-FORMAT = Format("ator_ros experience", 1, "experience")
+KIND = "experience"
 _KEY = b"ator_ros"
 _TEXTS = ["action", "reason"]
 _MOST_ROWS = 5_000_000  # 30 times those of a thousand episodes of each action
@@ -162,7 +161,7 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     arrow, parquet = require_pyarrow()
     table = arrow.Table.from_pandas(experience.frame, preserve_index=False)
     metadata = {
-        **FORMAT.head(),
+        **head(KIND),
         "columns": columns(experience.objects, experience.goal_variables),
         "objects": experience.objects,
         **({"goal_variables": experience.goal_variables} if experience.goal_variables else {}),
@@ -180,7 +179,7 @@ def read_experience(path: Path | str) -> Experience:
     Raises
     ------
     ExperienceError
-        The file is missing, damaged, not experience, newer than this program, lacks a column, or a value
+        The file is missing, damaged, not experience, lacks a column, or a value
         in it is not what its column holds.
     """
     arrow, parquet = require_pyarrow()
@@ -203,10 +202,10 @@ def _read_table(parquet: Any, path: Path) -> tuple[dict[str, Any], list[str], An
     """Return metadata, names of columns, and columns; texts once each, however often they are used."""
     with parquet.ParquetFile(path) as file:
         rows, schema = file.metadata.num_rows, file.schema_arrow
-    metadata = _metadata(path, (schema.metadata or {}).get(_KEY))
+    metadata, declared = _metadata(path, (schema.metadata or {}).get(_KEY))
     if rows > _MOST_ROWS:
         raise ExperienceError(f"{path}: expected at most {_MOST_ROWS} rows, got {rows}")
-    wanted = list(columns(_objects(path, metadata, schema.names), _goal_variables(path, metadata)))
+    wanted = list(columns(dict.fromkeys(declared.objects), dict.fromkeys(declared.goal_variables)))
     missing = [name for name in wanted if name not in schema.names]
     if missing:
         raise ExperienceError(
@@ -229,33 +228,12 @@ def _holds_text(kind: Any) -> bool:
     return bool(arrow.types.is_string(kind) or arrow.types.is_large_string(kind))
 
 
-def _objects(path: Path, metadata: dict[str, Any], names: list[str]) -> tuple[str, ...]:
-    """Return the objects of a table; in older tables its columns identify them."""
-    objects = metadata.get("objects", list(objects_of_columns(names)))
-    if not isinstance(objects, list) or len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
-        raise ExperienceError(
-            f"{path}: metadata.objects: expected at most {MOST_OBJECTS} names of letters, digits and _, "
-            f"got {quoted(objects)}"
-        )
-    return tuple(dict.fromkeys(objects))
-
-
-def _goal_variables(path: Path, metadata: dict[str, Any]) -> tuple[str, ...]:
-    """Return the declared goal variables of a table."""
-    found = metadata.get("goal_variables", [])
-    good = isinstance(found, list) and all(is_name(name) and name not in GOAL_VARIABLES for name in found)
-    if not good or len(found) > MOST_GOAL_VARIABLES:
-        raise ExperienceError(
-            f"{path}: metadata.goal_variables: expected at most {MOST_GOAL_VARIABLES} names of letters, "
-            f"digits and _, got {quoted(found)}"
-        )
-    return tuple(dict.fromkeys(found))
-
-
 @dataclass(frozen=True)
 class _Metadata:
     """The metadata that is used; a recording has no seed, and perhaps no action set."""
 
+    objects: Annotated[tuple[Annotated[str, Name()], ...], AtMost(MOST_OBJECTS)]
+    goal_variables: Annotated[tuple[Annotated[str, Name()], ...], AtMost(MOST_GOAL_VARIABLES)] = ()
     seed: int | None = None
     robot_digest: str | None = None
     domain: str | None = None
@@ -265,16 +243,22 @@ class _Metadata:
     records_left_out: int = 0
     versions: dict[str, str] | None = None
 
+    def __post_init__(self) -> None:
+        """Check that no goal variable has the name of one that every goal has."""
+        usual = set(GOAL_VARIABLES).intersection(self.goal_variables)
+        require(not usual, "goal_variables", f"none of {', '.join(GOAL_VARIABLES)}", sorted(usual))
 
-def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:
+
+def _metadata(path: Path | str, text: bytes | None) -> tuple[dict[str, Any], _Metadata]:
+    """Return the metadata as it is, which experience carries along, and as its schema."""
     try:
-        metadata = FORMAT.current(json.loads(text or b"null"))
-        structured(metadata, _Metadata)
+        metadata = content_of(json.loads(text or b"null"), KIND)
+        file = structured(metadata, _Metadata)
     except SchemaError as error:
         raise ExperienceError(f"{path}: metadata.{error}") from error
     except (ValueError, RecursionError) as error:
         raise ExperienceError(f"{path}: metadata: expected JSON: {error}") from error
-    return metadata
+    return metadata, file
 
 
 def require_pyarrow() -> tuple[Any, Any]:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import RecordStore, StoreInfo
-from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.files import FileError, read_json, write_text
 from ator_ros.learning.sets import (
     RECORDS,
     LearnedSetError,
@@ -239,7 +239,7 @@ class Learner:
 
 def _last_round(folder: Path) -> dict[str, Any]:
     """Load the last round's state; a damaged file triggers one extra round."""
-    with contextlib.suppress(UnreadableError):
+    with contextlib.suppress(FileError):
         kept = read_json(folder / ROUND)
         if isinstance(kept, dict) and isinstance(kept.get("ends"), int) and _is_told(kept.get("actions")):
             return kept

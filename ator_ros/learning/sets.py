@@ -19,11 +19,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from ator_ros.files import UnreadableError, read_json, write_text
-from ator_ros.formats import Format
-from ator_ros.schema import SchemaError, Within, structured
+from ator_ros.files import load, save
+from ator_ros.schema import Within
 
-FORMAT = Format("ator_ros learned set", 1, "learned set")
+KIND = "learned set"
 MANIFEST = "set.manifest"
 CURRENT = "current"
 RECORDS = "records"
@@ -112,13 +111,11 @@ def read_manifest(folder: Path) -> Manifest:
         They are not, or it cannot be read.
     """
     file = folder / MANIFEST
+    manifest = load(file, KIND, Manifest, error=LearnedSetError)
     try:
-        manifest = structured(FORMAT.content(read_json(file)), Manifest)
         found = digest_of(folder)
-    except (UnreadableError, OSError) as error:
+    except OSError as error:
         raise LearnedSetError(f"{file}: expected a set of models: {error}") from error
-    except SchemaError as error:
-        raise LearnedSetError(f"{file}: {error}") from error
     if found != manifest.digest:
         raise LearnedSetError(f"{folder}: expected files with the digest {manifest.digest}, got {found}")
     return manifest
@@ -168,7 +165,7 @@ def seal(made: Path, manifest: Mapping[str, object], changes: tuple[Change, ...]
     """Write the manifest of a set that was made, and return its digest."""
     digest = digest_of(made)
     told = {"digest": digest, **manifest, "changes": [asdict(change) for change in changes]}
-    write_text(made / MANIFEST, FORMAT.text(told))
+    save(made / MANIFEST, KIND, told)
     for file in filter(Path.is_file, made.rglob("*")):
         _sync(file)
     return digest

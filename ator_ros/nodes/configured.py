@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
+from ator_ros.files import FileError, read_yaml
 from ator_ros.printable import short
 
 _FILE = "executor.yaml"
@@ -38,7 +38,7 @@ def check_parameter_files(words: Sequence[str]) -> None:
             continue
         try:
             content = read_yaml(Path(following), largest=_LARGEST)
-        except UnreadableYamlError as error:
+        except FileError as error:
             raise ParameterFileError(f"--params-file: {error}") from error
         if content is not None and not _holds_parameters(content):
             raise ParameterFileError(
@@ -61,7 +61,7 @@ def configured_domain(folder: Path) -> str:
     """
     try:
         content = read_yaml(folder / _FILE, largest=_LARGEST)
-    except UnreadableYamlError:
+    except FileError:
         return ""
     nodes = content.values() if isinstance(content, Mapping) else ()
     settings = (node.get(_SETTINGS) for node in nodes if isinstance(node, Mapping))

@@ -2,59 +2,65 @@
 
 from __future__ import annotations
 
-import json
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.files import UnreadableError, is_name, read_json, write_text
-from ator_ros.formats import Format
+from ator_ros.files import is_name, load, save
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
 from ator_ros.performance.kinds import kinds_of, with_kinds
-from ator_ros.performance.model import MEASURES, UNOBSERVED, AtGoal, PerformanceModel
-from ator_ros.performance.tree.storage import ModelTreeFormatError, tree_from_dict, tree_to_dict
+from ator_ros.performance.model import MEASURES, AtGoal, PerformanceModel
+from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import short, short_path
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
-from ator_ros.schema import SchemaError, Within, structured
+from ator_ros.schema import OneOf, require
 
-_WITHOUT_KINDS, _WITH_KINDS = 1, 2
-FORMAT = Format("ator_ros performance model", _WITH_KINDS, "performance model", {_WITHOUT_KINDS: dict})
-"""Files with kinds have a version of their own: older programs would predict something else with them."""
+KIND = "performance model"
 _BESIDE = {"gate", "baselines", "calibration"}
 """Names of other JSON files in a folder of models."""
-
-
-@dataclass(frozen=True)
-class _Accuracy:
-    """On fresh episodes, in s; a model of which it was not measured has none."""
-
-    mae_s: Annotated[float, Within(0.0)]
-    rmse_s: Annotated[float, Within(0.0)]
 
 
 @dataclass(frozen=True)
 class _ModelFile:
     """The fields of a model file.
 
-    features: unit by name; trees: by measure, see `tree_to_dict`; training: digest of the rows, episodes,
-    examples, seed, command; accuracy: empty if not measured; at_goal: left out by models without it.
+    features: unit by name; training: digest of the rows, episodes, examples, seed, command, ranges of the
+    starts; accuracy: on fresh episodes, empty if not measured; trees: by measure; kinds and driving: left out
+    by models without them.
     """
 
     action: str
     action_set: str
     robot_digest: str
     features: dict[str, str]
-    trees: dict[str, Any]
     training: dict[str, Any]
     versions: dict[str, Any]
     accuracy: dict[str, Any]
-    at_goal: AtGoal | None = UNOBSERVED
+    at_goal: AtGoal | None
+    trees: dict[Annotated[str, OneOf(tuple(MEASURES))], StoredTree]
+    kinds: dict[str, Any] | None = None
+    driving: dict[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that durations are predicted, and the ranges of experience."""
+        require("duration" in self.trees, "trees.duration", "a tree", None)
+        starts = self.training.get("starts", {})
+        require(isinstance(starts, dict), "training.starts", "ranges by name", starts)
+        for name, bounds in starts.items():
+            numbers = isinstance(bounds, list | tuple) and len(bounds) == 2 and all(map(_is_finite, bounds))
+            sound = numbers and bounds[0] <= bounds[1] and not (name == "braking" and bounds[0] < 0.0)
+            place = f"training.starts.{short_path(name)}"
+            require(sound, place, "a least and a greatest number", bounds)
+        for name in ("mae_s", "rmse_s") if self.accuracy else ():
+            value = self.accuracy.get(name, -1.0)
+            sound = _is_finite(value) and value >= 0.0
+            require(sound, f"accuracy.{name}", "a finite number of at least 0", value)
 
 
 class ModelFileError(ValueError):
@@ -106,25 +112,20 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
     if model.action in _BESIDE:
         raise ModelFileError(f"action: expected a name other than {model.action}, which another file has")
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
-    kinds = kinds_of(model.features.values())
-    data = {
-        **FORMAT.head(),
-        "schema_version": _WITH_KINDS if kinds else _WITHOUT_KINDS,
-        "action": model.action,
-        "action_set": model.metadata.get("action_set", DEFAULT_SET),
-        "robot_digest": model.metadata.get("robot_digest", model.robot.digest()),
-        "features": {name: model.features[name].unit for name in names},
-        "training": model.metadata.get("training", {}),
-        "versions": model.metadata.get("versions", {}),
-        "accuracy": model.metadata.get("accuracy", {}),
-        "at_goal": None if model.at_goal is None else asdict(model.at_goal),
-        "trees": {measure: tree_to_dict(tree) for measure, tree in model.trees.items()},
-    }
-    if kinds:
-        data["kinds"] = kinds
-    if model.driving is not None:
-        data["driving"] = model.driving.to_dict()
-    write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    file = _ModelFile(
+        action=model.action,
+        action_set=model.metadata.get("action_set", DEFAULT_SET),
+        robot_digest=model.metadata.get("robot_digest", model.robot.digest()),
+        features={name: model.features[name].unit for name in names},
+        training=model.metadata.get("training", {}),
+        versions=model.metadata.get("versions", {}),
+        accuracy=model.metadata.get("accuracy", {}),
+        at_goal=model.at_goal,
+        trees={measure: stored(tree) for measure, tree in model.trees.items()},
+        kinds=kinds_of(model.features.values()) or None,
+        driving=None if model.driving is None else model.driving.to_dict(),
+    )
+    save(path, KIND, file)
 
 
 def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) -> PerformanceModel:
@@ -142,9 +143,11 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     Raises
     ------
     ModelFileError
-        The file is missing, damaged, no model, or newer than this program.
+        The file is missing, damaged, no model, or of another version.
     """
-    data, file = _read(path)
+    if not Path(path).exists():
+        raise ModelFileError(f"{path}: expected a model, there is no such file: run train to make it")
+    file = load(path, KIND, _ModelFile, error=ModelFileError)
     units = {name: features[name].unit for name in file.features if name in features}
     for name, unit in file.features.items():
         if units.get(name) != unit:
@@ -153,33 +156,34 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     trees = {}
     for measure, tree in file.trees.items():
         where = f"{path}: trees.{measure}"
-        if measure not in MEASURES:
-            raise ModelFileError(f"{where}: expected one of the measures {', '.join(MEASURES)}")
-        try:
-            trees[measure] = tree_from_dict(tree)
-        except ModelTreeFormatError as error:
-            raise ModelFileError(f"{where}: {error}") from error
-        unknown = set(trees[measure].names) - set(units)
+        unknown = set(tree.features) - set(units)
         if unknown:
             raise ModelFileError(
                 f"{where}.features: expected features that the file lists, got {sorted(unknown)}"
             )
-    if "duration" not in trees:
-        raise ModelFileError(f"{path}: trees.duration: expected a tree, found none")
-    _check_starts(path, file.training.get("starts", {}))
+        try:
+            trees[measure] = restored(tree)
+        except ValueError as error:
+            raise ModelFileError(f"{where}.{error}") from error
     if file.robot_digest != robot.digest():
         _warn_of_robot(path, file, robot)
-    apart = ("format", "trees", "kinds", "driving", "at_goal")
-    metadata = {name: value for name, value in data.items() if name not in apart}
-    made = _made(path, features, data["kinds"]) if "kinds" in data else {}
-    named = {**{name: features[name] for name in units}, **made}
-    return PerformanceModel(file.action, robot, trees, named, metadata, _driving(path, data), file.at_goal)
+    try:
+        driving = None if file.driving is None else DrivingStyle.from_dict(file.driving)
+    except ValueError as error:
+        raise ModelFileError(f"{path}: driving: {error}") from error
+    named = {**{name: features[name] for name in units}, **_made(path, features, file.kinds)}
+    names = ("action_set", "robot_digest", "training", "versions", "accuracy")
+    metadata = {name: getattr(file, name) for name in names}
+    metadata["action"] = file.action
+    return PerformanceModel(file.action, robot, trees, named, metadata, driving, file.at_goal)
 
 
-def _made(path: Path | str, features: Mapping[str, Feature], kinds: Any) -> dict[str, Feature]:
+def _made(
+    path: Path | str, features: Mapping[str, Feature], kinds: dict[str, Any] | None
+) -> dict[str, Feature]:
     """Return the features that are made of the kinds in a file, also those that no tree of it names."""
-    if not isinstance(kinds, dict):
-        raise ModelFileError(f"{path}: kinds: expected kinds of motion by family, got {short(kinds)}")
+    if kinds is None:
+        return {}
     try:
         made = {name: each for name, each in with_kinds(features, kinds).items() if each.kinds}
     except ValueError as error:
@@ -188,19 +192,6 @@ def _made(path: Path | str, features: Mapping[str, Feature], kinds: Any) -> dict
     if not known or set(known) != set(kinds):
         raise ModelFileError(f"{path}: kinds: expected families of motion, got {short(kinds)}")
     return made
-
-
-def _check_starts(path: Path | str, starts: Any) -> None:
-    """Raise ModelFileError unless experience is told as ranges, each of its least and its greatest number."""
-    if not isinstance(starts, dict):
-        raise ModelFileError(f"{path}: training.starts: expected ranges by name, got {short(starts)}")
-    for name, bounds in starts.items():
-        numbers = isinstance(bounds, list) and len(bounds) == 2 and all(map(_is_finite, bounds))
-        if not numbers or bounds[0] > bounds[1] or (name == "braking" and bounds[0] < 0.0):
-            raise ModelFileError(
-                f"{path}: training.starts.{short_path(name)}: expected a least and a greatest number, "
-                f"got {short(bounds)}"
-            )
 
 
 def _is_finite(value: Any) -> bool:
@@ -259,34 +250,6 @@ def load_models(
 def is_model(file: Path) -> bool:
     """Return whether `file` is named as models are: other files, such as the gate's, may lie beside them."""
     return file.stem not in _BESIDE
-
-
-def _read(path: Path | str) -> tuple[dict[str, Any], _ModelFile]:
-    """Return the file's fields as they are, which a model carries along, and as their schema."""
-    if not Path(path).exists():
-        raise ModelFileError(f"{path}: expected a model, there is no such file: run train to make it")
-    try:
-        data = FORMAT.current(read_json(Path(path), parse_constant=_refuse_constant))
-        file = structured(data, _ModelFile)
-        if file.accuracy:
-            structured(file.accuracy, _Accuracy, "accuracy")
-    except UnreadableError as error:
-        raise ModelFileError(str(error)) from error
-    except SchemaError as error:
-        raise ModelFileError(f"{path}: {error}") from error
-    return data, file
-
-
-def _refuse_constant(text: str) -> float:
-    raise ValueError(f"expected finite numbers, got {text}")
-
-
-def _driving(path: Path | str, data: Mapping[str, Any]) -> DrivingStyle | None:
-    """Return how the action was observed to drive, None where that was not needed."""
-    try:
-        return DrivingStyle.from_dict(data["driving"]) if data.get("driving") is not None else None
-    except ValueError as error:
-        raise ModelFileError(f"{path}: driving: {error}") from error
 
 
 def _warn_of_robot(path: Path | str, file: _ModelFile, robot: Robot) -> None:

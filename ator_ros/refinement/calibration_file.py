@@ -8,17 +8,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from ator_ros.files import UnreadableError, is_name, read_json, write_text
-from ator_ros.formats import Format
-from ator_ros.printable import short
+from ator_ros.files import load, save
 from ator_ros.refinement.calibration import TERMS, Calibration, Shortfall
 from ator_ros.refinement.errors import RefinementError
-from ator_ros.schema import OneOf, SchemaError, Within, structured
+from ator_ros.schema import AtMost, Name, OneOf, Within
 
-FORMAT = Format("ator_ros calibration", 1, "calibration")
+KIND = "calibration"
 CALIBRATION = "calibration.json"
-_MOST_ACTIONS = 100
-"""More than any domain has; each is structured before it is used."""
 _Seconds = Annotated[float, Within(-1e6, 1e6)]
 """Eleven days, longer than any action; sums of such numbers keep a resolution of 1 ns."""
 
@@ -43,7 +39,8 @@ class _Shortfall:
 class _CalibrationFile:
     """The fields of a calibration's file; shortfalls: by the name of the action."""
 
-    shortfalls: dict[str, _Shortfall]
+    # More than any domain has.
+    shortfalls: Annotated[dict[Annotated[str, Name()], _Shortfall], AtMost(100)]
 
 
 def save_calibration(path: Path, calibration: Calibration, training: Mapping[str, Any]) -> None:
@@ -52,7 +49,7 @@ def save_calibration(path: Path, calibration: Calibration, training: Mapping[str
         "shortfalls": {action: asdict(shortfall) for action, shortfall in calibration.shortfalls.items()},
         "training": dict(training),
     }
-    write_text(path, FORMAT.text(data))
+    save(path, KIND, data)
 
 
 def load_calibration(path: Path) -> Calibration:
@@ -61,26 +58,10 @@ def load_calibration(path: Path) -> Calibration:
     Raises
     ------
     RefinementError
-        The file cannot be read, is no calibration, or is newer than this code; the message names file and
-        field.
+        The file cannot be read or is no calibration; the message names file and field.
     """
-    try:
-        data = FORMAT.current(read_json(path))
-        _check_names(data.get("shortfalls"))  # before anything is built of them
-        file = structured(data, _CalibrationFile)
-    except UnreadableError as error:
-        raise RefinementError(str(error)) from error
-    except SchemaError as error:
-        raise RefinementError(f"{path}: {error}") from error
+    file = load(path, KIND, _CalibrationFile, error=RefinementError)
     return Calibration({name: Shortfall(**vars(item)) for name, item in file.shortfalls.items()})
-
-
-def _check_names(actions: object) -> None:
-    if isinstance(actions, dict) and len(actions) > _MOST_ACTIONS:
-        raise SchemaError(f"shortfalls: expected at most {_MOST_ACTIONS} actions, got {len(actions)}")
-    for action in actions if isinstance(actions, dict) else ():
-        if not is_name(action):
-            raise SchemaError(f"shortfalls: expected names of actions, got {short(action)}")
 
 
 def load_calibration_if_any(folder: Path) -> Calibration:

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.files import UnreadableError, read_json, write_text
-from ator_ros.formats import Format
+from ator_ros.files import load, save
 from ator_ros.printable import short
 from ator_ros.refinement.errors import RefinementError
 from ator_ros.refinement.gate import FEATURES, Gate, OpenGate, ThresholdGate, TreeGate
 from ator_ros.schema import OneOf, SchemaError, Within, structured
 
-FORMAT = Format("ator_ros gate", 1, "gate")
+KIND = "gate"
 GATE = "gate.json"
 """Name of the file beside the models."""
 _SHARED = ("widths", "room", "corrected")
@@ -104,7 +102,7 @@ def save_gate(
         **{name: value for name, value in shared.items() if value},
         "training": dict(training),
     }
-    write_text(path, FORMAT.text(data))
+    save(path, KIND, data)
 
 
 def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
@@ -113,17 +111,19 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
     Raises
     ------
     RefinementError
-        The file cannot be read, is no gate, is newer than this code, or was learned for other actions; the
+        The file cannot be read, is no gate or was learned for other actions; the
         message names file and field.
     """
-    with _refusing(path):
-        file = structured(FORMAT.current(read_json(path)), _GateFile)
+    file = load(path, KIND, _GateFile, error=RefinementError)
+    try:
         if file.action_set != action_set:
             raise SchemaError(
                 f"action_set: expected {action_set!r}, got {short(file.action_set)}: "
                 "learn the gate of these actions with the tool gate"
             )
         return dataclasses.replace(_gate(file), **{name: getattr(file, name) for name in _SHARED})
+    except SchemaError as error:
+        raise RefinementError(f"{path}: {error}") from error
 
 
 def gate_in(folder: Path, action_set: str, *, otherwise: Gate | None = None) -> Gate:
@@ -166,17 +166,8 @@ def load_training(path: Path) -> GateTraining:
     RefinementError
         As for `load_gate`; or this part of the file does not fit.
     """
-    with _refusing(path):
-        file = structured(FORMAT.current(read_json(path)), _GateFile)
-        return structured(file.training, GateTraining, "training")
-
-
-@contextlib.contextmanager
-def _refusing(path: Path) -> Iterator[None]:
-    """Raise RefinementError, which names the file, for what a file's content raises."""
+    file = load(path, KIND, _GateFile, error=RefinementError)
     try:
-        yield
-    except UnreadableError as error:
-        raise RefinementError(str(error)) from error
+        return structured(file.training, GateTraining, "training")
     except SchemaError as error:
         raise RefinementError(f"{path}: {error}") from error

@@ -8,13 +8,12 @@ from dataclasses import make_dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from ator_ros.formats import Format
-from ator_ros.plain_yaml import UnreadableYamlError, read_yaml
+from ator_ros.files import FileError, content_if_stated, read_yaml
 from ator_ros.schema import SchemaError, structured
 from ator_ros.world.scene import Scene
 
-FORMAT = Format("ator_ros robot", 1, "description of a robot")
-"""A file may state it; one that does not is of version 1."""
+KIND = "robot"
+"""A file may state it."""
 _LARGEST = 100_000  # bytes of a description; ours has 2 kB
 
 
@@ -31,9 +30,9 @@ def read_description(file: Path, kind: type[Any]) -> Any:
         The file cannot be read, or a field is missing, unknown or out of its range.
     """
     try:
-        data = FORMAT.content_if_stated(read_yaml(file, largest=_LARGEST))
+        data = content_if_stated(read_yaml(file, largest=_LARGEST), KIND)
         read = structured(data, _file(kind), closed=True)  # type: ignore[arg-type]  # a class is hashable
-    except UnreadableYamlError as error:
+    except FileError as error:
         raise ConfigError(str(error)) from error
     except SchemaError as error:
         raise ConfigError(f"{file}: {error}") from error

@@ -62,11 +62,10 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ator_ros.evaluation.errors import EvaluationError
     from ator_ros.experience.errors import ExperienceError
     from ator_ros.experience.parallel import BackendError
-    from ator_ros.files import UnreadableError
+    from ator_ros.files import FileError
     from ator_ros.nodes.machine import MachineError
     from ator_ros.performance.model_file import ModelFileError
     from ator_ros.performance.training import TrainingError
-    from ator_ros.plain_yaml import UnreadableYamlError
     from ator_ros.planning.errors import PlanningError
     from ator_ros.refinement.errors import RefinementError
     from ator_ros.robot.description import ConfigError
@@ -77,7 +76,7 @@ def expected_errors() -> tuple[type[Exception], ...]:
 
     ours = (BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError)
     of_models = (ModelFileError, PlanningError, RefinementError, TrainingError)
-    of_files = (OSError, SchemaError, UnreadableError, UnreadableYamlError)
+    of_files = (OSError, SchemaError, FileError)
     return (*ours, *of_models, *of_files, MachineError, MessageError, NodesError)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.files import FileError, read_json, write_text
 from ator_ros.schema import SchemaError, structured, unstructured
 from ator_ros.tools.benchmarks import learners
 from ator_ros.tools.work.bench_report import FORMAT, BenchReport, measuring_machine
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
             report = report.with_part(part, measured(part, source, options), where)
             print("\n".join(report.lines(part)), flush=True)
             write_text(options.out, FORMAT.text(unstructured(report)))
-    except UnreadableError as error:
+    except FileError as error:
         print(f"bench: {error}", file=sys.stderr)
         return 1
     except SchemaError as error:

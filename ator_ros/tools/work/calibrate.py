@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 import yaml
 
-from ator_ros.files import portable_command, write_text
+from ator_ros.files import head, portable_command, write_text
 from ator_ros.robot.body_checks import least_torque
 from ator_ros.robot.description import Limits, Robot, load_robot
-from ator_ros.robot.description_file import FORMAT
+from ator_ros.robot.description_file import KIND
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import ProbeDrive
 from ator_ros.tools.work.calibration_drive import drive_over_ros
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace, words: Sequence[str]) -> int:
     lines = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *told)]
     write_text(
         options.out,
-        "\n".join(lines) + "\n" + yaml.safe_dump({**FORMAT.head(), **found.sections()}, sort_keys=False),
+        "\n".join(lines) + "\n" + yaml.safe_dump({**head(KIND), **found.sections()}, sort_keys=False),
     )
     load_robot(options.out)  # raises ConfigError where an estimate is not plausible
     print("\n".join((*told, f"written to {options.out}")))

@@ -12,7 +12,7 @@ import numpy as np
 
 from ator_ros.domains.soccer.quality.action_quality import Outcome
 from ator_ros.domains.soccer.quality.quality_result import OverOptimal
-from ator_ros.files import UnreadableError, read_json, write_text
+from ator_ros.files import FileError, read_json, write_text
 
 
 def over_time_optimal(kind: str, outcomes: Sequence[Outcome], folder: Path) -> OverOptimal | None:
@@ -57,5 +57,5 @@ def over_time_optimal(kind: str, outcomes: Sequence[Outcome], folder: Path) -> O
 def _read(file: Path) -> Any:
     try:
         return read_json(file)
-    except UnreadableError:
+    except FileError:
         return None
