@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from driving import LATE, SLOW, Base, Drive, drive
+from driving import LATE, Base, Drive, drive
 from executions import LIBRARY, ROBOT, chain
 
 from ator_ros.domains.soccer.domain import SOCCER
@@ -32,7 +32,7 @@ BASES = {
     "noisy": Base(REALISTIC),
     "motor lag": Base(motor_lag=0.15),
     "dead zone": Base(dead_zone=Command(0.05, 0.1)),
-    "slow": SLOW,
+    "half as fast": Base(scale=0.5),
 }
 
 

@@ -22,11 +22,19 @@ _LEAST_REAL_TIME = 0.1  # s in which commands reach the base, however fast simul
 _LONG_GAP = 0.15  # s between two messages, after which a base with a watchdog may have stopped by itself
 _SMOOTHING = 0.1  # s over which measured velocities are averaged
 _QUARTER = 0.25  # share of the expected motion; a base that shows less does not follow
-_TOP_SHARE = 0.4  # of the greatest speed; a base that drives faster may have reached a lower limit of its own
 _COASTING = 0.25  # s for which a base may keep a speed beyond its commands
 _BEYOND = 1.5  # times the tolerance
 _LOSES = 0.3  # s in which a base that follows does not go on losing speed below its commands
 _STEP = 0.025  # s of a step of the prediction
+
+# A speed that is constant whatever is commanded: see `Axis._is_constant`.
+_CONSTANT = 0.25  # s of motion that are compared, besides the lag of the motors
+_FEWEST = 4  # messages in that time
+_SHARES = tuple(0.3 + 0.05 * number for number in range(15))  # of the commanded speed
+_WEAKEST = 0.3  # share of the described acceleration
+_JUMP = 1.5  # times the described acceleration: the motors cannot do that
+_VARIES = 0.15  # share of the least change among the possible bases
+_ONCE_MORE = 0.06  # s for which it persists
 _ROUNDING = 1e-6
 
 
@@ -84,7 +92,7 @@ class Debounce:
     def __init__(self) -> None:
         self.seconds, self._since = 0.0, math.inf
 
-    def update(self, holds: bool, gap: Gap) -> bool:
+    def update(self, holds: bool, gap: Gap, needed: float = _PERSISTS) -> bool:
         """Add the gap before a message if the condition `holds`, else reset; return whether it persists."""
         if not holds:
             self.seconds, self._since = 0.0, math.inf
@@ -93,7 +101,7 @@ class Debounce:
         # One message shows little of the gap before it, unless the gap is very long.
         self.seconds += gap.elapsed if gap.elapsed >= _WINDOW - _ROUNDING else min(gap.elapsed, 0.1)
         in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - _ROUNDING
-        return self.seconds >= _PERSISTS - _ROUNDING and in_real_time
+        return self.seconds >= needed - _ROUNDING and in_real_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +130,7 @@ class Axis:
         self._raw, self._reversals = 0.0, deque[float]()
         self._slow_for, self._share = 0.0, 1.0
         self._lost, self._eased, self._lost_for, self._commanded = 0.0, 0.0, 0.0, 0.0
+        self._fastest, self._strength = {1.0: 0.0, -1.0: 0.0}, _WEAKEST
 
     @property
     def share(self) -> float:
@@ -146,6 +155,9 @@ class Axis:
             self._measured.popleft()
         speed = sum(value for _, value in self._measured) / len(self._measured)
         self._smooth.append((time, speed))
+        self._observe_strength(time, speed)
+        sign = math.copysign(1.0, speed)
+        self._fastest[sign] = max(self._fastest[sign], sign * speed)
         while len(self._smooth) > 1 and self._smooth[1][0] <= time - self.thresholds.window + _ROUNDING:
             self._smooth.popleft()
         if len(self._smooth) == 1:
@@ -153,7 +165,8 @@ class Axis:
         limit = self.thresholds.limit
         recent = [clip(command, limit) for command in commands.between(time - _DELAY, time)]
         fault = self._judge(time, speed, recent, commands, gap)
-        persists = self._fault.update(fault is not None, gap)
+        needed = _ONCE_MORE if fault is Fault.CONSTANT else _PERSISTS
+        persists = self._fault.update(fault is not None, gap, needed)
         stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)
         self._observe_share(speed, recent, gap.elapsed)
@@ -164,14 +177,14 @@ class Axis:
     def _judge(
         self, time: float, speed: float, recent: Sequence[float], commands: Commands, gap: Gap
     ) -> Fault | None:
-        tolerance, limit = self.thresholds.tolerance, self.thresholds.limit
+        tolerance = self.thresholds.tolerance
         since, before = self._smooth[0]
         fast = [0.0, before, *self._fast(since, before, time, commands)[-round(_COASTING / _STEP) :]]
         if not min(fast) - _BEYOND * tolerance <= self._measured[-1][1] <= max(fast) + _BEYOND * tolerance:
             return Fault.EXCESS
         lately = commands.between(since - _DELAY - 2.0 * self.thresholds.lag, since)
         share = min(0.99, self._share_then(before, lately))
-        slow, part = (self._slow(since, before, time, commands, each) for each in (1.0, share))
+        slow, part = (self._slow(since, before, time, commands, each)[-1] for each in (1.0, share))
         # The magnitudes between which the speed should be now, in the direction of the commands.
         least = max(0.0, min(part, share * min(recent))) + min(0.0, max(part, share * max(recent)))
         ahead, gained = (
@@ -188,17 +201,30 @@ class Axis:
         had, has = sign * before, sign * speed
         if had - most >= tolerance and had - has < _QUARTER * (had - most):
             return Fault.EXCESS
-        able = has < _TOP_SHARE * limit
-        speeds = [value for _, value in self._smooth]
-        constant = max(speeds) - min(speeds) < max(tolerance, _QUARTER * (sign * least - had))
-        if (
-            able
-            and constant
-            and sign * least - had >= tolerance
-            and has - had < _QUARTER * (sign * least - had)
-        ):
+        if self._is_constant(time, commands):
             return Fault.CONSTANT
         return None
+
+    def _is_constant(self, time: float, commands: Commands) -> bool:
+        """Return whether the speed is constant although no base would be that gets such commands.
+
+        Tried are bases that reach some share of the commanded speed, or only the greatest speed that this one
+        has shown, and change it as fast as this one has done.
+        """
+        most = self.thresholds
+        since = min(time - _CONSTANT - most.lag, self._smooth[-min(_FEWEST, len(self._smooth))][0])
+        shown = [(then, value) for then, value in self._smooth if then >= since - _ROUNDING]
+        speeds = [value for _, value in shown]
+        varies = max(speeds) - min(speeds)
+        if len(shown) < _FEWEST or varies > most.tolerance:
+            return False
+        (since, before), fastest = shown[0], self._fastest[math.copysign(1.0, speeds[-1])]
+        least = max(most.tolerance, varies / _VARIES)
+        for share, limit in ((1.0, fastest), *((share, most.limit) for share in _SHARES)):
+            course = self._slow(since, before, time, commands, share, limit, self._strength)
+            if max(course) - min(course) < least:
+                return False
+        return True
 
     def _share_then(self, speed: float, commands: Sequence[float]) -> float:
         """Return the speed as a share of the commands then: 1 if there was none, at least a quarter."""
@@ -207,24 +233,35 @@ class Axis:
             return 1.0
         return min(1.0, max(_QUARTER, speed / command))
 
-    def _slow(self, since: float, speed: float, time: float, commands: Commands, share: float) -> float:
-        """Return the speed at `time` of a base that had `speed` at `since`, is late and lags.
+    def _slow(
+        self,
+        since: float,
+        speed: float,
+        time: float,
+        commands: Commands,
+        share: float,
+        limit: float = math.inf,
+        strength: float = 1.0,
+    ) -> list[float]:
+        """Return the speeds until `time` of a base that had `speed` at `since`, is late and lags.
 
         Toward a lower share it brakes as hard as bases do that are commanded to stand.
         """
         most, count, dt = self.thresholds, *_steps(time - since)
         sent = [
-            share * clip(speed if c is None else c, most.limit)
+            clip(share * clip(speed if c is None else c, most.limit), limit)
             for c in commands.sampled(since - _DELAY, dt, count)
         ]
         # A base that changed its speed goes on doing so for a moment.
         overshoot = clip(sent[0] - speed, 2.0 * most.lag * most.rate)
         setpoint = speed + (overshoot if overshoot * (sent[-1] - speed) < 0.0 else 0.0)
+        speeds = []
         for target in sent:
-            rate = most.stop if target == 0.0 and share < 1.0 else most.rate
+            rate = strength * (most.stop if target == 0.0 and share < 1.0 else most.rate)
             setpoint += clip(target - setpoint, rate * dt)
             speed += (setpoint - speed) * min(1.0, dt / max(most.lag, _STEP))
-        return speed
+            speeds.append(speed)
+        return speeds
 
     def _fast(self, since: float, speed: float, time: float, commands: Commands) -> list[float]:
         """Return the speeds until `time` of a base that changes its speed twice as fast as described."""
@@ -267,6 +304,14 @@ class Axis:
         tolerance = self.thresholds.tolerance
         enough = self._lost >= max(2.0 * tolerance, self._eased + 0.5 * tolerance)
         return enough and self._lost_for >= _LOSES - _ROUNDING
+
+    def _observe_strength(self, time: float, speed: float) -> None:
+        """Note the greatest change of speed, as a share of the described one; a jump does not count."""
+        earlier = (each for each in reversed(self._smooth) if each[0] <= time - _SMOOTHING + _ROUNDING)
+        then, before = next(earlier, (time, speed))
+        change = abs(speed - before) / (max(time - then, _ROUNDING) * self.thresholds.rate)
+        if change < _JUMP:
+            self._strength = max(self._strength, min(change, 1.0))
 
     def _observe_share(self, speed: float, recent: Sequence[float], elapsed: float) -> None:
         """Note which share of the commanded speed the base reaches."""
