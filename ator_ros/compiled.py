@@ -1,46 +1,64 @@
-"""Compilation of number-crunching functions with numba, where it is installed.
+"""Compilation of number-crunching functions with numba, and loops that several cores share.
 
-rosdep has no key for numba on Ubuntu 24.04, so nodes must run without it: then `compiled` leaves functions as
-they are, with the same results, some hundred times slower. numba takes long to import, and ``--help`` needs
-none: it is imported when the first function is called, or by `compiles`.
+Division by zero gives infinity, as in numpy; nothing else is relaxed. Machine code is kept on disk for the
+next process.
 """
 
 from __future__ import annotations
 
-import functools
+import hashlib
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any, TypeVar
+
+import numba
+from numba.extending import register_jitable
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-@functools.cache
-def compiles() -> bool:
-    """Import numba, and return whether it is there."""
+def _cache_folder() -> str:
+    """Return the folder for the machine code of these sources.
+
+    numba alone notices a change of a function's own file, not of the functions that it calls.
+    """
+    package = Path(__file__).resolve().parent
+    folders = ("motion", "performance", "domains")
+    digest = hashlib.sha256()
+    for file in sorted(file for name in folders for file in (package / name).rglob("*.py")):
+        digest.update(file.read_bytes())
+    # Variables such as NUMBA_BOUNDSCHECK change the code.
+    digest.update(repr(sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_"))).encode())
+    return str(package / "__pycache__" / f"numba-{digest.hexdigest()[:16]}")
+
+
+if not numba.config.CACHE_DIR:
+    numba.config.CACHE_DIR = _cache_folder()
+
+
+def _compiled(function: Function, **options: bool) -> Function:
     try:
-        import numba  # noqa: F401
-    except ImportError:
-        return False
-    return True
+        made: Function = numba.njit(error_model="numpy", cache=True, **options)(function)
+    except RuntimeError:  # no folder can be written
+        made = numba.njit(error_model="numpy", **options)(function)
+    return made
 
 
 def compiled(function: Function) -> Function:
-    """Compile `function` at its first call; the machine code is kept on disk for the next process.
-
-    Division by zero gives infinity, as in numpy; nothing else is relaxed, so results stay the same to the
-    last bit whoever asks.
-    """
-    return _Compiled(function)  # type: ignore[return-value]
+    """Compile `function` at its first call."""
+    return _compiled(function)
 
 
 def inlined(function: Function) -> Function:
     """Compile `function` into each place that calls it: handing over many arguments takes longer than it."""
-    return _Compiled(function, forceinline=True)  # type: ignore[return-value]
+    return _compiled(function, forceinline=True)
 
 
 def unlocked(function: Function) -> Function:
     """Compile `function` to run without Python's lock, so that other threads run meanwhile."""
-    return _Compiled(function, nogil=True)  # type: ignore[return-value]
+    return _compiled(function, nogil=True)
 
 
 def elementwise(function: Function) -> Function:
@@ -49,46 +67,56 @@ def elementwise(function: Function) -> Function:
     To compile it for each combination of shapes would take seconds for each, and numpy is as fast with
     arrays. The results are the same to the last bit.
     """
-    return _Elementwise(function)  # type: ignore[return-value]
+    made: Function = register_jitable(error_model="numpy")(function)
+    return made
 
 
-class _Compiled:
-    """A function that becomes numba's dispatcher when it is called, or named by another compiled function."""
+class _Cores:
+    """The threads that take shares beside the caller's."""
 
-    def __init__(self, function: Callable[..., Any], **options: bool) -> None:
-        functools.update_wrapper(self, function)
-        self._options = options
-
-    def __call__(self, *values: Any) -> Any:
-        return self.dispatcher(*values)
-
-    def __reduce__(self) -> str:
-        return str(vars(self)["__qualname__"])  # another process finds it by its name
-
-    @functools.cached_property
-    def dispatcher(self) -> Any:
-        """The compiled function; the Python function without numba."""
-        function: Callable[..., Any] = vars(self)["__wrapped__"]
-        if not compiles():
-            return function
-        import numba
-
-        from ator_ros.compile_cache import CheckedCache
-
-        result = numba.njit(error_model="numpy", **self._options)(function)
-        if not numba.config.DISABLE_JIT:
-            # numba has no public way to bring a cache of one's own.
-            result._cache = CheckedCache(function)
-        return result
-
-    @property
-    def _numba_type_(self) -> Any:
-        """Return the Numba type of the dispatcher."""
-        return self.dispatcher._numba_type_
+    count = 1
+    pool: ThreadPoolExecutor | None = None
 
 
-class _Elementwise(_Compiled):
-    """A function that is compiled for compiled functions only."""
+def use_cores(most: int) -> int:
+    """Share loops among `most` cores from now on, or among as many as the process may use; return how many.
 
-    def __call__(self, *values: Any) -> Any:
-        return vars(self)["__wrapped__"](*values)
+    By default nothing is shared: tools start a process for each core instead.
+    """
+    _Cores.count = max(1, min(most, len(os.sched_getaffinity(0))))
+    _Cores.pool = ThreadPoolExecutor(_Cores.count - 1) if _Cores.count > 1 else None
+    return _Cores.count
+
+
+def in_shares(run: Callable[[int, int], None], count: int, least: int) -> None:
+    """Call `run(first, end)` for shares of `count` items, on all cores that may be used.
+
+    Parameters
+    ----------
+    run : callable
+        Computes the items from `first` to `end`. It must be compiled with `unlocked`, else one core waits for
+        the other.
+    count, least : int
+        How many items there are, and the fewest in a share. Fewer than three shares are not worth the time
+        that it takes to wake up another core.
+
+    Notes
+    -----
+    Each item is computed on its own, so results do not depend on how items are shared. Whichever core is free
+    takes the next share: a busy core delays nothing but the share that it has taken.
+    """
+    if _Cores.pool is None or count < 3 * least:
+        run(0, count)
+        return
+    size = max(least, -(-count // (4 * (_Cores.count - 1))))
+    starts = iter(range(0, count, size))  # taking the next one is atomic
+
+    def work() -> None:
+        for first in starts:
+            run(first, min(first + size, count))
+
+    others = [_Cores.pool.submit(work) for _ in range(_Cores.count - 1)]
+    work()
+    for other in others:
+        if not other.cancel():
+            other.result()

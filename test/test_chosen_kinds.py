@@ -28,7 +28,6 @@ from ator_ros.performance.training import direct_of, train
 from ator_ros.refinement.calibration import model_digest
 from ator_ros.resources import resource_path
 from ator_ros.tools import train as tool
-from ator_ros.tools.work import train as work
 
 FIFTH_FILE = Path(__file__).parent / "fifth.yaml"
 DRIVE = [0.5, 0.5, True, 0.0]
@@ -153,14 +152,6 @@ def test_models_of_another_robot_do_not_replace_those_that_ship(
     assert tool.main([str(tmp_path / "a.parquet"), "--robot", str(FIFTH_FILE)]) == 1
     assert "--models: expected a folder for models of fifth" in capsys.readouterr().err
     assert resource_path("models", "goToPose.json").read_bytes() == before
-
-
-def test_without_numba_train_says_that_kinds_are_few(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(work, "compiles", lambda: False)
-    assert "kinds" not in trained(tmp_path, "--robot", str(FIFTH_FILE))
-    assert "without numba few kinds of ideal motions are known" in capsys.readouterr().err
 
 
 def test_models_with_other_kinds_have_other_digests(model: PerformanceModel) -> None:

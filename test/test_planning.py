@@ -17,13 +17,7 @@ from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
-from ator_ros.domains.soccer.planned.screening import (
-    Verdict,
-    screened,
-    screened_at_once,
-    touching,
-    touching_at_once,
-)
+from ator_ros.domains.soccer.planned.screening import Verdict, screened
 from ator_ros.domains.soccer.quality.longest_ticks import hard_situations, slices_of
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
@@ -70,25 +64,6 @@ def test_many_manoeuvres_are_judged_as_single_ones_are(forward_only: bool) -> No
             elif one is not None and allowed:  # nearly all that are left open are free
                 seen[Verdict.OPEN] -= not is_clear(one, obstacles, ROBOT)
     assert seen.min() > 2, "expected some of each verdict"
-
-
-def test_compiled_code_judges_as_arrays_do() -> None:
-    seen = np.zeros(3, dtype=int)
-    for world, goal in hard_worlds(8, seed=44):
-        sides = run_sides(LIMITS, 0.3, 0.25)
-        entries = free_sides(LIMITS, world.robot.v, 0.0)
-        candidates = candidates_between(world.robot.pose, goal.pose, entries, sides, LIMITS)
-        which = np.arange(0, len(candidates), max(1, len(candidates) // 60))
-        bundle, longest = candidates.bundle(which), candidates.times[which] + 0.03
-        for forward_only in (False, True):
-            for obstacles in (Obstacles(), Obstacles(ball_of(world), 0.04, 0.25), Obstacles(ball_of(world))):
-                arguments = bundle, longest, obstacles, ROBOT
-                verdicts = screened(*arguments, forward_only=forward_only)
-                assert np.array_equal(verdicts, screened_at_once(*arguments, forward_only=forward_only))
-                seen += np.bincount(verdicts, minlength=3)
-        touches = touching(bundle, Obstacles(ball_of(world)), ROBOT)
-        assert np.array_equal(touches, touching_at_once(bundle, Obstacles(ball_of(world)), ROBOT))
-    assert seen.min() > 20, "expected some of each verdict"
 
 
 def test_no_tick_plans_for_more_than_a_slice() -> None:

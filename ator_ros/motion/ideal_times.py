@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from ator_ros.cores import in_shares
+from ator_ros.compiled import in_shares
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.families import Family
 from ator_ros.motion.motion_search import search_fastest

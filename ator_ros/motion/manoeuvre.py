@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.displacements import TurnDriving, displacements
 from ator_ros.motion.durations import direction, turn_time
 from ator_ros.motion.profiles import Piece, straight_pieces, turn_pieces
@@ -112,6 +113,40 @@ class Manoeuvre:
             *turn_pieces(self.last, self.exit.turn.turn_rate, aw),
             idle(self.exit.length, self.exit.turn.speed, self.exit.outer_speed),
         ]
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """The fields of n manoeuvres; see `Manoeuvre`.
+
+    Attributes
+    ----------
+    start : Pose
+        Where all of them start.
+    goals : ndarray, shape (3, n)
+        x, y in m, yaw in rad.
+    entries, exits : ndarray, shape (5, n)
+        Length, outer speed, and the turn's speed, acceleration and greatest rate of each side.
+    first, last, distance : ndarray, shape (n,)
+        Turns in rad, straight drive in m.
+    """
+
+    start: Pose
+    goals: FloatArray
+    entries: FloatArray
+    exits: FloatArray
+    first: FloatArray
+    last: FloatArray
+    distance: FloatArray
+    limits: Limits
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+def side_table(sides: Sequence[Side]) -> FloatArray:
+    """Return the numbers of sides as a bundle has them, shape (5, sides)."""
+    return np.array([(side.length, side.outer_speed, *side.turn) for side in sides]).T
 
 
 def closed(manoeuvre: Manoeuvre) -> Manoeuvre | None:

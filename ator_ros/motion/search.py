@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.bundle import Bundle
 from ator_ros.motion.displacements import speeds_after
 from ator_ros.motion.durations import change_distance, drive_time, turn_time
-from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.manoeuvre import Bundle, Manoeuvre
 from ator_ros.motion.planning import Planning
 from ator_ros.motion.ways import GRID, HALF, STEP, Ways, least_times
 

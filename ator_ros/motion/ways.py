@@ -11,10 +11,9 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.bundle import side_table
 from ator_ros.motion.displacements import TurnDriving, displacement_table
 from ator_ros.motion.durations import drive_time, turn_time
-from ator_ros.motion.manoeuvre import Side
+from ator_ros.motion.manoeuvre import Side, side_table
 from ator_ros.motion.planning import Planning
 from ator_ros.robot.description import Limits
 

@@ -12,7 +12,7 @@ from typing import Any
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.cores import use_cores
+from ator_ros.compiled import use_cores
 from ator_ros.execution.fence import Fence
 from ator_ros.learning.exploring import Explorer
 from ator_ros.nodes import conversions

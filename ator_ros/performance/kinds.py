@@ -11,7 +11,7 @@ from ator_ros.robot.description import Robot
 def chosen_for(features: Sequence[Feature], robot: Robot) -> tuple[Feature, ...]:
     """Return the same features, those of ideal motions with kinds that are chosen for a robot.
 
-    It takes seconds; without numba (`ator_ros.compiled`), minutes.
+    It takes seconds.
     """
     kinds: dict[str, Sequence[Sequence[float | None]]] = {}
     for motions in dict.fromkeys(feature.motions for feature in features):

@@ -14,7 +14,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from ator_ros.cores import in_shares
+from ator_ros.compiled import in_shares
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import rates_of, turn_parts
 from ator_ros.motion.ideal_times import Motions

@@ -16,7 +16,6 @@ from functools import partial
 
 import numpy as np
 
-from ator_ros.cores import together
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.averaging import Averages, averaged
 from ator_ros.refinement.candidates import place_of
@@ -183,7 +182,7 @@ def _short_steps(
     late = yield
     if late and cut:
         return {}
-    return dict(enumerate(together(steps), first))
+    return dict(enumerate([step() for step in steps], first))
 
 
 def _pairwise(

@@ -10,7 +10,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from ator_ros.cores import in_shares
+from ator_ros.compiled import in_shares
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.compiled_run_ups import ANGLES, HeldTurns, ShotSetting, fastest_run_ups
 from ator_ros.domains.soccer.field import field_of

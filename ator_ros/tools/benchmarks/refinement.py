@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ator_ros.cores import use_cores
+from ator_ros.compiled import use_cores
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial
 from ator_ros.refinement.refiner import Refiner

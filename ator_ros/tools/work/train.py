@@ -14,7 +14,6 @@ from typing import Any
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.compiled import compiles
 from ator_ros.domains.domain import Domain, installed_domains
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.experience.columns import LARGEST
@@ -168,9 +167,6 @@ def _is_own(robot: Robot, domain: Domain) -> bool:
 def _suited(features: tuple[Feature, ...], robot: Robot, domain: Domain) -> tuple[Feature, ...]:
     """Return the features with kinds of ideal motions that suit a robot other than the domain's own."""
     if _is_own(robot, domain) or not any(each.motions for each in features):
-        return features
-    if not compiles():
-        print("train: without numba few kinds of ideal motions are known; models err more", file=sys.stderr)
         return features
     return chosen_for(features, robot)
 

@@ -20,10 +20,9 @@ from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
 from ator_ros.domains.soccer.planned.release import SLANT, may_score, release
 from ator_ros.domains.soccer.planned.screening import look_points, portions, screening_points, touching
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
-from ator_ros.motion.bundle import Bundle, side_table
 from ator_ros.motion.displacements import TurnDriving, displacement_table, speeds_after
 from ator_ros.motion.durations import drive_time, turn_time
-from ator_ros.motion.manoeuvre import Manoeuvre, Side
+from ator_ros.motion.manoeuvre import Bundle, Manoeuvre, Side, side_table
 from ator_ros.motion.planning import Planning
 from ator_ros.robot.description import Limits, Robot
 
