@@ -31,8 +31,7 @@ from ator_ros.domains.soccer.families import PushedTurns, approach_family, dribb
 from ator_ros.files import portable_command, write_text
 from ator_ros.formats import Format
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.choosing import drawn_ends, times_of
-from ator_ros.motion.families import Family, FreeTurns
+from ator_ros.motion.families import Family, FreeTurns, drawn_ends, times_of
 from ator_ros.robot.description import Robot
 
 FORMAT = Format("ator_ros motion families", 2, "comparison of motion families")

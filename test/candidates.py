@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Side
 from ator_ros.motion.planning import Found, Planning
-from ator_ros.motion.search import Candidates, find_candidates
-from ator_ros.motion.ways import ways_to_drive
+from ator_ros.motion.search import Candidates, find_candidates, ways_to_drive
 from ator_ros.robot.description import Limits
 
 

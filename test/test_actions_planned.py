@@ -20,11 +20,9 @@ from ator_ros.domains.soccer.planned.holding import push
 from ator_ros.domains.soccer.planned.planner import free_sides
 from ator_ros.domains.soccer.quality.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
-from ator_ros.motion.durations import drive_time, turn_time
+from ator_ros.motion.durations import drive_time, straight_pieces, turn_pieces, turn_time
 from ator_ros.motion.manoeuvre import closed
-from ator_ros.motion.opening import opening_of
-from ator_ros.motion.profiles import straight_pieces, turn_pieces
-from ator_ros.motion.trajectory import Trajectory
+from ator_ros.motion.trajectory import Trajectory, opening_of
 from ator_ros.robot.description import Limits, load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World

@@ -30,10 +30,19 @@ from ator_ros.domains.soccer.families import (
 from ator_ros.domains.soccer.planned.holding import MARGIN, keeps_ball, push
 from ator_ros.experience.collect import EpisodeTask, run_task
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.choosing import MOST, NEAR, chosen, drawn_ends, needed_kinds, times_of
 from ator_ros.motion.displacements import TurnDriving
-from ator_ros.motion.families import Family, FreeTurns, Kind
-from ator_ros.motion.ideal_times import fastest_motions
+from ator_ros.motion.families import (
+    MOST,
+    NEAR,
+    Family,
+    FreeTurns,
+    Kind,
+    chosen,
+    drawn_ends,
+    fastest_motions,
+    needed_kinds,
+    times_of,
+)
 from ator_ros.motion.turn_tables import Way
 from ator_ros.performance.features import Kinds
 from ator_ros.robot.description import Limits, Robot

@@ -8,7 +8,7 @@ from robots import OTHERS, PIONEER
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
-from ator_ros.motion import compiled_manoeuvre, durations, profiles
+from ator_ros.motion import compiled_manoeuvre, durations
 from ator_ros.motion.displacements import TurnDriving, displacements
 from ator_ros.motion.durations import Rates, rates_of
 from ator_ros.motion.turn_tables import EDGE, FINE, STEP, Way, turn_tables
@@ -47,7 +47,7 @@ def test_turns_take_as_long_as_their_rate_says(robot: Robot) -> None:
     assert result.tolist() == times.tolist()
     assert [durations.turn_time(float(angle), limits.w, limits.aw) for angle in angles] == times.tolist()
     for angle, time in zip(angles.tolist(), times.tolist(), strict=True):
-        pieces = profiles.turn_pieces(angle, limits.w, limits.aw)
+        pieces = durations.turn_pieces(angle, limits.w, limits.aw)
         assert sum(piece.duration for piece in pieces) == pytest.approx(time, abs=1e-12)
         assert sum(p.duration * (p.start + p.end) / 2.0 for p in pieces) == pytest.approx(angle, abs=1e-12)
         assert max(abs(piece.end) for piece in pieces) <= limits.w + 1e-12
@@ -60,7 +60,7 @@ def test_straight_drives_take_the_same_time_in_every_form(robot: Robot) -> None:
     times = durations.drive_time(*drives.T, limits)
     compiled_drives(drives, rates_of(limits), result)
     assert result.tolist() == times.tolist()
-    pieces = [profiles.straight_pieces(*drive, limits) for drive in drives.tolist()]
+    pieces = [durations.straight_pieces(*drive, limits) for drive in drives.tolist()]
     assert [sum(piece.duration for piece in each) for each in pieces] == pytest.approx(times, abs=1e-12)
 
 
@@ -90,7 +90,7 @@ def test_drives_gain_and_lose_speed_no_faster_than_the_base_and_lead_all_the_way
     """A change of speed that the drive is too short for was planned as one that brakes beyond standing."""
     limits = Limits(v=1.2, w=1.5, a=a, brake=brake, aw=1.3)
     for distance, before, after in drawn_drives(limits).tolist():
-        pieces = profiles.straight_pieces(distance, before, after, limits)
+        pieces = durations.straight_pieces(distance, before, after, limits)
         for duration, start, end in pieces:
             faster = abs(end) > abs(start)
             bound = min(a, brake) if start * end < 0.0 else a if faster else brake
@@ -105,10 +105,10 @@ def test_compiled_plans_have_the_same_pieces_to_the_last_bit(robot: Robot) -> No
     for distance, before, after in drawn_drives(limits).tolist():
         pieces = np.zeros((3, 3))
         compiled_manoeuvre._straight(pieces, 0, distance, before, after, rates)
-        planned = profiles.straight_pieces(distance, before, after, limits)
+        planned = durations.straight_pieces(distance, before, after, limits)
         assert pieces.tolist() == [list(piece) for piece in planned]
         compiled_manoeuvre._turn(pieces, 0, distance, limits.w, limits.aw)
-        planned = profiles.turn_pieces(distance, limits.w, limits.aw)
+        planned = durations.turn_pieces(distance, limits.w, limits.aw)
         assert pieces.tolist() == [list(piece) for piece in planned]
 
 

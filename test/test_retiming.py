@@ -12,8 +12,7 @@ from candidates import candidates_between
 from ator_ros.domains.soccer.planned.planner import free_sides
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import closed
-from ator_ros.motion.retiming import greatest_rates
-from ator_ros.motion.trajectory import Trajectory
+from ator_ros.motion.trajectory import Trajectory, greatest_rates
 from ator_ros.robot.description import load_robot
 
 LIMITS, SHARE = load_robot().limits, 0.7

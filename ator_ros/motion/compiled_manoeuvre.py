@@ -1,6 +1,6 @@
 """A single manoeuvre in compiled code: its pieces, and the first turn with which it meets its goal.
 
-The same formulas as in `profiles`, `displacements`, `manoeuvre` and `bundle`, to rounding.
+The same formulas as in `durations`, `displacements` and `manoeuvre`, to rounding.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def close(
 
 @compiled
 def _straight(pieces: FloatArray, at: int, distance: float, v1: float, v2: float, bounds: Rates) -> None:
-    """Write three pieces (duration, speeds at both ends) of a drive; see `profiles.straight_pieces`."""
+    """Write three pieces (duration, speeds at both ends) of a drive; see `durations.straight_pieces`."""
     gaining, steady, losing, top = drive_parts(distance, v1, v2, bounds)
     _piece(pieces, at, gaining, v1, top)
     _piece(pieces, at + 1, steady, top, top)

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import turn_time
-from ator_ros.motion.profiles import turn_progress
+from ator_ros.motion.durations import turn_progress, turn_time
 from ator_ros.robot.description import Limits
 
 _POINTS, _OVER_TWO = np.polynomial.legendre.leggauss(16)

@@ -1,20 +1,28 @@
-"""Families of ideal motions, made from a robot's limits: their times are features.
+"""Families of ideal motions, made from a robot's limits: how long the fastest of a family takes is a feature.
 
-A family is some kinds of motion, each a turn, a straight drive, a turn and a straight run, of which the
-fastest counts. Kinds are given as shares of the limits. `ator_ros.motion.choosing` chooses them for a robot.
+A family is some kinds of motion, each a turn, a straight drive, a turn and a straight run. Kinds are given as
+shares of the limits. `needed_kinds` chooses them for a robot from a fine grid: the next one is that which
+brings the times nearest to those of the whole grid, until the rest would hardly bring them nearer, or at
+`MOST` kinds (docs/motion_families.json).
+
+The times come from the direct variables and the robot's description alone, and know nothing of an action's
+state or plan. But they are motions of the shape that our own actions drive best, so much of what there is to
+learn is known to them before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
+from ator_ros.compiled import in_shares
+from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import rates_of, turn_time
-from ator_ros.motion.motion_ends import KIND, Rows, Rules
+from ator_ros.motion.motion_search import KIND, Rows, Rules, search_fastest
 from ator_ros.motion.turn_tables import TurnTables, Way, turn_tables
 from ator_ros.robot.description import Limits
 
@@ -146,3 +154,111 @@ def free_kinds(limits: Limits, rows: Iterable[FreeTurns]) -> tuple[Kind, ...]:
              backward=row.backward)
         for row in rows
     )  # fmt: skip
+
+
+NEAR = 0.0005
+"""The choice ends where the rest of the grid would save less than this share of the time, in the mean."""
+MOST = 120
+"""Kinds that are chosen at most: the time that a search takes grows with them."""
+_MOTIONS, _SEED = 2000, 5
+_LATE = 3.0  # how many times the least time counts where no chosen kind leads to the destination
+
+
+def needed_kinds(grid: Family, *, hold: float) -> list[int]:
+    """Return the numbers of those kinds of a family that are needed, the most useful first.
+
+    It takes a second for a thousand kinds; the search has to be compiled (`ator_ros.compiled`).
+
+    Parameters
+    ----------
+    grid : Family
+        With all kinds to choose from.
+    hold : float
+        Distance in m from the destination to the object in front of it.
+    """
+    times = times_of(grid, drawn_ends(grid.limits, _MOTIONS, np.random.default_rng(_SEED)), hold)
+    return chosen(times, MOST, near=NEAR) or [0]  # of a grid that leads nowhere
+
+
+def drawn_ends(limits: Limits, count: int, rng: np.random.Generator) -> FloatArray:
+    """Return ends of motions, (5, 1, count), as `search_fastest` takes them.
+
+    They are up to 5 m apart, half of them nearer than the others. Half begin, and half end, at rest.
+    """
+    x, y, turn = (rng.uniform(-most, most, count) for most in (4.0, 3.0, np.pi))
+    nearer = np.where(rng.random(count) < 0.5, rng.random(count), 1.0)
+    speeds = limits.v * rng.random((2, count)) * rng.integers(0, 2, (2, count))
+    return np.stack((nearer * x, nearer * y, turn, *speeds))[:, None]
+
+
+def times_of(family: Family, ends: FloatArray, hold: float) -> FloatArray:
+    """Return the time in s of each kind in each situation, (kinds, n); infinite where it leads elsewhere."""
+    times = np.empty((len(family.kinds), ends.shape[2]))
+    for kind in range(len(family.kinds)):
+        result = np.empty((2, ends.shape[2]))
+        row = family.rows[kind : kind + 1]
+        search_fastest(ends, row, family.tables, family.rules(hold), (np.inf, 0.0), result, 0, ends.shape[2])
+        times[kind] = result[0]
+    return times
+
+
+def chosen(times: FloatArray, most: int, *, near: float = 0.0) -> list[int]:
+    """Choose up to `most` kinds by the times of each, (kinds, n): the one that saves the most is next.
+
+    The choice ends early where times are longer than those of all kinds by a share of `near` or less, in the
+    mean.
+    """
+    least = times.min(axis=0)
+    reached = np.isfinite(least)
+    ratios = times[:, reached] / least[reached]
+    so_far, picked = np.full(ratios.shape[1], _LATE), list[int]()
+    while len(picked) < most and so_far.sum() > (1.0 + near) * len(so_far):
+        picked.append(int(np.argmin(np.minimum(so_far, ratios).sum(axis=1))))
+        so_far = np.minimum(so_far, ratios[picked[-1]])
+    return picked
+
+
+_SHARE = 60
+"""Situations that one core takes at least: some 60 microseconds."""
+
+
+@dataclass(frozen=True)
+class Motions:
+    """The fastest motion of a family in each situation: arrays of shape (n,).
+
+    Attributes
+    ----------
+    time : ndarray
+        In s.
+    turn : ndarray
+        Sum of the angles of both turns in rad.
+    """
+
+    time: FloatArray
+    turn: FloatArray
+
+    def after(self, time: FloatArray) -> Motions:
+        """Return the motions with `time` (s) before them."""
+        return Motions(self.time + time, self.turn)
+
+
+def fastest_motions(ends: FloatArray, family: Family, *, hold: float) -> Motions:
+    """Return the fastest motion of `family` in each of n situations to one of m destinations.
+
+    Parameters
+    ----------
+    ends : ndarray, shape (5, m, n)
+        Both ends, in the frame of the start: destination x, y of the axle in m and heading there in rad,
+        forward speeds at the start and at the destination in m/s. Whichever destination is reached first
+        counts.
+    family : Family
+        Which motions there are.
+    hold : float
+        Distance in m from the destination to the object in front of it.
+    """
+    time, turn = result = np.empty((2, ends.shape[2]))
+    search = partial(
+        search_fastest, ends, family.rows, family.tables, family.rules(hold), family.missed, result
+    )
+    in_shares(search, ends.shape[2], _SHARE)
+    return Motions(time, turn)

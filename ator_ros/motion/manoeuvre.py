@@ -10,8 +10,7 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.displacements import TurnDriving, displacements
-from ator_ros.motion.durations import direction, turn_time
-from ator_ros.motion.profiles import Piece, straight_pieces, turn_pieces
+from ator_ros.motion.durations import Piece, direction, straight_pieces, turn_pieces, turn_time
 from ator_ros.robot.description import Limits
 
 TOLERANCE = 1e-7

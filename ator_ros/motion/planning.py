@@ -6,7 +6,7 @@ from collections.abc import Generator
 from typing import TypeAlias, TypeVar
 
 from ator_ros.motion.manoeuvre import Manoeuvre
-from ator_ros.motion.opening import Opening
+from ator_ros.motion.trajectory import Opening
 from ator_ros.world.state import World
 
 Found = TypeVar("Found")

@@ -116,7 +116,7 @@ def see_ends(
     x, y, headings, arrivals : ndarray, shape (m, n)
         Destinations: m, m, rad, m/s.
     ends : ndarray, shape (5, m, n)
-        Result, see `ator_ros.motion.ideal_times.fastest_motions`.
+        Result, see `ator_ros.motion.families.fastest_motions`.
     """
     for at in range(openings.shape[1]):
         cos, sin = math.cos(openings[2, at]), math.sin(openings[2, at])

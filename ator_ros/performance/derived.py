@@ -10,8 +10,7 @@ import numpy as np
 
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.motion.durations import drive_time, rates_of, turn_time
-from ator_ros.motion.families import Family
-from ator_ros.motion.ideal_times import Motions, fastest_motions
+from ator_ros.motion.families import Family, Motions, fastest_motions
 from ator_ros.performance.compiled_geometry import (
     ANGLE_BETWEEN,
     AT_DEST,

@@ -17,7 +17,7 @@ import numpy as np
 from ator_ros.compiled import in_shares
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import rates_of, turn_parts
-from ator_ros.motion.ideal_times import Motions
+from ator_ros.motion.families import Motions
 from ator_ros.performance.compiled_paths import Entry, Exit, PathRules
 from ator_ros.performance.driving import LEVELS, DrivingStyle
 from ator_ros.performance.path_search import PathWays, fastest_ways

@@ -15,7 +15,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned import planner, run_up, screening
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse, rehearse_refinement
-from ator_ros.motion import displacements, ways
+from ator_ros.motion import displacements, search
 from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot, load_robot
@@ -28,7 +28,7 @@ from ator_ros.world.state import STOP, World
 def test_a_second_rehearsal_finds_all_tables() -> None:
     robot = load_robot()
     library, predictor = SOCCER.library(robot), Predictor(robot, {})
-    kept = (displacements._kept_headings, run_up._kept_table, ways._stored_table)
+    kept = (displacements._kept_headings, run_up._kept_table, search._stored_table)
     rehearse(robot, library, predictor)
     before = [table.cache_info().misses for table in kept]
     assert min(before) > 0

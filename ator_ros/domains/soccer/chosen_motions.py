@@ -19,9 +19,8 @@ from ator_ros.domains.soccer.families import (
     pushing_limits,
 )
 from ator_ros.domains.soccer.planned.holding import ENTRY_RATES, MARGIN, keeps_ball, push
-from ator_ros.motion.choosing import MOST, needed_kinds
 from ator_ros.motion.displacements import TurnDriving
-from ator_ros.motion.families import FreeTurns, Kind
+from ator_ros.motion.families import MOST, FreeTurns, Kind, needed_kinds
 from ator_ros.performance.features import Kinds
 from ator_ros.printable import short
 from ator_ros.robot.description import Robot

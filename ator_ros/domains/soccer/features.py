@@ -29,8 +29,7 @@ from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.release import usual_release
 from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.motion.families import Family, FreeTurns
-from ator_ros.motion.ideal_times import Motions
+from ator_ros.motion.families import Family, FreeTurns, Motions
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
 from ator_ros.performance.hold import hold_angle, hold_bearing, hold_dist

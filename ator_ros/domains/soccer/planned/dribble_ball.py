@@ -8,7 +8,7 @@ from ator_ros.domains.soccer.planned.holding_action import HoldingAction
 from ator_ros.domains.soccer.planned.planner import fastest
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.ways import ways_to_drive
+from ator_ros.motion.search import ways_to_drive
 from ator_ros.world.state import World
 
 

@@ -15,7 +15,7 @@ from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Manoeuvre, Side
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.ways import ways_to_drive
+from ator_ros.motion.search import ways_to_drive
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import ObjectState, RobotState, World

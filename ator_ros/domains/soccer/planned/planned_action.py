@@ -14,9 +14,8 @@ from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, Tracker
 from ator_ros.domains.soccer.thresholds import gripping
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
-from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import Planning, Search
-from ator_ros.motion.trajectory import Trajectory
+from ator_ros.motion.trajectory import Trajectory, opening_of
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, World
 

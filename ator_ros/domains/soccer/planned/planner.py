@@ -21,8 +21,7 @@ from ator_ros.geometry import Pose
 from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.manoeuvre import Manoeuvre, Side, closed
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.search import find_candidates
-from ator_ros.motion.ways import Ways, ways_to_drive
+from ator_ros.motion.search import Ways, find_candidates, ways_to_drive
 from ator_ros.robot.description import Limits, Robot
 
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)

@@ -16,7 +16,7 @@ from ator_ros.domains.soccer.planned.release import release_poses, rolling_time,
 from ator_ros.domains.soccer.planned.run_up import run_up
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.ways import ways_to_drive
+from ator_ros.motion.search import ways_to_drive
 from ator_ros.world.state import World
 
 _PATIENCE = 2.0

@@ -17,8 +17,8 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.geometry import Pose
-from ator_ros.motion.opening import opening_of
 from ator_ros.motion.planning import SLICE, Search
+from ator_ros.motion.trajectory import opening_of
 from ator_ros.robot.description import Robot
 from ator_ros.robot.ramp import ramped
 from ator_ros.tops.objects import is_lost
